@@ -1,0 +1,152 @@
+"""The one log of a mission: a header, then one record per event, as JSON lines.
+
+The bytes depend on the scenario, the mission seed and the policies alone: no wall-clock value
+enters, and floats are written with the fewest digits that read back to the same number. A mission
+over ROS and the same mission in one process leave the same file.
+"""
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+FORMAT = 'uav_collect mission log'
+FORMAT_VERSION = 1
+
+ACTION_NAMES = ('hover', 'forward', 'right', 'backward', 'left', 'home')
+REASON_NAMES = ('policy', 'map complete', 'energy reserve', 'failsafe')
+
+EVENT_DTYPE = np.dtype(
+    [
+        ('event', np.int64),  # running number over the fleet, from 0
+        ('time_s', np.float64),  # when the deciding UAV decided
+        ('uav', np.int64),  # id of the deciding UAV, from 1
+        ('decision', np.int64),  # running number of the UAV's own decisions, from 0
+        ('x_m', np.float64),  # where it decided, east
+        ('y_m', np.float64),  # and north
+        ('action', np.int64),  # index into ACTION_NAMES
+        ('reason', np.int64),  # index into REASON_NAMES
+        ('duration_s', np.float64),  # of the action
+        ('energy_left_j', np.float64),  # before the action
+        ('energy_j', np.float64),  # the action's cost
+        ('collected_bit', np.float64),  # data claimed by the action, 0 unless it hovers
+        ('n_sensors', np.int64),  # sensors served by the action
+        ('heard', np.uint64),  # UAVs in contact, bit i for the id i + 1
+        ('known_complete', np.int64),  # completed cells in its map, after hearing the others
+        ('interval_s', np.float64),  # until the next event, or the end
+        ('reward', np.float64),  # of that interval, discounted to its start
+    ]
+)
+
+Events = NDArray[np.void]
+
+
+class MissionLogError(ValueError):
+    """A mission log that cannot be read: what is wrong, and in which line."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class UavHeader:
+    """One UAV of the mission."""
+
+    id: int  # from 1
+    speed_mps: float
+    energy_budget_j: float
+    energy_margin_j: float  # to be left when home
+    policy: str
+    allocator: str  # how it shares its bandwidth: exact, equal or cvxpy
+
+
+@dataclass(frozen=True, kw_only=True)
+class MissionHeader:
+    """What a mission was: enough to fly it again and to judge its log."""
+
+    scenario: str
+    scenario_fingerprint: str
+    mission_seed: int
+    cells_per_side: int
+    cell_size_m: float
+    total_bit: float  # data waiting at the start
+    uavs: tuple[UavHeader, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class MissionLog:
+    """A mission, flown to its end."""
+
+    header: MissionHeader
+    events: Events  # EVENT_DTYPE, one per event, in order
+
+    def to_jsonl(self) -> bytes:
+        """The log as JSON lines: the header, then one line per event."""
+        lines = [header_line(self.header), *(event_line(event) for event in self.events)]
+        return ('\n'.join(lines) + '\n').encode()
+
+
+def header_line(header: MissionHeader) -> str:
+    """The header as one line of JSON."""
+    fields = {'format': FORMAT, 'version': FORMAT_VERSION, **asdict(header)}
+    return json.dumps(fields, separators=(', ', ': '))
+
+
+def event_line(event: np.void) -> str:
+    """One event as one line of JSON."""
+    fields = {name: event[name].item() for name in EVENT_DTYPE.names or ()}
+    fields['action'] = ACTION_NAMES[fields['action']]
+    fields['reason'] = REASON_NAMES[fields['reason']]
+    fields['heard'] = [bit + 1 for bit in range(64) if fields['heard'] >> bit & 1]
+    return json.dumps(fields, separators=(', ', ': '))
+
+
+def header_from_line(line: str) -> MissionHeader:
+    """Read a header line.
+
+    Raises:
+        MissionLogError: the line is no header of this format and version.
+    """
+    try:
+        fields = json.loads(line)
+        if fields.pop('format') != FORMAT or fields.pop('version') != FORMAT_VERSION:
+            raise MissionLogError(f'line 1: not a {FORMAT} of version {FORMAT_VERSION}')
+        uavs = tuple(UavHeader(**uav) for uav in fields.pop('uavs'))
+        return MissionHeader(uavs=uavs, **fields)
+    except (json.JSONDecodeError, AttributeError, KeyError, TypeError) as error:
+        raise MissionLogError(f'line 1: no header of a mission log ({error})') from error
+
+
+def from_jsonl(text: bytes) -> MissionLog:
+    """Read a log back; the inverse of `MissionLog.to_jsonl`.
+
+    Raises:
+        MissionLogError: a line is not of this format.
+    """
+    first, *rest = text.decode().splitlines() or ['']
+    events = np.zeros(len(rest), dtype=EVENT_DTYPE)
+    for number, line in enumerate(rest, start=2):
+        try:
+            events[number - 2] = _event_from_line(line)
+        except (json.JSONDecodeError, KeyError, TypeError, ValueError) as error:
+            raise MissionLogError(f'line {number}: no event of a mission log ({error})') from error
+    return MissionLog(header=header_from_line(first), events=events)
+
+
+def read(path: Path) -> MissionLog:
+    """Read a log file.
+
+    Raises:
+        MissionLogError: naming the file and the line.
+    """
+    try:
+        return from_jsonl(path.read_bytes())
+    except (OSError, UnicodeDecodeError, MissionLogError) as error:
+        raise MissionLogError(f'{path}: {error}') from error
+
+
+def _event_from_line(line: str) -> tuple[float, ...]:
+    fields = json.loads(line)
+    fields['action'] = ACTION_NAMES.index(fields['action'])
+    fields['reason'] = REASON_NAMES.index(fields['reason'])
+    fields['heard'] = sum(1 << (uav - 1) for uav in fields['heard'])
+    return tuple(fields[name] for name in EVENT_DTYPE.names or ())
