@@ -1,0 +1,219 @@
+"""The figures of merit of a mission, from its log alone; and what every log must satisfy.
+
+Time is the paper's eq. (2), energy eq. (7), data eq. (14), efficiency the goal of its problem (P);
+the way home counts in time and energy. A mission cut short has figures but no completion time.
+"""
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from uav_collect.mission_log import (
+    ACTION_NAMES,
+    Events,
+    MissionLog,
+    MissionLogError,
+    REASON_NAMES,
+    UavHeader,
+)
+
+HOVER = ACTION_NAMES.index('hover')
+HOME = ACTION_NAMES.index('home')
+FAILSAFE = 'failsafe'  # of REASON_NAMES
+UNFINISHED = 'unfinished'  # how a UAV ended that the log leaves in the air
+
+_STEPS = {'forward': (0, 1), 'right': (1, 0), 'backward': (0, -1), 'left': (-1, 0)}
+_TOLERANCE = 1e-9  # relative; what rounding may leave of an energy, a time or a position
+
+
+@dataclass(frozen=True, kw_only=True)
+class UavFigures:
+    """What one UAV did in a mission."""
+
+    id: int  # from 1
+    speed_mps: float
+    energy_budget_j: float
+    energy_margin_j: float  # to be left when landed
+    energy_j: float  # used, way home included
+    collected_bit: float
+    flight_s: float  # moving, way home included
+    hover_s: float
+    n_decisions: int  # actions chosen; the way home is none
+    outcome: str  # why it flew home, one of REASON_NAMES, or UNFINISHED
+    landed_s: float  # nan while it has not
+
+    @property
+    def energy_left_j(self) -> float:
+        """What its budget still holds [J]."""
+        return self.energy_budget_j - self.energy_j
+
+    @property
+    def is_safe(self) -> bool:
+        """Whether it landed with its margin."""
+        rounding_j = _TOLERANCE * self.energy_budget_j
+        return (
+            self.outcome != UNFINISHED and self.energy_left_j >= self.energy_margin_j - rounding_j
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class MissionFigures:
+    """The figures of merit of one mission."""
+
+    mission_seed: int
+    collected_bit: float
+    total_bit: float  # waiting at the start
+    energy_j: float  # of all UAVs
+    completion_s: float  # when the last UAV landed; nan if one has not
+    n_decisions: int
+    n_contacts: int  # over all events, how many other UAVs the deciding one was in contact with
+    uavs: tuple[UavFigures, ...]
+
+    @property
+    def collected_share(self) -> float:
+        """Share of the data that was collected, 0..1; 1 where there was none."""
+        return self.collected_bit / self.total_bit if self.total_bit > 0 else 1.0
+
+    @property
+    def efficiency_bit_per_j(self) -> float:
+        """Energy efficiency, data collected over energy used [bit/J]; 0 before any was used."""
+        return self.collected_bit / self.energy_j if self.energy_j > 0 else 0.0
+
+    @property
+    def efficiency_kbit_per_j(self) -> float:
+        """Energy efficiency [kbit/J]."""
+        return self.efficiency_bit_per_j / 1e3
+
+    @property
+    def uav_energy_j(self) -> tuple[float, ...]:
+        """Energy used by each UAV [J]."""
+        return tuple(uav.energy_j for uav in self.uavs)
+
+    @property
+    def is_safe(self) -> bool:
+        """Whether every UAV landed with at least its margin."""
+        return all(uav.is_safe for uav in self.uavs)
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether all data were collected."""
+        return self.collected_bit >= self.total_bit * (1.0 - _TOLERANCE)
+
+    @property
+    def is_finished(self) -> bool:
+        """Whether every UAV landed."""
+        return math.isfinite(self.completion_s)
+
+    @property
+    def failsafe_used(self) -> bool:
+        """Whether the world had to fly a UAV home because its agent was silent."""
+        return any(uav.outcome == FAILSAFE for uav in self.uavs)
+
+
+def figures(log: MissionLog) -> MissionFigures:
+    """The figures of merit of a mission, finished or not."""
+    events = log.events
+    uavs = tuple(_uav_figures(header, events) for header in log.header.uavs)
+    return MissionFigures(
+        mission_seed=log.header.mission_seed,
+        collected_bit=float(events['collected_bit'].sum()),
+        total_bit=log.header.total_bit,
+        energy_j=sum(uav.energy_j for uav in uavs),
+        completion_s=max((uav.landed_s for uav in uavs), key=_nan_is_last, default=math.nan),
+        n_decisions=sum(uav.n_decisions for uav in uavs),
+        n_contacts=sum(int(heard).bit_count() for heard in events['heard']),
+        uavs=uavs,
+    )
+
+
+def _nan_is_last(time_s: float) -> float:
+    return math.inf if math.isnan(time_s) else time_s
+
+
+def _uav_figures(header: UavHeader, events: Events) -> UavFigures:
+    own = events[events['uav'] == header.id]
+    is_hover = own['action'] == HOVER
+    is_home = own['action'] == HOME
+    home = own[is_home]
+    landed = len(home) > 0
+    return UavFigures(
+        id=header.id,
+        speed_mps=header.speed_mps,
+        energy_budget_j=header.energy_budget_j,
+        energy_margin_j=header.energy_margin_j,
+        energy_j=float(own['energy_j'].sum()),
+        collected_bit=float(own['collected_bit'].sum()),
+        flight_s=float(own['duration_s'][~is_hover].sum()),
+        hover_s=float(own['duration_s'][is_hover].sum()),
+        n_decisions=int((~is_home).sum()),
+        outcome=REASON_NAMES[home['reason'][0]] if landed else UNFINISHED,
+        landed_s=float(home['time_s'][0] + home['duration_s'][0]) if landed else math.nan,
+    )
+
+
+def check_log(log: MissionLog) -> None:
+    """Check what holds in every mission: one story per UAV, with time and energy that add up.
+
+    Each record of a UAV starts where, when and with the energy its record before ended. The log
+    of a mission that was cut short is fine, a hole in the middle is not.
+
+    Raises:
+        MissionLogError: naming the first record that does not fit, its UAV and both values.
+    """
+    _check_fleet(log)
+    for header in log.header.uavs:
+        own = log.events[log.events['uav'] == header.id]
+        left_j = header.energy_budget_j
+        for decision, event in enumerate(own):
+            before = own[decision - 1] if decision else None
+            _check_story(event, before, decision, log.header.cell_size_m)
+            _check_close(event, 'energy left', event['energy_left_j'], left_j, 'J')
+            left_j -= event['energy_j']
+
+
+def _check_fleet(log: MissionLog) -> None:
+    events = log.events
+    ids = [uav.id for uav in log.header.uavs]
+    for number, event in enumerate(events):
+        if event['event'] != number:
+            raise MissionLogError(f'record {number} says event {event["event"]}')
+        if event['uav'] not in ids:
+            raise _misfit(event, 'is not in the header')
+        for name in ('time_s', 'duration_s', 'energy_j', 'collected_bit', 'interval_s'):
+            if not 0.0 <= event[name] < math.inf:
+                raise _misfit(event, f'{name} must be finite and >= 0, got {event[name]}')
+        if number:
+            end_s = events[number - 1]['time_s'] + events[number - 1]['interval_s']
+            _check_close(event, 'time', event['time_s'], end_s, 's')
+    collected_bit, total_bit = events['collected_bit'].sum(), log.header.total_bit
+    if collected_bit > total_bit * (1.0 + _TOLERANCE):
+        raise MissionLogError(f'collected {collected_bit} bit of {total_bit} bit')
+
+
+def _check_story(
+    event: np.void, before: np.void | None, decision: int, cell_size_m: float
+) -> None:
+    if event['decision'] != decision:
+        raise _misfit(event, f'decision must be {decision}, got {event["decision"]}')
+    if event['action'] != HOVER and event['collected_bit'] > 0:
+        raise _misfit(event, f'collected {event["collected_bit"]} bit without hovering')
+    if before is None:
+        _check_close(event, 'time', event['time_s'], 0.0, 's')
+        return
+    if before['action'] == HOME:
+        raise _misfit(event, 'decides after it turned home')
+    east, north = _STEPS.get(ACTION_NAMES[before['action']], (0, 0))
+    end_s = before['time_s'] + before['duration_s']
+    _check_close(event, 'time', event['time_s'], end_s, 's')
+    _check_close(event, 'x', event['x_m'], before['x_m'] + east * cell_size_m, 'm')
+    _check_close(event, 'y', event['y_m'], before['y_m'] + north * cell_size_m, 'm')
+
+
+def _check_close(event: np.void, name: str, value: float, expected: float, unit: str) -> None:
+    if not math.isclose(value, expected, rel_tol=_TOLERANCE, abs_tol=_TOLERANCE):
+        raise _misfit(event, f'{name} must be {expected} {unit}, got {value} {unit}')
+
+
+def _misfit(event: np.void, problem: str) -> MissionLogError:
+    return MissionLogError(f'event {event["event"]}, UAV {event["uav"]}: {problem}')
