@@ -1,0 +1,143 @@
+"""How a node runs as a process: start, events, signals, a clean end.
+
+rclpy's own signal handlers shut the context down at once, so a node could neither publish a last
+message nor log that it stops. Here signals only raise a flag that the loop looks at.
+"""
+
+from collections.abc import Callable, Sequence
+import signal
+import sys
+from types import FrameType
+from typing import Any
+
+import rclpy
+from rclpy.exceptions import ParameterException
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+
+FAILED = 1  # exit status of a node that could not go on
+MISUSED = 2  # exit status of a node that was given wrong arguments, parameters or files
+
+_WAIT_S = 0.1  # longest time until a signal is noticed by an idle node
+
+
+class NodeError(Exception):
+    """A node cannot start: one line that says why, and the exit status."""
+
+    def __init__(self, message: str, *, status: int = MISUSED) -> None:
+        """Say why, and which exit status the process shall have."""
+        super().__init__(message)
+        self.status = status
+
+
+class ProcessNode(Node):
+    """A node that owns its process: it can end it, and hears when it is ended."""
+
+    end_status: int | None = None  # exit status, once the node has asked to end
+
+    def end(self, status: int = 0) -> None:
+        """Ask the process to end with an exit status, after the callback that says so.
+
+        The node logs why before it asks.
+        """
+        if self.end_status is None:
+            self.end_status = status
+
+    def on_stop(self) -> None:
+        """Last words: runs once, while publishers still publish, whatever ends the process."""
+
+
+class _Stop:
+    """Remembers that SIGINT or SIGTERM came, once or many times."""
+
+    def __init__(self) -> None:
+        self.asked = False
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._on_signal)
+
+    def ignore_more(self) -> None:
+        """Make further signals harmless; Python's own exit would restore their deadly default."""
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)
+
+    def _on_signal(self, number: int, frame: FrameType | None) -> None:
+        self.asked = True
+
+
+def run_node(make_node: Callable[[], ProcessNode], argv: Sequence[str]) -> int:
+    """Run a node until a signal, or until it asks to end.
+
+    Args:
+        make_node: constructs the node; raises NodeError, or rclpy's errors about parameters,
+            when it cannot start.
+        argv: what follows the program's name on the command line, `--ros-args` included.
+
+    Returns:
+        Exit status of the process: 0 after SIGINT or SIGTERM, else what the node asked for.
+    """
+    stop = _Stop()
+    try:
+        rclpy.init(args=list(argv), signal_handler_options=SignalHandlerOptions.NO)
+    except (_rclpy.RCLError, _rclpy.UnknownROSArgsError) as error:
+        return _refuse(f'cannot start ROS: {error}', MISUSED)
+    try:
+        node = make_node()
+    except NodeError as error:
+        return _refuse(str(error), error.status)
+    except ParameterException as error:
+        return _refuse(str(error), MISUSED)
+    else:
+        return _run(node, stop)
+    finally:
+        rclpy.try_shutdown()
+        stop.ignore_more()
+
+
+def make_executor() -> Any:
+    """The fastest executor that works here.
+
+    The events executor answers in a third of the time; its `spin` does not work in all releases,
+    so it is driven by `spin_once`. Releases without it, or where it does nothing, get the usual
+    one.
+    """
+    try:
+        from rclpy.experimental import EventsExecutor
+    except ImportError:
+        return SingleThreadedExecutor()
+    executor = EventsExecutor()
+    if _delivers(executor):
+        return executor
+    executor.shutdown()
+    return SingleThreadedExecutor()
+
+
+def _delivers(executor: Any) -> bool:
+    ran: list[bool] = []
+    executor.create_task(lambda: ran.append(True))
+    for _ in range(3):
+        executor.spin_once(timeout_sec=_WAIT_S)
+        if ran:
+            return True
+    return False
+
+
+def _run(node: ProcessNode, stop: _Stop) -> int:
+    executor = make_executor()
+    executor.add_node(node)
+    try:
+        while node.end_status is None and not stop.asked:
+            executor.spin_once(timeout_sec=_WAIT_S)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    finally:
+        node.on_stop()
+        executor.shutdown()
+        node.destroy_node()
+    return node.end_status or 0
+
+
+def _refuse(message: str, status: int) -> int:
+    sys.stderr.write(f'error: {" ".join(message.split())}\n')
+    return status

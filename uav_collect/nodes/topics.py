@@ -1,0 +1,136 @@
+"""Every topic and service of a mission: name, type and quality of service, in one table.
+
+Lockstep must never lose a message, so all that a mission needs is reliable with a history deeper
+than any reader lags behind (keep-all would block the writer of a slow reader instead). The
+history is also latched: a recorder that starts late gets it, and an agent whose reader is matched
+a moment after the world has published misses nothing. A reader may so get a message of an earlier
+mission; `mission_id` tells.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from nav_msgs.msg import OccupancyGrid
+from rclpy.duration import Duration
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
+from rosgraph_msgs.msg import Clock
+from visualization_msgs.msg import MarkerArray
+
+from uav_collect_msgs.msg import (
+    Command,
+    Epoch,
+    Mission,
+    Observation,
+    RadioMessage,
+    Scenario,
+    Transition,
+)
+
+JOIN_SERVICE = '/world/join'
+CONTROL_SERVICE = '/world/control'
+
+LIVELINESS_LEASE_S = 2.0  # how long a death goes unnoticed; shorter, load looks like death
+
+_CURRENT = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+_FLEET_HISTORY = QoSProfile(depth=10_000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+_MISSIONS = QoSProfile(depth=1_000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+_UAV_HISTORY = QoSProfile(depth=1_000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+_TO_WORLD = QoSProfile(  # not latched: a world must not act on what an earlier one was told
+    depth=1_000,
+    liveliness=LivelinessPolicy.AUTOMATIC,
+    liveliness_lease_duration=Duration(seconds=LIVELINESS_LEASE_S),
+)
+_LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+_EVENTS = QoSProfile(depth=10)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Topic:
+    """One topic: its full name, the class of its messages, and how they are delivered."""
+
+    name: str
+    message: Any
+    qos: QoSProfile
+
+    @property
+    def type_name(self) -> str:
+        """The type as ROS writes it, such as `uav_collect_msgs/msg/Epoch`."""
+        package: str = self.message.__module__.partition('.')[0]
+        return f'{package}/msg/{self.message.__name__}'
+
+
+@dataclass(frozen=True, kw_only=True)
+class UavTopics:
+    """The topics of one UAV."""
+
+    observation: Topic  # world -> agent
+    command: Topic  # agent -> world
+    radio_tx: Topic  # agent -> world
+    radio_rx: Topic  # world -> agent
+    transition: Topic  # agent -> learner
+
+
+CLOCK = Topic(name='/clock', message=Clock, qos=_LATEST)
+SCENARIO = Topic(name='/world/scenario', message=Scenario, qos=_CURRENT)
+MISSION = Topic(name='/world/mission', message=Mission, qos=_MISSIONS)
+EPOCH = Topic(name='/world/epoch', message=Epoch, qos=_FLEET_HISTORY)
+MARKERS = Topic(name='/world/markers', message=MarkerArray, qos=_CURRENT)
+COMPLETED_CELLS = Topic(name='/world/completed_cells', message=OccupancyGrid, qos=_CURRENT)
+DIAGNOSTICS = Topic(name='/diagnostics', message=DiagnosticArray, qos=_EVENTS)
+
+FLEET_WIDE = (CLOCK, SCENARIO, MISSION, EPOCH, MARKERS, COMPLETED_CELLS, DIAGNOSTICS)
+
+
+def uav_topics(uav: int) -> UavTopics:
+    """The topics of the UAV with an id, from 1."""
+    namespace = f'/uav_{uav}'
+    return UavTopics(
+        observation=Topic(name=f'{namespace}/observation', message=Observation, qos=_UAV_HISTORY),
+        command=Topic(name=f'{namespace}/command', message=Command, qos=_TO_WORLD),
+        radio_tx=Topic(name=f'{namespace}/radio_tx', message=RadioMessage, qos=_TO_WORLD),
+        radio_rx=Topic(name=f'{namespace}/radio_rx', message=RadioMessage, qos=_UAV_HISTORY),
+        transition=Topic(name=f'{namespace}/transition', message=Transition, qos=_UAV_HISTORY),
+    )
+
+
+def topics_of_uav(uav: int) -> tuple[Topic, ...]:
+    """All topics of one UAV."""
+    topics = uav_topics(uav)
+    return tuple(getattr(topics, field.name) for field in fields(topics))
+
+
+def fleet_topics(n_uavs: int) -> tuple[Topic, ...]:
+    """Every topic of a mission with this many UAVs: what a recording holds."""
+    own = [topic for uav in range(1, n_uavs + 1) for topic in topics_of_uav(uav)]
+    return (*FLEET_WIDE, *own)
+
+
+def publisher(node: Node, topic: Topic) -> Publisher:
+    """A publisher on a topic of the table."""
+    return node.create_publisher(topic.message, topic.name, topic.qos)
+
+
+def subscription(
+    node: Node,
+    topic: Topic,
+    callback: Callable[[Any], None],
+    *,
+    on_event: SubscriptionEventCallbacks | None = None,
+) -> Subscription:
+    """A subscription to a topic of the table.
+
+    Args:
+        node: that listens.
+        topic: to listen to.
+        callback: gets each message.
+        on_event: what to do when a publisher comes, goes or falls silent.
+    """
+    return node.create_subscription(
+        topic.message, topic.name, callback, topic.qos, event_callbacks=on_event
+    )
