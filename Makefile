@@ -1,0 +1,75 @@
+# Everything a person or CI does with this repository; "make help" lists it.
+#
+# ROS 2 comes from the Jazzy sourced in this shell, or else as wheels in .venv. Both packages are
+# built by colcon into install/, the Python one as links: an edited source takes effect at once. A new
+# file in config/ or launch/, a changed message or entry point is built by the next make.
+
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+.PHONY: help setup mission evaluate test check format bench clean distclean
+
+VENV := .venv
+PYTHON ?=
+ROS := $(if $(filter jazzy,$(ROS_DISTRO)),$(if $(findstring $(CURDIR)/$(VENV),$(AMENT_PREFIX_PATH)),wheels,sourced),wheels)
+INSTALLED := $(VENV)/.installed-$(ROS)
+DEVELOPED := $(VENV)/.developed-$(ROS)
+BUILT := install/.built
+
+# The ROS log needs a home.
+ifeq ($(HOME),)
+export ROS_LOG_DIR := $(CURDIR)/log/ros
+endif
+
+TESTS ?= test
+BENCHES ?= $(sort $(wildcard bench/*.py))
+OPTIONS = $(foreach name,SCENARIO POLICY SEED BANDWIDTH,$(call option,$(name))) $(ARGS)
+option = $(if $($(1)),--$(subst BANDWIDTH,allocator,$(1)) $($(1)))
+
+help:  ## this list
+	@echo 'make TARGET [VARIABLE=value ...]'
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  %-10s %s\n", $$1, $$2 }' Makefile
+
+setup: $(BUILT)  ## everything that missions need, in .venv, build and install (2 minutes once)
+
+mission: $(BUILT)  ## fly a mission over ROS 2: SCENARIO=paper_10x10 POLICY=sweep SEED=0 ...
+	@. install/setup.sh && $(VENV)/bin/python -m uav_collect mission $(OPTIONS)
+
+test: $(BUILT) $(DEVELOPED)  ## run all tests; TESTS=test/test_radio.py runs a part
+	@. install/setup.sh && $(VENV)/bin/python -m pytest $(TESTS) $(ARGS)
+
+check: $(DEVELOPED)  ## ruff and mypy, as CI does
+	@$(VENV)/bin/ruff check
+	@$(VENV)/bin/ruff format --check
+	@$(VENV)/bin/mypy
+
+format: $(DEVELOPED)  ## let ruff mend what it can
+	@$(VENV)/bin/ruff check --fix
+	@$(VENV)/bin/ruff format
+
+bench: $(BUILT)  ## measure, each figure beside its peer or limit; BENCHES=bench/radio.py for one
+	@. install/setup.sh && for bench in $(BENCHES); do $(VENV)/bin/python $$bench $(ARGS) || exit; done
+
+clean:  ## remove what was built
+	rm -rf build install log
+
+distclean: clean  ## remove .venv and the tools' caches too
+	rm -rf $(VENV) .mypy_cache .pytest_cache .ruff_cache .hypothesis
+
+$(INSTALLED): requirements/run.txt requirements/build.txt requirements/ros.txt \
+    requirements/constraints.txt tools/make_venv.sh tools/write_ros_prefix.sh
+	@sh tools/make_venv.sh $(VENV) $(ROS) $(PYTHON)
+	@touch $@
+
+$(DEVELOPED): $(INSTALLED) requirements/dev.txt
+	@echo 'set-up: installing the tools of requirements/dev.txt (10 s)'
+	@$(VENV)/bin/python -m pip install -qq -c requirements/constraints.txt -r requirements/dev.txt
+	@touch $@
+
+# Folders stand for the files added to them. colcon runs make itself: a jobserver of ours would only
+# confuse it, and its own limit on the load would leave cores idle.
+$(BUILT): $(INSTALLED) package.xml setup.py setup.cfg colcon_defaults.yaml resource/uav_collect \
+    $(shell find msg_defs config launch -type d -o -path 'msg_defs/*' -type f 2> /dev/null)
+	@echo 'set-up: building uav_collect_msgs and uav_collect (about a minute)'
+	@if [ -f $(VENV)/setup.sh ]; then . $(VENV)/setup.sh; fi; \
+	  unset MFLAGS MAKELEVEL; MAKEFLAGS=-j$$(nproc) $(VENV)/bin/colcon build
+	@touch $@
