@@ -7,10 +7,12 @@ message nor log that it stops. Here signals only raise a flag that the loop look
 from collections.abc import Callable, Sequence
 import signal
 import sys
+import time
 from types import FrameType
 from typing import Any
 
 import rclpy
+from rclpy.duration import Duration
 from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
@@ -21,6 +23,7 @@ FAILED = 1  # exit status of a node that could not go on
 MISUSED = 2  # exit status of a node that was given wrong arguments, parameters or files
 
 _WAIT_S = 0.1  # longest time until a signal is noticed by an idle node
+_LAST_WORDS_S = 0.5  # longest wait, when a node ends, for readers of what it published
 
 
 class NodeError(Exception):
@@ -133,9 +136,18 @@ def _run(node: ProcessNode, stop: _Stop) -> int:
         pass
     finally:
         node.on_stop()
+        _deliver_last_words(node)
         executor.shutdown()
         node.destroy_node()
     return node.end_status or 0
+
+
+def _deliver_last_words(node: ProcessNode) -> None:
+    """Give the readers a moment to get what was just published; a dead one must not hold us."""
+    deadline_s = time.monotonic() + _LAST_WORDS_S
+    for publisher in node.publishers:
+        left_s = max(0.0, deadline_s - time.monotonic())
+        publisher.wait_for_all_acked(Duration(seconds=left_s))
 
 
 def _refuse(message: str, status: int) -> int:

@@ -1,10 +1,12 @@
 """Every topic and service of a mission: name, type and quality of service, in one table.
 
-Lockstep must never lose a message, so all that a mission needs is reliable with a history deeper
+Lockstep must never lose a message, so all that a mission needs is reliable, with a history deeper
 than any reader lags behind (keep-all would block the writer of a slow reader instead). The
-history is also latched: a recorder that starts late gets it, and an agent whose reader is matched
-a moment after the world has published misses nothing. A reader may so get a message of an earlier
-mission; `mission_id` tells.
+history is latched too: no first message is lost to a reader that is matched a moment later, and
+a recorder may start late. The price: whoever starts late also gets messages of the past, which
+`mission_id` and `decision` tell apart.
+
+A silent death is a liveliness event on `command` (of an agent) or `scenario` (of the world).
 """
 
 from collections.abc import Callable
@@ -37,17 +39,20 @@ CONTROL_SERVICE = '/world/control'
 
 LIVELINESS_LEASE_S = 2.0  # how long a death goes unnoticed; shorter, load looks like death
 
-_CURRENT = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-_FLEET_HISTORY = QoSProfile(depth=10_000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-_MISSIONS = QoSProfile(depth=1_000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-_UAV_HISTORY = QoSProfile(depth=1_000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-_TO_WORLD = QoSProfile(  # not latched: a world must not act on what an earlier one was told
-    depth=1_000,
-    liveliness=LivelinessPolicy.AUTOMATIC,
-    liveliness_lease_duration=Duration(seconds=LIVELINESS_LEASE_S),
-)
+_LATCHED = DurabilityPolicy.TRANSIENT_LOCAL
+_NOTICED = {
+    'liveliness': LivelinessPolicy.AUTOMATIC,
+    'liveliness_lease_duration': Duration(seconds=LIVELINESS_LEASE_S),
+}
+
+_CURRENT = QoSProfile(depth=1, durability=_LATCHED)
+_WORLD = QoSProfile(depth=1, durability=_LATCHED, **_NOTICED)
+_MISSIONS = QoSProfile(depth=1_000, durability=_LATCHED)
+_EVENTS = QoSProfile(depth=10_000, durability=_LATCHED)
+_TO_UAV = QoSProfile(depth=1_000, durability=_LATCHED)
+_FROM_UAV = QoSProfile(depth=1_000, durability=_LATCHED, **_NOTICED)
 _LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-_EVENTS = QoSProfile(depth=10)
+_REPORTS = QoSProfile(depth=10)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,12 +82,12 @@ class UavTopics:
 
 
 CLOCK = Topic(name='/clock', message=Clock, qos=_LATEST)
-SCENARIO = Topic(name='/world/scenario', message=Scenario, qos=_CURRENT)
+SCENARIO = Topic(name='/world/scenario', message=Scenario, qos=_WORLD)
 MISSION = Topic(name='/world/mission', message=Mission, qos=_MISSIONS)
-EPOCH = Topic(name='/world/epoch', message=Epoch, qos=_FLEET_HISTORY)
+EPOCH = Topic(name='/world/epoch', message=Epoch, qos=_EVENTS)
 MARKERS = Topic(name='/world/markers', message=MarkerArray, qos=_CURRENT)
 COMPLETED_CELLS = Topic(name='/world/completed_cells', message=OccupancyGrid, qos=_CURRENT)
-DIAGNOSTICS = Topic(name='/diagnostics', message=DiagnosticArray, qos=_EVENTS)
+DIAGNOSTICS = Topic(name='/diagnostics', message=DiagnosticArray, qos=_REPORTS)
 
 FLEET_WIDE = (CLOCK, SCENARIO, MISSION, EPOCH, MARKERS, COMPLETED_CELLS, DIAGNOSTICS)
 
@@ -91,11 +96,11 @@ def uav_topics(uav: int) -> UavTopics:
     """The topics of the UAV with an id, from 1."""
     namespace = f'/uav_{uav}'
     return UavTopics(
-        observation=Topic(name=f'{namespace}/observation', message=Observation, qos=_UAV_HISTORY),
-        command=Topic(name=f'{namespace}/command', message=Command, qos=_TO_WORLD),
-        radio_tx=Topic(name=f'{namespace}/radio_tx', message=RadioMessage, qos=_TO_WORLD),
-        radio_rx=Topic(name=f'{namespace}/radio_rx', message=RadioMessage, qos=_UAV_HISTORY),
-        transition=Topic(name=f'{namespace}/transition', message=Transition, qos=_UAV_HISTORY),
+        observation=Topic(name=f'{namespace}/observation', message=Observation, qos=_TO_UAV),
+        command=Topic(name=f'{namespace}/command', message=Command, qos=_FROM_UAV),
+        radio_tx=Topic(name=f'{namespace}/radio_tx', message=RadioMessage, qos=_FROM_UAV),
+        radio_rx=Topic(name=f'{namespace}/radio_rx', message=RadioMessage, qos=_TO_UAV),
+        transition=Topic(name=f'{namespace}/transition', message=Transition, qos=_FROM_UAV),
     )
 
 
