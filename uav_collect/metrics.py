@@ -152,6 +152,11 @@ def _uav_figures(header: UavHeader, events: Events) -> UavFigures:
     )
 
 
+def percent(share: float) -> str:
+    """A share in per cent, rounded down: 100.0 % means all of it."""
+    return f'{math.floor(1000 * share + 1e-6) / 10:.1f} %'
+
+
 def check_log(log: MissionLog) -> None:
     """Check what holds in every mission: one story per UAV, with time and energy that add up.
 

@@ -1,0 +1,304 @@
+"""The picture of a mission: who flew where, hovered where, and which sensors had data.
+
+After the paper's Fig. trajectories: a green cross for start and home, stars where a UAV hovered,
+black and grey dots for sensors with and without data. Where paths run along the same two cells
+they are drawn side by side.
+"""
+
+from collections import Counter
+from dataclasses import dataclass
+import math
+from pathlib import Path
+
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patheffects import Normal, withStroke
+import numpy as np
+
+from uav_collect.arrays import Bools, check_shape, Floats, Ints
+from uav_collect.lanes import corners_m, lane_shifts, narrowest_lane, steps
+from uav_collect.metrics import figures, HOME, HOVER, MissionFigures, percent
+from uav_collect.mission_log import MissionLog
+from uav_collect.scenario import Scenario
+from uav_collect.site import Site
+
+DPI = 150
+
+# Of Okabe and Ito, and of Tol: told apart with any colour vision; the eight come again, dotted.
+_COLOURS = (
+    '#0072B2', '#D55E00', '#CC79A7', '#56B4E9', '#E69F00', '#882255', '#999933', '#332288',
+)  # fmt: skip
+_DOTTED = (0.0, (1.2, 0.9))
+_DASHES = (4.0, 2.5)
+_GREEN = '#1A9641'
+_RED = '#E31A1C'
+_BLACK = '#111111'
+_GREY = '#A9A9A9'
+_FONT_PT = 9.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Path:
+    """One UAV's way through the cells."""
+
+    number: int  # its id
+    place_m: Floats  # (T, 2) where it decided
+    hover_m: Floats  # (K, 2) where it hovered
+    hover_bit: Floats  # (K,) what it collected there
+    home_m: Floats | None  # (2,) where it landed; None while it flies
+
+    @property
+    def colour(self) -> str:
+        return _COLOURS[(self.number - 1) % len(_COLOURS)]
+
+    @property
+    def style(self) -> str | tuple[float, tuple[float, float]]:
+        return _DOTTED if (self.number - 1) // len(_COLOURS) % 2 else 'solid'
+
+
+def trajectories(
+    log: MissionLog, site: Site, demand_bit: Floats, scenario: Scenario, path: Path
+) -> None:
+    """Draw a mission into a PNG file.
+
+    Args:
+        log: the mission, finished or not.
+        site: where the sensors are.
+        demand_bit: data waiting at each sensor at the start [bit], shape (S,).
+        scenario: the area and the fleet.
+        path: the file to write; the same mission gives the same bytes.
+
+    Raises:
+        ValueError: the demand does not fit the site.
+        OSError: the file cannot be written.
+    """
+    check_shape(demand_bit, (len(site.position_m),), 'demand_bit')
+    side_in = float(np.clip(2.6 + 0.3 * scenario.area.cells_per_side, 5.0, 8.6))
+    figure, axes = _canvas(side_in)
+    cell_pt = side_in * 72.0 / scenario.area.cells_per_side
+    paths = [_path_of(log, scenario, index) for index in range(len(log.header.uavs))]
+    _draw_area(axes, scenario)
+    _draw_sensors(axes, site, demand_bit, _is_left(log, site, demand_bit, scenario), cell_pt)
+    _draw_paths(axes, paths, scenario.area.cell_size_m, cell_pt)
+    _draw_hovers(axes, paths, cell_pt)
+    _draw_ends(axes, scenario, cell_pt)
+    _draw_tags(axes, paths, scenario.area.cell_size_m, cell_pt)
+    summary = figures(log)
+    _write_title(axes, log, summary)
+    _write_legend(axes, paths, summary, scenario)
+    # No software name in the file: the bytes are the mission's.
+    figure.savefig(path, dpi=DPI, format='png', metadata={'Software': None})
+
+
+def _canvas(side_in: float) -> tuple[Figure, Axes]:
+    left_in, bottom_in, top_in, legend_in = 0.75, 0.6, 0.75, 2.35
+    width_in, height_in = left_in + side_in + legend_in, bottom_in + side_in + top_in
+    figure = Figure(figsize=(width_in, height_in), facecolor='white')
+    FigureCanvasAgg(figure)
+    axes = figure.add_axes(
+        (left_in / width_in, bottom_in / height_in, side_in / width_in, side_in / height_in)
+    )
+    return figure, axes
+
+
+def _path_of(log: MissionLog, scenario: Scenario, index: int) -> _Path:
+    uav = log.header.uavs[index]
+    own = log.events[log.events['uav'] == uav.id]
+    place_m = np.column_stack((own['x_m'], own['y_m']))
+    is_hover = own['action'] == HOVER
+    return _Path(
+        number=uav.id,
+        place_m=place_m,
+        hover_m=place_m[is_hover],
+        hover_bit=own['collected_bit'][is_hover],
+        home_m=np.array(scenario.uavs[index].home_m) if HOME in own['action'] else None,
+    )
+
+
+def _is_left(log: MissionLog, site: Site, demand_bit: Floats, scenario: Scenario) -> Bools:
+    """Whether each sensor's data were left: nobody ever hovered in its cell."""
+    hovers = log.events[log.events['action'] == HOVER]
+    size_m = scenario.area.cell_size_m
+    column: Ints = (hovers['x_m'] // size_m).astype(np.int64)
+    row: Ints = (hovers['y_m'] // size_m).astype(np.int64)
+    served = np.isin(site.cell, row * scenario.area.cells_per_side + column)
+    return (demand_bit > 0) & ~served
+
+
+def _draw_area(axes: Axes, scenario: Scenario) -> None:
+    n_cells, size_m = scenario.area.cells_per_side, scenario.area.cell_size_m
+    side_m = n_cells * size_m
+    for border in range(1, n_cells):
+        axes.axhline(border * size_m, color='#E2E2E2', linewidth=0.6, zorder=0)
+        axes.axvline(border * size_m, color='#E2E2E2', linewidth=0.6, zorder=0)
+    axes.set(xlim=(0.0, side_m), ylim=(0.0, side_m), aspect='equal')
+    axes.set_xlabel('east [m]', fontsize=_FONT_PT)
+    axes.set_ylabel('north [m]', fontsize=_FONT_PT)
+    ticks_m = np.arange(0, n_cells + 1, _cells_per_tick(n_cells)) * size_m
+    axes.set_xticks(ticks_m)
+    axes.set_yticks(ticks_m)
+    axes.tick_params(labelsize=_FONT_PT - 1, color='#888888')
+    axes.spines[:].set_color('#888888')
+
+
+def _cells_per_tick(n_cells: int) -> int:
+    least = math.ceil(n_cells / 8)
+    whole = [every for every in range(least, 2 * least + 1) if n_cells % every == 0]
+    return whole[0] if whole else least  # a tick on the far border where it can be
+
+
+def _draw_sensors(
+    axes: Axes,
+    site: Site,
+    demand_bit: Floats,
+    is_left: Bools,
+    cell_pt: float,
+) -> None:
+    has_data = demand_bit > 0
+    area_pt2 = float(np.clip((0.085 * cell_pt) ** 2, 3.0, 14.0))
+    for chosen, colour, order in ((~has_data, _GREY, 2), (has_data, _BLACK, 6)):
+        east_m, north_m = site.position_m[chosen].T
+        axes.scatter(east_m, north_m, area_pt2, color=colour, linewidths=0, zorder=order)
+    east_m, north_m = site.position_m[is_left].T
+    axes.scatter(
+        east_m, north_m, 7 * area_pt2, facecolors='none', edgecolors=_RED, linewidths=1.2, zorder=7
+    )
+
+
+def _draw_paths(axes: Axes, paths: list[_Path], cell_size_m: float, cell_pt: float) -> None:
+    ways_m = [path.place_m for path in paths]
+    width_pt = float(np.clip(0.05 * cell_pt, 1.1, 2.0))
+    # A white rim shows which way passes over; it must not cover the next lane.
+    rim_pt = min(1.4, max(0.0, 2.0 * (narrowest_lane(ways_m) * cell_pt - width_pt)))
+    rim = [withStroke(linewidth=width_pt + rim_pt, foreground='white'), Normal()]
+    for path, lanes in zip(paths, lane_shifts(ways_m), strict=True):
+        line_m = corners_m(path.place_m, lanes, cell_size_m)
+        axes.plot(
+            *line_m.T, color=path.colour, linewidth=width_pt, linestyle=path.style,
+            path_effects=rim, solid_joinstyle='round', zorder=4,
+        )  # fmt: skip
+        area_pt2 = float(np.clip((0.2 * cell_pt) ** 2, 16.0, 60.0))
+        for index, (here_m, there_m) in enumerate(steps(path.place_m)):
+            if index % math.ceil(20.0 / cell_pt) == 0:
+                way = (there_m - here_m) / cell_size_m
+                aside_m = lanes[index] * np.abs(way[::-1]) * cell_size_m
+                _draw_head(axes, path.colour, (here_m + there_m) / 2 + aside_m, way, area_pt2)
+        if path.home_m is not None and (line_m[-1] != path.home_m).any():
+            _draw_way_home(axes, path, line_m[-1], 0.75 * width_pt, area_pt2)
+
+
+def _draw_way_home(
+    axes: Axes, path: _Path, from_m: Floats, width_pt: float, area_pt2: float
+) -> None:
+    to_m = np.asarray(path.home_m)
+    dashes = (3.25 * path.number, _DASHES)  # out of step: of two on one line both show
+    axes.plot(
+        *np.array([from_m, to_m]).T, color=path.colour, lw=width_pt, linestyle=dashes, zorder=3
+    )
+    _draw_head(axes, path.colour, (from_m + to_m) / 2, to_m - from_m, area_pt2)
+
+
+def _draw_head(axes: Axes, colour: str, place_m: Floats, way: Floats, area_pt2: float) -> None:
+    heading_deg = math.degrees(math.atan2(way[1], way[0]))
+    axes.scatter(
+        *place_m, area_pt2, color=colour, marker=(3, 0, heading_deg - 90.0), linewidths=0.3,
+        edgecolors='white', zorder=5,
+    )  # fmt: skip
+
+
+def _draw_hovers(axes: Axes, paths: list[_Path], cell_pt: float) -> None:
+    most_bit = max((path.hover_bit.max(initial=0.0) for path in paths), default=0.0)
+    largest_pt2 = min(0.5 * cell_pt, 18.0) ** 2
+    for path in paths:
+        share = path.hover_bit / most_bit if most_bit > 0 else np.zeros(len(path.hover_bit))
+        axes.scatter(
+            *path.hover_m.T, (0.3 + 0.7 * share) * largest_pt2, color=path.colour, marker='*',
+            edgecolors=_BLACK, linewidths=0.5, zorder=5.5,
+        )  # fmt: skip
+
+
+def _draw_ends(axes: Axes, scenario: Scenario, cell_pt: float) -> None:
+    starts = {tuple(uav.start_m) for uav in scenario.uavs}
+    homes = {tuple(uav.home_m) for uav in scenario.uavs}
+    area_pt2 = float(np.clip((0.5 * cell_pt) ** 2, 90.0, 190.0))
+    for places, marker in ((starts - homes, 'P'), (homes, 'X')):
+        for place in sorted(places):
+            axes.scatter(
+                *place, area_pt2, color=_GREEN, marker=marker, edgecolors='white',
+                linewidths=1.0, zorder=8, clip_on=False,
+            )  # fmt: skip
+
+
+def _draw_tags(axes: Axes, paths: list[_Path], cell_size_m: float, cell_pt: float) -> None:
+    """Write each UAV's number where it turned home: colour alone does not tell 16 apart."""
+    size_pt = float(np.clip(0.22 * cell_pt, 6.0, 8.5))
+    taken: Counter[tuple[float, ...]] = Counter()
+    for path in paths:
+        if len(path.place_m):
+            place_m = path.place_m[-1]
+            nth = taken[tuple(place_m.tolist())]
+            taken[tuple(place_m.tolist())] += 1
+            axes.annotate(
+                str(path.number), place_m + np.array([0.3 - 0.3 * nth, 0.3]) * cell_size_m,
+                color='white', fontsize=size_pt, fontweight='bold', ha='center', va='center',
+                bbox={'boxstyle': 'circle,pad=0.18', 'fc': path.colour, 'ec': 'white', 'lw': 0.8},
+                zorder=9,
+            )  # fmt: skip
+
+
+def _write_title(axes: Axes, log: MissionLog, summary: MissionFigures) -> None:
+    header = log.header
+    policies = ', '.join(dict.fromkeys(uav.policy for uav in header.uavs))
+    time = f'{summary.completion_s:.0f} s' if summary.is_finished else 'not finished'
+    merits = (
+        f'{summary.collected_bit / 1e6:.2f} of {summary.total_bit / 1e6:.2f} Mbit'
+        f' ({percent(summary.collected_share)}) · {summary.energy_j / 1e3:.1f} kJ · {time}'
+        f' · {summary.efficiency_kbit_per_j:.3f} kbit/J'
+    )
+    for text, above_pt, size_pt, weight in (
+        (f'{header.scenario}, mission seed {header.mission_seed}: {policies}', 26, 11, 'bold'),
+        (merits, 9, _FONT_PT + 0.5, 'normal'),
+    ):
+        axes.annotate(
+            text, (0, 1), (0, above_pt), xycoords='axes fraction', textcoords='offset points',
+            fontsize=size_pt, fontweight=weight,
+        )  # fmt: skip
+
+
+def _write_legend(
+    axes: Axes, paths: list[_Path], summary: MissionFigures, scenario: Scenario
+) -> None:
+    handles = [
+        _line(path, f'UAV {uav.id}: {uav.speed_mps:g} m/s, {uav.energy_j / 1e3:.1f} kJ')
+        for path, uav in zip(paths, summary.uavs, strict=True)
+    ]
+    dashed = (0.0, _DASHES)
+    handles.append(
+        Line2D([], [], color='#555555', ls=dashed, lw=1.2, label='home, from its number')
+    )
+    handles.append(_mark('*', '#777777', 11, 'hover (larger: more data)', edge=_BLACK))
+    if any(uav.start_m != uav.home_m for uav in scenario.uavs):
+        handles += [_mark('P', _GREEN, 9, 'start'), _mark('X', _GREEN, 9, 'home')]
+    else:
+        handles.append(_mark('X', _GREEN, 9, 'start and home'))
+    handles.append(_mark('o', _BLACK, 4, 'sensor with data'))
+    handles.append(_mark('o', _GREY, 4, 'sensor without data'))
+    if not summary.is_complete:
+        handles.append(_mark('o', 'none', 7, 'data left behind', edge=_RED))
+    axes.legend(
+        handles=handles, loc='upper left', bbox_to_anchor=(1.015, 1.01), frameon=False,
+        fontsize=_FONT_PT - 0.5, handlelength=2.2, labelspacing=0.65,
+    )  # fmt: skip
+
+
+def _line(path: _Path, label: str) -> Line2D:
+    return Line2D([], [], color=path.colour, linestyle=path.style, linewidth=2.0, label=label)
+
+
+def _mark(marker: str, colour: str, size_pt: float, label: str, *, edge: str = 'none') -> Line2D:
+    return Line2D(
+        [], [], linestyle='none', marker=marker, markersize=size_pt, markerfacecolor=colour,
+        markeredgecolor=edge, markeredgewidth=0.8, label=label,
+    )  # fmt: skip
