@@ -7,6 +7,7 @@ size of a batch and the process change nothing.
 
 import math
 
+from uav_collect.arrays import Row
 from uav_collect.compiled import kernel
 
 # Streams: one per thing that is drawn. Never renumber: seeds would mean other missions.
@@ -105,3 +106,14 @@ def draw_poisson(mean: float, seed: int, stream: int, index: int) -> int:
             cumulative += probability
         total += count
     return total
+
+
+@kernel
+def shuffle_first(values: Row[int], n_values: int, n_first: int, seed: int, stream: int) -> None:
+    """Bring a random choice of the values, in random order, to the first places (Fisher-Yates)."""
+    for place in range(n_first):
+        uniform = draw_uniform(seed, stream, place, 0, 0)
+        other = place + int(uniform * (n_values - place))
+        value = values[other]
+        values[other] = values[place]
+        values[place] = value

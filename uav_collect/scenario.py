@@ -1,0 +1,250 @@
+"""The scenario: where a fleet flies, what it may collect, over which radio.
+
+The only reader of scenario YAML. `load` resolves a file: what it extends, overrides, the fleet's
+defaults, cells as places, sensors of a CSV file. What comes out stands alone.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+import hashlib
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+from uav_collect import config_files, sensors_csv
+from uav_collect.config_files import ConfigError, Document, Keys, shown
+from uav_collect.config_rules import pair, validated, whole
+from uav_collect.scenario_model import (
+    AreaConfig,
+    CsvSensors,
+    DemandConfig,
+    DrawnSensors,
+    FleetConfig,
+    ListedSensor,
+    ListedSensors,
+    Place,
+    Point,
+    PropulsionConfig,
+    RadioConfig,
+    RewardConfig,
+    Scenario,
+    UavConfig,
+)
+
+__all__ = [
+    'AreaConfig',
+    'ConfigError',
+    'CsvSensors',
+    'DemandConfig',
+    'DrawnSensors',
+    'FleetConfig',
+    'ListedSensor',
+    'ListedSensors',
+    'Place',
+    'PropulsionConfig',
+    'RadioConfig',
+    'RewardConfig',
+    'Scenario',
+    'UavConfig',
+    'fingerprint',
+    'from_yaml',
+    'load',
+    'parse_override',
+    'scenario_folders',
+    'scenario_names',
+]
+
+
+def load(name_or_path: str | Path, overrides: Mapping[str, object] | None = None) -> Scenario:
+    """Read a scenario by its name among the shipped ones, or by the path of a YAML file.
+
+    Args:
+        name_or_path: 'paper_10x10', or 'my/site.yaml'.
+        overrides: values by dotted path ('demand.cell_share', 'fleet.uavs.0.speed_mps'), which
+            count more than the file's.
+
+    Raises:
+        ConfigError: one line per problem: file and line, key, value, what is allowed.
+    """
+    folders = scenario_folders()
+    path = config_files.find(str(name_or_path), folders, field='scenario')
+    document = config_files.read(path, folders)
+    named = {'name': path.stem} if 'name' not in document.values else {}
+    document = config_files.override(document, {**named, **(overrides or {})})
+    return _checked(_with_sensors(_with_places(_with_fleet(document))))
+
+
+def from_yaml(text: str) -> Scenario:
+    """Read the text that `Scenario.to_yaml` wrote.
+
+    Raises:
+        ConfigError: one line per problem.
+    """
+    return _checked(config_files.parse(text, label='scenario text', folder=Path()))
+
+
+def parse_override(assignment: str) -> tuple[str, object]:
+    """Read `demand.cell_share=0.5`, as given on a command line, into a path and a YAML value.
+
+    Raises:
+        ConfigError: there is no `=`, or what follows is not YAML.
+    """
+    path, equals, value = assignment.partition('=')
+    if not path.strip() or not equals:
+        raise ConfigError(f'override: {assignment!r} must be KEY=VALUE, as demand.cell_share=0.5')
+    return path.strip(), config_files.parse_value(value)
+
+
+def fingerprint(scenario: Scenario) -> str:
+    """16 hex digits that change with any value of the scenario but its name."""
+    values = scenario.model_dump(exclude={'name'}, exclude_none=True)
+    canonical = json.dumps(values, sort_keys=True, separators=(',', ':'))
+    return hashlib.sha256(canonical.encode()).hexdigest()[:16]
+
+
+def scenario_names() -> tuple[str, ...]:
+    """The names of the shipped scenarios."""
+    return config_files.names_in(scenario_folders())
+
+
+def scenario_folders() -> tuple[Path, ...]:
+    """Where shipped scenarios are: the checkout, or the share folder of an installation."""
+    here = Path(__file__).resolve()
+    inside = Path('config') / 'scenarios'
+    share = Path('share') / 'uav_collect' / inside
+    # An installed module is PREFIX/lib/python3.x/site-packages/uav_collect/scenario.py.
+    prefixes = [*here.parents[4:5], *map(Path, filter(None, _prefixes_of_ros()))]
+    candidates = [here.parents[1] / inside, *(prefix / share for prefix in prefixes)]
+    return tuple(folder for folder in candidates if folder.is_dir())
+
+
+def _prefixes_of_ros() -> list[str]:
+    return os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
+
+
+def _with_fleet(document: Document) -> Document:
+    """Each UAV with the keys of `fleet.default` that it does not set itself."""
+    default, uavs = document.at(('fleet', 'default')), document.at(('fleet', 'uavs'))
+    if default is None or not isinstance(uavs, list):
+        return document
+    if not isinstance(default, dict):
+        what = f'is {shown(default)}: must be a mapping of keys'
+        raise ConfigError(document.problem(('fleet', 'default'), what))
+    full = [_over_default(default, uav) for uav in uavs]
+    others = {key: value for key, value in document.at(('fleet',)).items() if key != 'default'}
+    aliases = {
+        ('fleet', 'uavs', index, *keys): ('fleet', 'default', *keys)
+        for index, uav in enumerate(uavs)
+        for keys in _inherited(default, uav)
+    }
+    values = {**document.values, 'fleet': {**others, 'uavs': full}}
+    return replace(document, values=values, aliases=aliases)
+
+
+def _over_default(default: dict[Any, Any], uav: object) -> object:
+    return config_files.merged_mapping(default, uav) if isinstance(uav, dict) else uav
+
+
+def _inherited(default: dict[Any, Any], uav: object) -> Iterator[Keys]:
+    if isinstance(uav, dict):
+        for key, value in default.items():
+            if key not in uav:
+                yield (key,)
+            elif isinstance(value, dict) and isinstance(uav[key], dict):
+                yield from ((key, *below) for below in _inherited(value, uav[key]))
+
+
+def _with_places(document: Document) -> Document:
+    """Each start and home given as a cell, as the cell's centre."""
+    uavs = document.at(('fleet', 'uavs'))
+    if not isinstance(uavs, list):
+        return document
+    area = validated(AreaConfig, document, ('area',))
+    placed = []
+    for index, uav in enumerate(uavs):
+        cells = {
+            key: _centre_of(document, ('fleet', 'uavs', index, key, 'cell'), area)
+            for key in ('start', 'home')
+            if isinstance(uav, dict) and isinstance(uav.get(key), dict) and [*uav[key]] == ['cell']
+        }
+        placed.append({**uav, **cells} if cells else uav)
+    fleet = {**document.at(('fleet',)), 'uavs': placed}
+    return replace(document, values={**document.values, 'fleet': fleet})
+
+
+def _centre_of(document: Document, keys: Keys, area: AreaConfig) -> dict[str, Point]:
+    last = area.cells_per_side - 1
+    rule = pair(whole(0, last), f'a list [row, column] of whole numbers from 0 to {last}')
+    try:
+        row, column = rule.parse(document.at(keys))
+    except ValueError:
+        what = f'is {shown(document.at(keys))}: must be {rule.allowed}'
+        raise ConfigError(document.problem(keys, what)) from None
+    return {'position_m': ((column + 0.5) * area.cell_size_m, (row + 0.5) * area.cell_size_m)}
+
+
+def _with_sensors(document: Document) -> Document:
+    """The sensors of a CSV file in place of its name."""
+    keys: Keys = ('sensors', 'kind')
+    kind = document.at(keys)
+    if isinstance(document.at(('sensors',)), dict) and kind not in ('drawn', 'csv', 'listed'):
+        what = f'is {shown(kind)}: must be drawn, csv or listed'
+        raise ConfigError(document.problem(keys, what))
+    if kind != 'csv':
+        return document
+    config = validated(CsvSensors, document, ('sensors',))
+    area = validated(AreaConfig, document, ('area',))
+    folder = document.source(('sensors', 'file')).folder
+    origin = None if config.origin == 'auto' else config.origin
+    entries = sensors_csv.read_sensors(folder / config.file, origin=origin, side_m=area.side_m)
+    sensors = {'kind': 'listed', 'entries': entries}
+    return replace(document, values={**document.values, 'sensors': sensors})
+
+
+def _checked(document: Document) -> Scenario:
+    """The scenario of a document that stands alone, its parts at peace with each other."""
+    scenario = validated(Scenario, document)
+    problems = [
+        document.problem(keys, what)
+        for keys, what in (*_wrong_places(scenario), *_wrong_sensors(scenario))
+    ]
+    if problems:
+        raise ConfigError(*dict.fromkeys(problems))
+    return scenario
+
+
+def _wrong_places(scenario: Scenario) -> Iterator[tuple[Keys, str]]:
+    area = scenario.area
+    centres = {(i + 0.5) * area.cell_size_m for i in range(area.cells_per_side)}
+    for index, uav in enumerate(scenario.uavs):
+        keys: Keys = ('fleet', 'uavs', index)
+        if not centres.issuperset(uav.start_m):
+            what = f'is {shown(uav.start_m)}: must be the centre of a cell of the area'
+            yield (*keys, 'start', 'position_m'), what
+        if max(uav.home_m) > area.side_m:
+            what = f'is {shown(uav.home_m)}: must be from 0 to {area.side_m:g} m'
+            yield (*keys, 'home', 'position_m'), what
+
+
+def _wrong_sensors(scenario: Scenario) -> Iterator[tuple[Keys, str]]:
+    amounts: Keys = ('demand', 'data_mbit')
+    if isinstance(scenario.sensors, DrawnSensors):
+        if scenario.demand.data_mbit == 'csv':
+            yield amounts, 'is csv: must be a list [low, high], as the sensors are drawn'
+        return
+    ids: set[str] = set()
+    for index, sensor in enumerate(scenario.sensors.entries):
+        keys: Keys = ('sensors', 'entries', index)
+        if sensor.id in ids:
+            yield (*keys, 'id'), f'is {shown(sensor.id)}: must be unique'
+        ids.add(sensor.id)
+        for key, value in (('x_m', sensor.x_m), ('y_m', sensor.y_m)):
+            if value > scenario.area.side_m:
+                yield (*keys, key), f'is {value:g}: must be from 0 to {scenario.area.side_m:g} m'
+    without = [sensor.id for sensor in scenario.sensors.entries if sensor.data_mbit is None]
+    if scenario.demand.data_mbit == 'csv' and without:
+        yield (
+            amounts,
+            f'is csv: must be a list [low, high], as sensor {without[0]} has no data_mbit',
+        )

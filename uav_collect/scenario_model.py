@@ -1,0 +1,234 @@
+"""The parts of a scenario: frozen models with the range of every value, and derived numbers.
+
+Values live in YAML, never here; config/scenarios/paper_10x10.yaml says what each one means.
+"""
+
+import math
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from uav_collect import config_files, sensors_csv
+from uav_collect.config_rules import number, pair, Section, text, whole
+
+_LIGHT_SPEED_MPS = 299792458.0
+_MAX_UAVS = 64  # UAV ids travel as bits of one 64-bit word
+_MAX_CELLS_PER_SIDE = 64
+_MAX_LENGTH_M = 1e6
+
+
+Point = tuple[float, float]  # x, y [m]: east and north of the area's south-west corner
+_Share = Annotated[float, number(0, 1)]
+_Length = Annotated[float, number(0, _MAX_LENGTH_M, 'm', above=True)]
+_Coordinate = Annotated[float, number(0, _MAX_LENGTH_M, 'm')]
+_Amount = number(0, sensors_csv.MAX_DATA_MBIT)
+
+
+class AreaConfig(Section):
+    """The monitored square."""
+
+    cells_per_side: Annotated[int, whole(1, _MAX_CELLS_PER_SIDE)]
+    cell_size_m: _Length
+    altitude_m: _Length  # of all UAVs
+
+    @property
+    def side_m(self) -> float:
+        """Side of the square [m]."""
+        return self.cells_per_side * self.cell_size_m
+
+
+class DrawnSensors(Section):
+    """Sensors drawn as in the paper: dense and sparse cells, Poisson numbers, uniform places."""
+
+    kind: Literal['drawn']
+    seed: Annotated[int, whole(0, 2**63 - 1)]
+    dense_cell_share: _Share
+    dense_mean: Annotated[float, number(0, 1000, 'sensors per cell')]
+    sparse_mean: Annotated[float, number(0, 1000, 'sensors per cell')]
+
+
+class CsvSensors(Section):
+    """Sensors read from a CSV file; a loaded scenario holds them as `ListedSensors`."""
+
+    kind: Literal['csv']
+    file: Annotated[str, text(4096)]
+    # South-west corner of the area in the file's coordinates; auto centres the sensors.
+    origin: Annotated[
+        Point | Literal['auto'],
+        pair(number(-1e7, 1e7), 'a list of two numbers, or auto', word='auto'),
+    ]
+
+
+class ListedSensor(Section):
+    """One sensor of a real site."""
+
+    id: Annotated[str, text(sensors_csv.MAX_ID_LENGTH)]
+    x_m: _Coordinate
+    y_m: _Coordinate
+    data_mbit: Annotated[float | None, number(0, sensors_csv.MAX_DATA_MBIT, 'Mbit')] = None
+
+
+class ListedSensors(Section):
+    """Sensors of a real site, in metres from the area's south-west corner."""
+
+    kind: Literal['listed']
+    entries: Annotated[tuple[ListedSensor, ...], Field(min_length=1)]
+
+
+class DemandConfig(Section):
+    """How much data waits where, drawn anew for each mission."""
+
+    cell_share: Annotated[float | Literal['all'], number(0, 1, above=True, word='all')]
+    data_mbit: Annotated[
+        Point | Literal['csv'],
+        pair(
+            _Amount,
+            f'a list [low, high], 0 <= low <= high <= {sensors_csv.MAX_DATA_MBIT:g} Mbit, or csv',
+            word='csv',
+            ascending=True,
+        ),
+    ]
+
+
+class RadioConfig(Section):
+    """Channel between sensors and UAVs, and the range between UAVs."""
+
+    carrier_hz: Annotated[float, number(1e6, 3e11, 'Hz')]
+    tx_power_dbm: Annotated[float, number(-50, 60, 'dBm')]
+    noise_dbm_per_hz: Annotated[float, number(-250, 0, 'dBm/Hz')]
+    system_bandwidth_mhz: Annotated[float, number(0, 1e4, 'MHz', above=True)]
+    path_loss_exponent: Annotated[float, number(2, 6)]
+    nlos_attenuation: Annotated[float, number(0, 1, above=True)]
+    los_a: Annotated[float, number(0, 90, 'deg', above=True)]
+    los_b: Annotated[float, number(0, 10, 'per deg', above=True)]
+    rician_a1: Annotated[float, number(0, 1000, above=True)]
+    rician_a2: Annotated[float, number(0, 20, 'per rad')]
+    n_antennas: Annotated[int, whole(1, 64)]
+    csi_error_variance: _Share
+    contact_range_m: Annotated[float, number(0, math.inf, 'm')]
+
+    @property
+    def tx_power_w(self) -> float:
+        """Transmit power of a sensor [W]."""
+        return _watt(self.tx_power_dbm)
+
+    @property
+    def noise_w_per_hz(self) -> float:
+        """Noise power spectral density [W/Hz]."""
+        return _watt(self.noise_dbm_per_hz)
+
+    @property
+    def system_bandwidth_hz(self) -> float:
+        """Bandwidth of the whole fleet [Hz]."""
+        return self.system_bandwidth_mhz * 1e6
+
+    @property
+    def reference_gain(self) -> float:
+        """Free-space power gain at 1 m, alpha_0 of the paper [linear]."""
+        return (4.0 * math.pi * self.carrier_hz / _LIGHT_SPEED_MPS) ** -2
+
+
+class RewardConfig(Section):
+    """What a policy is rewarded for."""
+
+    discount_per_s: Annotated[float, number(0, 1, above=True)]
+    move_penalty_per_s: Annotated[float, number(0, 1000)]
+    scale_mbit: Annotated[float, number(0, 1e6, 'Mbit', above=True)]
+
+
+class PropulsionConfig(Section):
+    """Constants of a rotary-wing UAV's propulsion power. Source: Zeng 2019, paper eq. (3)."""
+
+    blade_profile_power_w: Annotated[float, number(0, 1e5, 'W', above=True)]
+    induced_power_w: Annotated[float, number(0, 1e5, 'W', above=True)]
+    tip_speed_mps: Annotated[float, number(0, 1000, 'm/s', above=True)]
+    induced_speed_mps: Annotated[float, number(0, 100, 'm/s', above=True)]
+    parasite_coefficient: Annotated[float, number(0, 100, 'W s^3/m^3')]
+
+
+class Place(Section):
+    """A point on the ground. In a file also `cell: [row, column]`, its centre."""
+
+    position_m: Annotated[
+        Point,
+        pair(
+            number(0, _MAX_LENGTH_M), f'a list [x, y] of numbers from 0 to {_MAX_LENGTH_M:.10g} m'
+        ),
+    ]
+
+
+class UavConfig(Section):
+    """One UAV."""
+
+    speed_mps: Annotated[float, number(0, 100, 'm/s', above=True)]
+    energy_budget_kj: Annotated[float, number(0, 1e6, 'kJ', above=True)]
+    energy_margin_kj: Annotated[float, number(0, 1e6, 'kJ')]
+    start: Place
+    home: Place
+    propulsion: PropulsionConfig
+
+    @property
+    def start_m(self) -> Point:
+        """Where it starts: x, y [m], the centre of a cell."""
+        return self.start.position_m
+
+    @property
+    def home_m(self) -> Point:
+        """Where it lands: x, y [m]."""
+        return self.home.position_m
+
+    @property
+    def energy_budget_j(self) -> float:
+        """Energy at the start [J]."""
+        return self.energy_budget_kj * 1e3
+
+    @property
+    def energy_margin_j(self) -> float:
+        """Energy that must be left when home [J]."""
+        return self.energy_margin_kj * 1e3
+
+
+class FleetConfig(Section):
+    """The UAVs, in the order of their ids."""
+
+    uavs: Annotated[tuple[UavConfig, ...], Field(min_length=1, max_length=_MAX_UAVS)]
+
+
+class Scenario(Section):
+    """Everything that a mission depends on, but the mission's seed and the policies."""
+
+    name: Annotated[str, text(100)]
+    area: AreaConfig
+    sensors: Annotated[DrawnSensors | ListedSensors, Field(discriminator='kind')]
+    demand: DemandConfig
+    radio: RadioConfig
+    reward: RewardConfig
+    fleet: FleetConfig
+
+    @property
+    def uavs(self) -> tuple[UavConfig, ...]:
+        """The UAVs, in the order of their ids."""
+        return self.fleet.uavs
+
+    @property
+    def n_uavs(self) -> int:
+        """Number of UAVs."""
+        return len(self.fleet.uavs)
+
+    @property
+    def n_cells(self) -> int:
+        """Number of cells of the area."""
+        return self.area.cells_per_side * self.area.cells_per_side
+
+    @property
+    def bandwidth_hz(self) -> float:
+        """Bandwidth of each UAV [Hz]: an equal part of the system's, paper Sec. II-B."""
+        return self.radio.system_bandwidth_hz / self.n_uavs
+
+    def to_yaml(self) -> str:
+        """The scenario as YAML that stands alone; equal scenarios give equal text."""
+        return config_files.dump(self.model_dump(exclude_none=True))
+
+
+def _watt(dbm: float) -> float:
+    return float(10.0 ** ((dbm - 30.0) / 10.0))

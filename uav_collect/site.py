@@ -1,0 +1,126 @@
+"""The site of a scenario: its sensors, drawn or read, sorted by cell."""
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from uav_collect import philox
+from uav_collect.arrays import Floats, Ints, Row
+from uav_collect.compiled import kernel
+from uav_collect.philox import draw_poisson, draw_uniform, shuffle_first
+from uav_collect.scenario import AreaConfig, ConfigError, DrawnSensors, ListedSensors, Scenario
+
+_BIT_PER_MBIT = 1e6
+_DENSE_CELL = philox.DENSE_CELL
+_SENSOR_COUNT = philox.SENSOR_COUNT
+_SENSOR_POSITION = philox.SENSOR_POSITION
+
+
+@dataclass(frozen=True, kw_only=True)
+class Site:
+    """Where the sensors are; those of cell c are first_sensor[c] : first_sensor[c + 1]."""
+
+    sensor_ids: tuple[str, ...]  # (S,)
+    position_m: Floats  # (S, 2) east and north of the area's south-west corner
+    cell: Ints  # (S,) row * H + column
+    first_sensor: Ints  # (C + 1,)
+    data_bit: Floats  # (S,) amounts that the scenario gives, nan where each mission draws them
+
+    @property
+    def n_sensors(self) -> int:
+        """Number of sensors."""
+        return len(self.sensor_ids)
+
+
+def build_site(scenario: Scenario) -> Site:
+    """Draw or place the sensors of a scenario.
+
+    Raises:
+        ConfigError: the drawn topology has no sensor at all.
+    """
+    match scenario.sensors:
+        case DrawnSensors() as drawn:
+            return _drawn_site(drawn, scenario.area)
+        case ListedSensors() as listed:
+            return _listed_site(listed, scenario.area, amounts=scenario.demand.data_mbit == 'csv')
+
+
+def _drawn_site(drawn: DrawnSensors, area: AreaConfig) -> Site:
+    n_cells = area.cells_per_side * area.cells_per_side
+    n_dense = math.floor(drawn.dense_cell_share * n_cells + 0.5)
+    order, counts = np.arange(n_cells), np.zeros(n_cells, dtype=np.int64)
+    draw_counts(order, counts, n_cells, n_dense, drawn.dense_mean, drawn.sparse_mean, drawn.seed)
+    n_sensors = int(counts.sum())
+    if n_sensors == 0:
+        raise ConfigError(
+            f'sensors.seed is {drawn.seed}: draws an area without sensors, must be another seed, '
+            'or the means larger'
+        )
+    x_m, y_m = np.zeros(n_sensors), np.zeros(n_sensors)
+    draw_positions(x_m, y_m, counts, area.cells_per_side, area.cell_size_m, drawn.seed)
+    digits = len(str(n_sensors))
+    return Site(
+        sensor_ids=tuple(f'S{number:0{digits}d}' for number in range(1, n_sensors + 1)),
+        position_m=np.column_stack([x_m, y_m]),
+        cell=np.repeat(np.arange(n_cells), counts),
+        first_sensor=np.concatenate([[0], np.cumsum(counts)]),
+        data_bit=np.full(n_sensors, np.nan),
+    )
+
+
+def _listed_site(listed: ListedSensors, area: AreaConfig, *, amounts: bool) -> Site:
+    side = area.cells_per_side
+    position_m = np.array([[sensor.x_m, sensor.y_m] for sensor in listed.entries])
+    # The area's north and east edges belong to its last cells.
+    column, row = np.minimum(position_m // area.cell_size_m, side - 1).astype(np.int64).T
+    order = np.argsort(row * side + column, kind='stable')
+    cell = (row * side + column)[order]
+    data_mbit = [sensor.data_mbit if amounts else None for sensor in listed.entries]
+    return Site(
+        sensor_ids=tuple(listed.entries[index].id for index in order),
+        position_m=position_m[order],
+        cell=cell,
+        first_sensor=np.searchsorted(cell, np.arange(side * side + 1)),
+        data_bit=np.array(data_mbit, dtype=np.float64)[order] * _BIT_PER_MBIT,
+    )
+
+
+@kernel
+def draw_counts(
+    order: Row[int],
+    counts: Row[int],
+    n_cells: int,
+    n_dense: int,
+    dense_mean: float,
+    sparse_mean: float,
+    seed: int,
+) -> None:
+    """Draw the number of sensors of each cell. `order` holds 0..n_cells-1 and is shuffled."""
+    shuffle_first(order, n_cells, n_dense, seed, _DENSE_CELL)
+    for place in range(n_cells):
+        cell = order[place]
+        mean = dense_mean if place < n_dense else sparse_mean
+        counts[cell] = draw_poisson(mean, seed, _SENSOR_COUNT, cell)
+
+
+@kernel
+def draw_positions(
+    x_m: Row[float],
+    y_m: Row[float],
+    counts: Row[int],
+    cells_per_side: int,
+    cell_size_m: float,
+    seed: int,
+) -> None:
+    """Draw each sensor's place, uniform in its cell; sensors in the order of their cells."""
+    sensor = 0
+    for cell in range(cells_per_side * cells_per_side):
+        row = cell // cells_per_side
+        column = cell - row * cells_per_side
+        for number in range(counts[cell]):
+            across = draw_uniform(seed, _SENSOR_POSITION, cell, number, 0)
+            up = draw_uniform(seed, _SENSOR_POSITION, cell, number, 1)
+            x_m[sensor] = (column + across) * cell_size_m
+            y_m[sensor] = (row + up) * cell_size_m
+            sensor += 1
