@@ -14,7 +14,9 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.markers import MarkerStyle
 from matplotlib.patheffects import Normal, withStroke
+from matplotlib.transforms import Affine2D
 import numpy as np
 
 from uav_collect.arrays import Bools, check_shape, Floats, Ints
@@ -30,6 +32,7 @@ DPI = 150
 _COLOURS = (
     '#0072B2', '#D55E00', '#CC79A7', '#56B4E9', '#E69F00', '#882255', '#999933', '#332288',
 )  # fmt: skip
+_SOLID = (0.0, ())
 _DOTTED = (0.0, (1.2, 0.9))
 _DASHES = (4.0, 2.5)
 _GREEN = '#1A9641'
@@ -54,8 +57,8 @@ class _Path:
         return _COLOURS[(self.number - 1) % len(_COLOURS)]
 
     @property
-    def style(self) -> str | tuple[float, tuple[float, float]]:
-        return _DOTTED if (self.number - 1) // len(_COLOURS) % 2 else 'solid'
+    def style(self) -> tuple[float, tuple[float, ...]]:
+        return _DOTTED if (self.number - 1) // len(_COLOURS) % 2 else _SOLID
 
 
 def trajectories(
@@ -179,7 +182,7 @@ def _draw_paths(axes: Axes, paths: list[_Path], cell_size_m: float, cell_pt: flo
             *line_m.T, color=path.colour, linewidth=width_pt, linestyle=path.style,
             path_effects=rim, solid_joinstyle='round', zorder=4,
         )  # fmt: skip
-        area_pt2 = float(np.clip((0.2 * cell_pt) ** 2, 16.0, 60.0))
+        area_pt2 = float(np.clip((0.17 * cell_pt) ** 2, 14.0, 45.0))
         for index, (here_m, there_m) in enumerate(steps(path.place_m)):
             if index % math.ceil(20.0 / cell_pt) == 0:
                 way = (there_m - here_m) / cell_size_m
@@ -201,9 +204,10 @@ def _draw_way_home(
 
 
 def _draw_head(axes: Axes, colour: str, place_m: Floats, way: Floats, area_pt2: float) -> None:
-    heading_deg = math.degrees(math.atan2(way[1], way[0]))
+    heading_rad = math.atan2(way[1], way[0])
+    head = MarkerStyle('>', transform=Affine2D().rotate(heading_rad))
     axes.scatter(
-        *place_m, area_pt2, color=colour, marker=(3, 0, heading_deg - 90.0), linewidths=0.3,
+        place_m[0], place_m[1], area_pt2, color=colour, marker=head, linewidths=0.3,
         edgecolors='white', zorder=5,
     )  # fmt: skip
 
@@ -213,8 +217,9 @@ def _draw_hovers(axes: Axes, paths: list[_Path], cell_pt: float) -> None:
     largest_pt2 = min(0.5 * cell_pt, 18.0) ** 2
     for path in paths:
         share = path.hover_bit / most_bit if most_bit > 0 else np.zeros(len(path.hover_bit))
+        east_m, north_m = path.hover_m.T
         axes.scatter(
-            *path.hover_m.T, (0.3 + 0.7 * share) * largest_pt2, color=path.colour, marker='*',
+            east_m, north_m, (0.3 + 0.7 * share) * largest_pt2, color=path.colour, marker='*',
             edgecolors=_BLACK, linewidths=0.5, zorder=5.5,
         )  # fmt: skip
 
@@ -224,9 +229,9 @@ def _draw_ends(axes: Axes, scenario: Scenario, cell_pt: float) -> None:
     homes = {tuple(uav.home_m) for uav in scenario.uavs}
     area_pt2 = float(np.clip((0.5 * cell_pt) ** 2, 90.0, 190.0))
     for places, marker in ((starts - homes, 'P'), (homes, 'X')):
-        for place in sorted(places):
+        for east_m, north_m in sorted(places):
             axes.scatter(
-                *place, area_pt2, color=_GREEN, marker=marker, edgecolors='white',
+                east_m, north_m, area_pt2, color=_GREEN, marker=marker, edgecolors='white',
                 linewidths=1.0, zorder=8, clip_on=False,
             )  # fmt: skip
 

@@ -1,0 +1,123 @@
+"""The figures of many missions: mean, median and the interval that the mean lies in.
+
+Every policy flies the same missions, so policies can be compared mission by mission.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from uav_collect.arrays import Floats
+from uav_collect.metrics import MissionFigures
+
+LEVEL = 0.95
+N_RESAMPLES = 2000
+MAX_SEED = 2**63 - 1
+_MAX_DRAWS = 4_000_000  # at once; bounds the memory
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measure:
+    """One number of a mission that is averaged over missions."""
+
+    key: str  # in files; the unit is its last word
+    title: str  # for people
+    unit: str
+    of: Callable[[MissionFigures], float]
+
+
+MEASURES = (
+    Measure(
+        key='efficiency_kbit_per_j',
+        title='energy efficiency',
+        unit='kbit/J',
+        of=lambda mission: mission.efficiency_kbit_per_j,
+    ),
+    Measure(
+        key='completion_s',
+        title='completion time',
+        unit='s',
+        of=lambda mission: mission.completion_s,
+    ),
+    Measure(
+        key='energy_kj',
+        title='energy',
+        unit='kJ',
+        of=lambda mission: mission.energy_j / 1e3,
+    ),
+    Measure(
+        key='collected_share',
+        title='data collected',
+        unit='share',
+        of=lambda mission: mission.collected_share,
+    ),
+    Measure(
+        key='safe_share',
+        title='safe returns',
+        unit='share',
+        of=lambda mission: float(mission.is_safe),
+    ),
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Estimate:
+    """What missions tell about the mean of a measure."""
+
+    mean: float
+    low: float  # bounds of the bootstrap interval at LEVEL
+    high: float
+    median: float  # of the missions, not of the resampled means
+
+
+def mission_seeds(first_seed: int, n_missions: int) -> range:
+    """The seeds of an evaluation's missions: the first, and those right after it."""
+    return range(first_seed, first_seed + n_missions)
+
+
+def estimates(missions: Sequence[MissionFigures], seed: int) -> tuple[Estimate, ...]:
+    """Estimate each of MEASURES over missions.
+
+    Args:
+        missions: at least one, all finished.
+        seed: keys the bootstrap; the same missions and seed give the same interval.
+
+    Raises:
+        ValueError: there is no mission.
+    """
+    values = np.array([[measure.of(mission) for measure in MEASURES] for mission in missions])
+    if not len(values):
+        raise ValueError('an estimate needs at least one mission')
+    low, high = bootstrap_interval(values, seed)
+    middle = np.median(values, axis=0)
+    mean = np.clip(values.mean(axis=0), values.min(axis=0), values.max(axis=0))
+    return tuple(
+        Estimate(mean=row[0], low=min(row[:2]), high=max(row[0], row[2]), median=row[3])
+        for row in np.column_stack((mean, low, high, middle)).tolist()
+    )
+
+
+def bootstrap_interval(values: Floats, seed: int) -> tuple[Floats, Floats]:
+    """Percentile bootstrap interval of the means of columns, at LEVEL.
+
+    Args:
+        values: one row per mission, shape (N, M).
+        seed: keys the resampling; rows are drawn together, so columns stay paired.
+
+    Returns:
+        Lower and upper bounds, each of shape (M,).
+
+    Source: Efron and Tibshirani, An Introduction to the Bootstrap, 1993, section 13.3.
+    """
+    rng = np.random.Generator(np.random.Philox(key=seed))
+    n_missions = len(values)
+    n_at_once = max(1, _MAX_DRAWS // n_missions)
+    means = []
+    for done in range(0, N_RESAMPLES, n_at_once):
+        shape = (min(n_at_once, N_RESAMPLES - done), n_missions)
+        rows = rng.integers(n_missions, size=shape)
+        means.append(np.stack([column[rows].mean(axis=1) for column in values.T], axis=1))
+    tail = (1.0 - LEVEL) / 2.0
+    low, high = np.quantile(np.concatenate(means), [tail, 1.0 - tail], axis=0)
+    return low, high

@@ -1,0 +1,164 @@
+"""Tables for the terminal: one mission, and many missions of several policies."""
+
+from collections.abc import Mapping, Sequence
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from uav_collect.evaluation import Estimate, LEVEL, MEASURES
+from uav_collect.metrics import FAILSAFE, MissionFigures, percent, UavFigures, UNFINISHED
+from uav_collect.mission_log import MissionHeader
+
+_WARNING = 'bold red'
+_MAX_SEEDS = 5  # named in one line
+
+
+def mission_tables(
+    header: MissionHeader, mission: MissionFigures, n_radio_messages: int | None = None
+) -> RenderableType:
+    """What a mission achieved, each UAV's part, and what went wrong.
+
+    Args:
+        header: of the mission's log.
+        mission: its figures.
+        n_radio_messages: delivered between UAVs; None where only the log is known.
+    """
+    policies = ', '.join(dict.fromkeys(uav.policy for uav in header.uavs))
+    allocators = ', '.join(dict.fromkeys(uav.allocator for uav in header.uavs))
+    title = Text(f'{header.scenario}, mission seed {header.mission_seed}', style='bold')
+    title.append(f': {policies}, {allocators} bandwidth', style='not bold')
+    return Group(
+        title,
+        _fleet_table(mission, n_radio_messages),
+        _uav_table(mission),
+        *(Text(f'warning: {line}', style=_WARNING) for line in mission_warnings(mission)),
+    )
+
+
+def mission_warnings(mission: MissionFigures) -> list[str]:
+    """What a user must not overlook, one line each."""
+    lines = [_ending_warning(uav) for uav in mission.uavs if uav.outcome in (FAILSAFE, UNFINISHED)]
+    lines += [
+        f'UAV {uav.id} landed with {uav.energy_left_j / 1e3:.3f} kJ,'
+        f' less than its margin of {uav.energy_margin_j / 1e3:.3f} kJ'
+        for uav in mission.uavs
+        if uav.outcome != UNFINISHED and not uav.is_safe
+    ]
+    if not mission.is_complete:
+        left_bit = mission.total_bit - mission.collected_bit
+        lines.append(f'{left_bit / 1e6:.2f} Mbit of data were left behind')
+    return lines
+
+
+def _ending_warning(uav: UavFigures) -> str:
+    if uav.outcome == UNFINISHED:
+        return f'UAV {uav.id} has not landed: the mission was cut short'
+    return f'UAV {uav.id} was flown home by the failsafe: its agent did not answer'
+
+
+def _fleet_table(mission: MissionFigures, n_radio_messages: int | None) -> Table:
+    table = Table(box=None, show_header=False, padding=(0, 2))
+    table.add_column()
+    table.add_column(justify='right')
+    table.add_column(style='dim')
+    collected_mbit, total_mbit = mission.collected_bit / 1e6, mission.total_bit / 1e6
+    share = f'{percent(mission.collected_share)} of {total_mbit:.2f} Mbit'
+    table.add_row('data collected', f'{collected_mbit:.2f} Mbit', share)
+    table.add_row('energy', f'{mission.energy_j / 1e3:.2f} kJ')
+    table.add_row(
+        'completion time', f'{mission.completion_s:.1f} s' if mission.is_finished else '-'
+    )
+    table.add_row('energy efficiency', f'{mission.efficiency_kbit_per_j:.3f} kbit/J')
+    table.add_row('decisions', str(mission.n_decisions))
+    if n_radio_messages is None:
+        table.add_row('radio contacts', str(mission.n_contacts))
+    else:
+        table.add_row('radio messages', str(n_radio_messages), 'delivered between UAVs')
+    return table
+
+
+def _completion(mission: MissionFigures) -> str:
+    return f'{mission.completion_s:.1f} s' if mission.is_finished else 'cut short'
+
+
+def _uav_table(mission: MissionFigures) -> Table:
+    table = Table(box=SIMPLE_HEAD, padding=(0, 0, 0, 1))
+    for heading in (
+        'UAV\n', 'speed\nm/s', 'data\nMbit', 'energy\nkJ', 'left\nkJ', 'flight\ns', 'hover\ns',
+        'decisions\n',
+    ):  # fmt: skip
+        table.add_column(heading, justify='right', no_wrap=True)
+    table.add_column('went home by\n', no_wrap=True)
+    for uav in mission.uavs:
+        is_bad = uav.outcome in (FAILSAFE, UNFINISHED) or not uav.is_safe
+        table.add_row(*_uav_row(uav), style=_WARNING if is_bad else None)
+    return table
+
+
+def _uav_row(uav: UavFigures) -> tuple[str, ...]:
+    return (
+        str(uav.id),
+        f'{uav.speed_mps:g}',
+        f'{uav.collected_bit / 1e6:.2f}',
+        f'{uav.energy_j / 1e3:.2f}',
+        f'{uav.energy_left_j / 1e3:.2f}',
+        f'{uav.flight_s:.1f}',
+        f'{uav.hover_s:.1f}',
+        str(uav.n_decisions),
+        uav.outcome,
+    )
+
+
+def evaluation_table(
+    missions: Mapping[str, Sequence[MissionFigures]], rows: Mapping[str, Sequence[Estimate]]
+) -> RenderableType:
+    """The estimates of several policies, measure by measure, and the missions that went wrong.
+
+    Args:
+        missions: flown, by policy; the same seeds for each.
+        rows: one estimate for each of MEASURES, by policy.
+    """
+    table = Table(box=SIMPLE_HEAD, pad_edge=False)
+    table.add_column('measure')
+    table.add_column('policy')
+    for heading in ('mean', f'{100 * LEVEL:.0f} % interval', 'median'):
+        table.add_column(heading, justify='right')
+    for index, measure in enumerate(MEASURES):
+        name = f'{measure.title} [{measure.unit}]'
+        for policy, estimates in rows.items():
+            table.add_row(Text(name), policy, *_estimate_cells(estimates[index]))
+            name = ''
+        if len(rows) > 1:
+            table.add_section()
+    lines = [line for policy, flown in missions.items() for line in _remarks(policy, flown)]
+    return Group(table, *lines)
+
+
+def _estimate_cells(estimate: Estimate) -> tuple[str, str, str]:
+    span = f'{_number(estimate.low)} to {_number(estimate.high)}'
+    return _number(estimate.mean), span, _number(estimate.median)
+
+
+def _number(value: float) -> str:
+    return f'{value:.1f}' if abs(value) >= 10 else f'{value:.4f}'
+
+
+def _remarks(policy: str, missions: Sequence[MissionFigures]) -> list[Text]:
+    n_decisions = sum(mission.n_decisions for mission in missions) / len(missions)
+    lines = [Text(f'{policy}: {n_decisions:.1f} decisions per mission', style='dim')]
+    left = [mission for mission in missions if not mission.is_complete]
+    if left:
+        worst = min(left, key=lambda mission: mission.collected_share)
+        text = (
+            f'{policy}: data left behind in {len(left)} of {len(missions)} missions'
+            f' (most in seed {worst.mission_seed}: {percent(worst.collected_share)} collected)'
+        )
+        lines.append(Text(text, style='yellow'))
+    unsafe = [str(mission.mission_seed) for mission in missions if not mission.is_safe]
+    if unsafe:
+        seeds = ', '.join(unsafe[:_MAX_SEEDS]) + (', ...' if len(unsafe) > _MAX_SEEDS else '')
+        text = f'{policy}: UAVs landed without their margin in {len(unsafe)} missions'
+        lines.append(Text(f'warning: {text} (seed {seeds})', style=_WARNING))
+    return lines
