@@ -1,0 +1,139 @@
+"""The actions of a UAV: what they are, what they cost, which are legal."""
+
+import math
+
+from uav_collect.arrays import Row
+from uav_collect.briefing import Briefing
+from uav_collect.compiled import kernel
+
+NONE = -1  # before the first action
+HOVER = 0
+FORWARD = 1  # north
+RIGHT = 2  # east
+BACKWARD = 3  # south
+LEFT = 4  # west
+N_ACTIONS = 5
+HOME = 5  # ends a UAV's decisions; no choice of a learned policy
+
+# Why an action was taken (mission_log.REASON_NAMES).
+BY_POLICY = 0
+MAP_COMPLETE = 1
+ENERGY_RESERVE = 2
+FAILSAFE = 3
+
+ROW_STEP = (0, 1, 0, -1, 0)  # by action
+COLUMN_STEP = (0, 0, 1, 0, -1)
+
+
+@kernel
+def cell_at(briefing: Briefing, x_m: float, y_m: float) -> int:
+    """The cell that holds a point of the area."""
+    column = int(x_m / briefing.cell_size_m)
+    row = int(y_m / briefing.cell_size_m)
+    return row * briefing.cells_per_side + column
+
+
+@kernel
+def neighbour(briefing: Briefing, cell: int, row_step: int, column_step: int) -> int:
+    """The cell some rows north and columns east of another; -1 outside the area."""
+    row = cell // briefing.cells_per_side + row_step
+    column = cell % briefing.cells_per_side + column_step
+    if row < 0 or column < 0 or row >= briefing.cells_per_side or column >= briefing.cells_per_side:
+        return -1
+    return row * briefing.cells_per_side + column
+
+
+@kernel
+def opposite(action: int) -> int:
+    """The move straight back; NONE after a hover."""
+    if action < FORWARD or action > LEFT:
+        return NONE
+    return (action + 1) % 4 + 1
+
+
+@kernel
+def move_duration_s(briefing: Briefing, uav: int) -> float:
+    """Time to fly from one cell's centre to the next's."""
+    return briefing.cell_size_m / briefing.speed_mps[uav]
+
+
+@kernel
+def home_duration_s(briefing: Briefing, uav: int, x_m: float, y_m: float) -> float:
+    """Time to fly straight home from a point."""
+    east_m = briefing.home_x_m[uav] - x_m
+    north_m = briefing.home_y_m[uav] - y_m
+    return math.sqrt(east_m * east_m + north_m * north_m) / briefing.speed_mps[uav]
+
+
+@kernel
+def home_energy_j(briefing: Briefing, uav: int, x_m: float, y_m: float) -> float:
+    """Energy to fly straight home from a point: xi(x) below eq. (ctr_safe_energy_move)."""
+    return briefing.flight_power_w[uav] * home_duration_s(briefing, uav, x_m, y_m)
+
+
+@kernel
+def _keeps_reserve(
+    briefing: Briefing, uav: int, x_m: float, y_m: float, energy_after_j: float
+) -> bool:
+    # Eqs (ctr_safe_energy_hover), (ctr_safe_energy_move) print E_max - E[k]; E[k] already is the
+    # energy left, so it stands alone here.
+    reserve_j = home_energy_j(briefing, uav, x_m, y_m) + briefing.energy_margin_j[uav]
+    return energy_after_j >= reserve_j
+
+
+@kernel
+def may_hover(
+    briefing: Briefing, uav: int, x_m: float, y_m: float, energy_left_j: float, hover_s: float
+) -> bool:
+    """Whether a hover of this duration leaves the way home and the margin."""
+    after_j = energy_left_j - briefing.hover_power_w[uav] * hover_s
+    return _keeps_reserve(briefing, uav, x_m, y_m, after_j)
+
+
+@kernel
+def may_move(
+    briefing: Briefing, uav: int, x_m: float, y_m: float, energy_left_j: float, action: int
+) -> bool:
+    """Whether a move stays inside the area and leaves the way home and the margin."""
+    if neighbour(briefing, cell_at(briefing, x_m, y_m), ROW_STEP[action], COLUMN_STEP[action]) < 0:
+        return False
+    after_j = energy_left_j - briefing.flight_power_w[uav] * move_duration_s(briefing, uav)
+    x_m += COLUMN_STEP[action] * briefing.cell_size_m
+    y_m += ROW_STEP[action] * briefing.cell_size_m
+    return _keeps_reserve(briefing, uav, x_m, y_m, after_j)
+
+
+@kernel
+def mark_legal(
+    briefing: Briefing,
+    uav: int,
+    x_m: float,
+    y_m: float,
+    energy_left_j: float,
+    previous_action: int,
+    hover_s: float,
+    legal: Row[int],
+) -> int:
+    """Mark the legal actions.
+
+    Args:
+        hover_s: duration of a hover here; 0 or less where no data waits [s].
+        legal: written, 1 or 0 per action, shape (N_ACTIONS,).
+
+    Returns:
+        How many actions are legal.
+    """
+    legal[HOVER] = 0
+    if hover_s > 0.0 and may_hover(briefing, uav, x_m, y_m, energy_left_j, hover_s):
+        legal[HOVER] = 1
+    back = opposite(previous_action)
+    n_legal = legal[HOVER]
+    for action in range(FORWARD, N_ACTIONS):
+        legal[action] = 0
+        if action != back and may_move(briefing, uav, x_m, y_m, energy_left_j, action):
+            legal[action] = 1
+            n_legal += 1
+    if n_legal == 0 and back != NONE and may_move(briefing, uav, x_m, y_m, energy_left_j, back):
+        legal[back] = 1
+        n_legal = 1
+    return n_legal

@@ -1,0 +1,214 @@
+"""Everything one UAV does when it decides: look, share its bandwidth, check its reserve, choose.
+
+The compiled rollout calls the kernels, an agent node and the stepwise rollout the class; both run
+the same lines.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from uav_collect import actions
+from uav_collect.actions import HOME, HOVER, N_ACTIONS, NONE
+from uav_collect.arrays import Row
+from uav_collect.bandwidth import (
+    EQUAL,
+    EXACT,
+    AllocationError,
+    allocate_cvxpy,
+    share_bandwidth,
+)
+from uav_collect.belief import belief_of, forget, hear, new_beliefs, observe
+from uav_collect.briefing import Briefing
+from uav_collect.compiled import kernel
+from uav_collect.policy import Policy
+from uav_collect.rows import new_row
+from uav_collect.world import LocalView
+
+
+class Desk(NamedTuple):
+    """Rows an agent works with at a decision."""
+
+    signal_w: Row[float]  # received power by sensor of the view
+    error_w: Row[float]  # of which estimation error
+    share_hz: Row[float]  # bandwidth by sensor of the view
+    legal: Row[int]  # (N_ACTIONS,)
+
+
+ALLOCATOR_NAMES = ('exact', 'equal', 'cvxpy')  # the first two by their code
+
+# Shares the bandwidth of a view at a desk and returns the hover's duration [s].
+Allocator = Callable[[Briefing, LocalView, Desk], float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RadioMessage:
+    """What one UAV's radio sends: its map and where it is."""
+
+    sender: int  # index of the UAV
+    complete: Row[int]  # (C,), not to be written
+    x_m: float
+    y_m: float
+    time_s: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Decision:
+    """What a UAV decided."""
+
+    action: int
+    reason: int
+    share_hz: tuple[float, ...]  # bandwidth by sensor of the view while it hovers, else empty
+
+
+def new_desk(max_sensors: int) -> Desk:
+    """Rows for views of at most so many sensors."""
+    return Desk(
+        signal_w=new_row(max_sensors, 0.0),
+        error_w=new_row(max_sensors, 0.0),
+        share_hz=new_row(max_sensors, 0.0),
+        legal=new_row(N_ACTIONS, 0),
+    )
+
+
+@kernel
+def allocate(allocator: int, briefing: Briefing, view: LocalView, desk: Desk) -> float:
+    """Share the UAV's bandwidth among the view's sensors.
+
+    Returns:
+        How long a hover would take [s]; 0 where no data waits.
+    """
+    if view.n_sensors == 0:
+        return 0.0
+    for index in range(view.n_sensors):
+        desk.signal_w[index] = briefing.tx_power_w * view.sensor_gain[index]
+        desk.error_w[index] = briefing.tx_power_w * view.sensor_error_gain[index]
+    hover_s, _ = share_bandwidth(
+        allocator,
+        desk.signal_w,
+        desk.error_w,
+        view.sensor_bit,
+        view.n_sensors,
+        briefing.bandwidth_hz,
+        briefing.noise_w_per_hz,
+        desk.share_hz,
+    )
+    return hover_s
+
+
+@kernel
+def must_go_home(
+    briefing: Briefing,
+    uav: int,
+    n_complete: int,
+    view: LocalView,
+    hover_s: float,
+    legal: Row[int],
+) -> int:
+    """Mark the legal actions and say why the UAV must go home, or NONE if it may choose."""
+    n_legal = actions.mark_legal(
+        briefing,
+        uav,
+        view.x_m,
+        view.y_m,
+        view.energy_left_j,
+        view.previous_action,
+        hover_s,
+        legal,
+    )
+    if n_complete == briefing.cells_per_side * briefing.cells_per_side:
+        return actions.MAP_COMPLETE
+    return NONE if n_legal > 0 else actions.ENERGY_RESERVE
+
+
+def allocator_named(name: str) -> Allocator:
+    """The allocator that a user names, one of ALLOCATOR_NAMES.
+
+    Raises:
+        AllocationError: there is none of that name.
+    """
+    match name:
+        case 'exact':
+            return partial(allocate, EXACT)
+        case 'equal':
+            return partial(allocate, EQUAL)
+        case 'cvxpy':
+            return _allocate_by_cvxpy
+        case _:
+            known = ', '.join(ALLOCATOR_NAMES)
+            raise AllocationError(f'allocator {name!r} is unknown; there are {known}')
+
+
+def _allocate_by_cvxpy(briefing: Briefing, view: LocalView, desk: Desk) -> float:
+    if view.n_sensors == 0:
+        return 0.0
+    seen = range(view.n_sensors)
+    allocation = allocate_cvxpy(
+        np.array([[briefing.tx_power_w * view.sensor_gain[index] for index in seen]]),
+        np.array([[briefing.tx_power_w * view.sensor_error_gain[index] for index in seen]]),
+        np.array([[view.sensor_bit[index] for index in seen]]),
+        briefing.bandwidth_hz,
+        briefing.noise_w_per_hz,
+    )
+    for index, share_hz in enumerate(allocation.share_hz[0].tolist()):
+        desk.share_hz[index] = share_hz
+    return float(allocation.hover_s[0])
+
+
+class Agent:
+    """One UAV on board: its belief, its policy, its allocator."""
+
+    def __init__(
+        self, briefing: Briefing, uav: int, policy: Policy, allocator: Allocator
+    ) -> None:
+        """Get ready for a first mission; the UAV is given by its index."""
+        self.policy = policy
+        self.belief = belief_of(new_beliefs(briefing, 1), 0)
+        self._briefing = briefing
+        self._uav = uav
+        self._allocator = allocator
+        self._desk = new_desk(1)
+        policy.begin(briefing, uav)
+
+    def begin(self) -> None:
+        """Forget the last mission."""
+        forget(self.belief)
+        self.policy.begin(self._briefing, self._uav)
+
+    def hear(self, message: RadioMessage) -> None:
+        """Merge a message of another UAV."""
+        hear(
+            self.belief,
+            message.sender,
+            message.complete,
+            message.x_m,
+            message.y_m,
+            message.time_s,
+        )
+
+    def observe(self, view: LocalView) -> None:
+        """Take a local view into the belief."""
+        observe(self.belief, self._briefing, view)
+
+    def decide(self, view: LocalView) -> Decision:
+        """Choose the next action from the belief and the view observed last."""
+        if view.n_sensors > len(self._desk.share_hz):
+            self._desk = new_desk(view.n_sensors)
+        hover_s = self._allocator(self._briefing, view, self._desk)
+        legal = self._desk.legal
+        reason = must_go_home(
+            self._briefing, self._uav, self.belief.n_complete[0], view, hover_s, legal
+        )
+        if reason != NONE:
+            return Decision(action=HOME, reason=reason, share_hz=())
+        action = self.policy.choose(self.belief, view, legal)
+        share_hz = self._desk.share_hz
+        served = range(view.n_sensors if action == HOVER else 0)
+        return Decision(
+            action=action,
+            reason=actions.BY_POLICY,
+            share_hz=tuple(float(share_hz[index]) for index in served),
+        )

@@ -1,0 +1,138 @@
+"""What only the world knows: the sensors, their channels and the laws their data is drawn by."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from uav_collect import radio
+from uav_collect.arrays import Floats, Row
+from uav_collect.compiled import kernel
+from uav_collect.philox import (
+    DATA_AMOUNT,
+    DATA_CELL,
+    DATA_CELL_COUNT,
+    draw_poisson,
+    draw_uniform,
+    shuffle_first,
+)
+from uav_collect.rows import new_row, row_of
+from uav_collect.scenario import Scenario
+from uav_collect.site import Site
+
+
+class Ground(NamedTuple):
+    """The site as kernels read it; rows are indexed by sensor unless said otherwise."""
+
+    first_sensor: Row[int]  # by cell, and one past the last
+    los_probability: Row[float]  # to a UAV over the centre of the sensor's cell
+    path_gain: Row[float]  # with line of sight, linear
+    rician_factor: Row[float]
+    nlos_attenuation: float
+    n_antennas: int
+    csi_error_variance: float  # relative to the path gain
+    mean_data_cells: float  # negative: all sensors have data
+    low_bit: float
+    high_bit: float
+    given_bit: Row[float]  # amount of data that the site's file gives; nan: drawn
+    candidates: Row[int]  # scratch: the cells that have sensors
+    discount_per_s: float
+    move_penalty_per_s: float
+    reward_scale_bit: float
+    bonus_j: float  # alpha of the terminal reward: the largest energy budget
+
+
+def lay_out(scenario: Scenario, site: Site) -> Ground:
+    """The ground of a site under a scenario's radio, demand and reward."""
+    config = scenario.radio
+    centre_m = _cell_centres_m(scenario)[site.cell]
+    horizontal_m = np.hypot(*(site.position_m - centre_m).T).tolist()
+    altitude_m = scenario.area.altitude_m
+    elevation_rad = [radio.elevation_rad(away_m, altitude_m) for away_m in horizontal_m]
+    distance_m = [math.sqrt(away_m * away_m + altitude_m * altitude_m) for away_m in horizontal_m]
+    low_mbit, high_mbit = _drawn_range_mbit(scenario)
+    return Ground(
+        first_sensor=row_of(site.first_sensor.tolist()),
+        los_probability=row_of(
+            [
+                radio.line_of_sight_probability(angle, config.los_a, config.los_b)
+                for angle in elevation_rad
+            ]
+        ),
+        path_gain=row_of(
+            [
+                radio.path_gain(away_m, config.reference_gain, config.path_loss_exponent)
+                for away_m in distance_m
+            ]
+        ),
+        rician_factor=row_of(
+            [
+                radio.rician_factor(angle, config.rician_a1, config.rician_a2)
+                for angle in elevation_rad
+            ]
+        ),
+        nlos_attenuation=config.nlos_attenuation,
+        n_antennas=config.n_antennas,
+        csi_error_variance=config.csi_error_variance,
+        mean_data_cells=_mean_data_cells(scenario),
+        low_bit=low_mbit * 1e6,
+        high_bit=high_mbit * 1e6,
+        given_bit=row_of(site.data_bit.tolist()),
+        candidates=new_row(scenario.n_cells, 0),
+        discount_per_s=scenario.reward.discount_per_s,
+        move_penalty_per_s=scenario.reward.move_penalty_per_s,
+        reward_scale_bit=scenario.reward.scale_mbit * 1e6,
+        bonus_j=max(uav.energy_budget_j for uav in scenario.uavs),
+    )
+
+
+@kernel
+def draw_demand(ground: Ground, mission_seed: int, demand_bit: Row[float]) -> None:
+    """Draw the data that waits at the start of a mission.
+
+    Args:
+        demand_bit: written, data of each sensor [bit], shape (S,).
+
+    Source: paper, section VII-A; data cells among those that have sensors.
+    """
+    n_cells = len(ground.first_sensor) - 1
+    n_candidates = 0
+    for cell in range(n_cells):
+        for sensor in range(ground.first_sensor[cell], ground.first_sensor[cell + 1]):
+            demand_bit[sensor] = 0.0
+        if ground.first_sensor[cell + 1] > ground.first_sensor[cell]:
+            ground.candidates[n_candidates] = cell
+            n_candidates += 1
+    n_data_cells = n_candidates
+    if ground.mean_data_cells >= 0.0:
+        drawn = draw_poisson(ground.mean_data_cells, mission_seed, DATA_CELL_COUNT, 0)
+        n_data_cells = min(max(drawn, 1), n_candidates)
+        shuffle_first(ground.candidates, n_candidates, n_data_cells, mission_seed, DATA_CELL)
+    for index in range(n_data_cells):
+        cell = ground.candidates[index]
+        for sensor in range(ground.first_sensor[cell], ground.first_sensor[cell + 1]):
+            demand_bit[sensor] = _amount_bit(ground, mission_seed, sensor)
+
+
+@kernel
+def _amount_bit(ground: Ground, mission_seed: int, sensor: int) -> float:
+    if not math.isnan(ground.given_bit[sensor]):
+        return ground.given_bit[sensor]
+    share = draw_uniform(mission_seed, DATA_AMOUNT, sensor, 0, 0)
+    return ground.low_bit + (ground.high_bit - ground.low_bit) * share
+
+
+def _cell_centres_m(scenario: Scenario) -> Floats:
+    side = scenario.area.cells_per_side
+    middles_m = (np.arange(side) + 0.5) * scenario.area.cell_size_m
+    return np.stack([np.tile(middles_m, side), np.repeat(middles_m, side)], axis=1)
+
+
+def _mean_data_cells(scenario: Scenario) -> float:
+    share = scenario.demand.cell_share
+    return -1.0 if isinstance(share, str) else share * scenario.n_cells
+
+
+def _drawn_range_mbit(scenario: Scenario) -> tuple[float, float]:
+    amounts = scenario.demand.data_mbit
+    return (0.0, 0.0) if isinstance(amounts, str) else (amounts[0], amounts[1])

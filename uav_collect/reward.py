@@ -1,0 +1,81 @@
+"""The team's reward between two events, eqs (reward_plain), (imm_reward)."""
+
+import math
+
+from uav_collect.actions import HOVER, NONE, cell_at
+from uav_collect.briefing import Briefing
+from uav_collect.compiled import kernel
+from uav_collect.ground import Ground
+from uav_collect.world import Mission, end_s, next_uav
+
+
+@kernel
+def interval_reward(
+    briefing: Briefing, ground: Ground, mission: Mission, start_s: float, stop_s: float
+) -> float:
+    """Reward of all UAVs' running actions over an interval, discounted to its start.
+
+    While a UAV hovers it counts each sensor's rate until that sensor's data is up, so that an
+    undiscounted hover is worth its data; while it flies, the way home included, a small penalty.
+    """
+    reward = 0.0
+    for uav in range(briefing.n_uavs):
+        stop_leg_s = min(stop_s, mission.leg_end_s[uav])
+        if mission.action[uav] == NONE or stop_leg_s <= start_s:
+            continue
+        if mission.action[uav] == HOVER:
+            reward += _upload_reward(briefing, ground, mission, uav, start_s, stop_s)
+        else:
+            flown_s = _discounted_s(ground, stop_leg_s - start_s)
+            reward -= ground.move_penalty_per_s * flown_s
+    return reward
+
+
+@kernel
+def terminal_reward(
+    briefing: Briefing, ground: Ground, mission: Mission, start_s: float
+) -> float:
+    """The bonus at the mission's end, discounted to the start of its last interval.
+
+    alpha Gamma: the mission's data over its energy, times the largest energy budget; 0 before the
+    last UAV flies home.
+    """
+    if next_uav(mission) >= 0:
+        return 0.0
+    energy_j = 0.0
+    for uav in range(briefing.n_uavs):
+        energy_j += briefing.energy_budget_j[uav] - mission.energy_left_j[uav]
+    if energy_j <= 0.0:
+        return 0.0
+    collected = mission.collected_bit[0] / ground.reward_scale_bit
+    discount = math.exp(math.log(ground.discount_per_s) * (end_s(mission) - start_s))
+    return discount * ground.bonus_j * collected / energy_j
+
+
+@kernel
+def _upload_reward(
+    briefing: Briefing,
+    ground: Ground,
+    mission: Mission,
+    uav: int,
+    start_s: float,
+    stop_s: float,
+) -> float:
+    cell = cell_at(briefing, mission.leg_end_x_m[uav], mission.leg_end_y_m[uav])
+    reward = 0.0
+    for sensor in range(ground.first_sensor[cell], ground.first_sensor[cell + 1]):
+        up_s = mission.leg_start_s[uav] + mission.upload_s[sensor]
+        sent_s = min(stop_s, up_s) - start_s
+        if mission.rate_bps[sensor] > 0.0 and sent_s > 0.0:
+            rate = mission.rate_bps[sensor] / ground.reward_scale_bit
+            reward += rate * _discounted_s(ground, sent_s)
+    return reward
+
+
+@kernel
+def _discounted_s(ground: Ground, duration_s: float) -> float:
+    """The integral of gamma^t over a duration, eq. (reward_plain)."""
+    if ground.discount_per_s >= 1.0:
+        return duration_s
+    log_discount = math.log(ground.discount_per_s)
+    return math.expm1(log_discount * duration_s) / log_discount
