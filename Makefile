@@ -6,7 +6,7 @@
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup mission evaluate test check format bench clean distclean
+.PHONY: help setup mission test check format bench clean distclean
 
 VENV := .venv
 PYTHON ?=
@@ -22,8 +22,9 @@ endif
 
 TESTS ?= test
 BENCHES ?= $(sort $(wildcard bench/*.py))
-OPTIONS = $(foreach name,SCENARIO POLICY SEED BANDWIDTH,$(call option,$(name))) $(ARGS)
-option = $(if $($(1)),--$(subst BANDWIDTH,allocator,$(1)) $($(1)))
+# Only what is set is passed on: the command knows its own defaults.
+option = $(if $($(1)),--$(2) '$($(1))')
+OPTIONS = $(call option,SCENARIO,scenario) $(call option,POLICY,policy) $(call option,SEED,seed) $(ARGS)
 
 help:  ## this list
 	@echo 'make TARGET [VARIABLE=value ...]'

@@ -10,16 +10,11 @@ SHARED_FOLDERS = ('config', 'launch')
 
 def shared_files() -> list[tuple[str, list[str]]]:
     """List what goes to share/uav_collect: every file of the shared folders, folder by folder."""
-    folders = [
-        folder
-        for top in SHARED_FOLDERS
-        for folder in (Path(top), *sorted(Path(top).rglob('*')))
-        if folder.is_dir() and folder.name != '__pycache__'
-    ]
-    return [
-        (f'share/{NAME}/{folder}', sorted(str(file) for file in folder.iterdir() if file.is_file()))
-        for folder in folders
-    ]
+    files_of: dict[str, list[str]] = {}
+    for path in sorted(path for top in SHARED_FOLDERS for path in Path(top).rglob('*')):
+        if path.is_file() and path.suffix != '.pyc':
+            files_of.setdefault(f'share/{NAME}/{path.parent}', []).append(str(path))
+    return list(files_of.items())
 
 
 setup(
