@@ -1,9 +1,11 @@
-"""Propulsion power and flight energy of a rotary-wing UAV (scalar kernels, plurals over arrays)."""
+"""Propulsion power and flight energy of a rotary-wing UAV.
+
+Scalar kernels with names in the singular; a plural is the same kernel over broadcast arrays.
+"""
 
 import math
 
 import numpy as np
-
 from uav_collect.compiled import kernel
 
 

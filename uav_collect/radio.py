@@ -9,7 +9,6 @@ was read.
 import math
 
 import numpy as np
-
 from uav_collect import philox
 from uav_collect.compiled import kernel
 
