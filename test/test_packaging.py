@@ -1,0 +1,161 @@
+"""What colcon, pip and a reader of the messages rely on, and the order of the layers."""
+
+import ast
+from importlib.metadata import distribution, packages_distributions
+from pathlib import Path
+import re
+import shutil
+import subprocess
+import sys
+
+from catkin_pkg.package import parse_package
+import pytest
+import uav_collect
+
+ROOT = Path(__file__).parent.parent
+INTERFACES = sorted((ROOT / 'msg_defs').glob('*/*.[ms][sr][gv]'))
+MODULES = sorted((ROOT / 'uav_collect').rglob('*.py'))
+ROS_MODULES = {
+    *('ament_index_python', 'builtin_interfaces', 'diagnostic_msgs', 'geometry_msgs', 'nav_msgs'),
+    *('rcl_interfaces', 'rclpy', 'rosgraph_msgs', 'std_msgs', 'uav_collect_msgs'),
+    'visualization_msgs',
+}
+
+UNITS = {
+    **{'_bit_per_j': 'bit/J', '_bit': 'bit', '_hz': 'Hz', '_j': 'J', '_mps': 'm/s'},
+    **{'_m': 'm', '_s': 's'},
+}
+
+# A module imports from its own line and the lines above. nodes/ and commands/ import from all, but
+# not from each other.
+LAYERS = (
+    'arrays compiled philox rows mission_log',
+    'config_files config_rules sensors_csv scenario_model scenario site',
+    'radio energy bandwidth_newton bandwidth_reference bandwidth',
+    'actions briefing ground world belief observation reward event_log',
+    'heuristics policy agent',
+    'simulation rollout',
+    'metrics evaluation lanes plots tables bag bag_writer bag_repair',
+)
+LAYER_OF = {module: rank for rank, line in enumerate(LAYERS) for module in line.split()}
+
+
+def imports(path: Path) -> set[str]:
+    """Modules that a source imports anywhere, our own as `uav_collect.` and one name."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            found.update('.'.join(alias.name.split('.')[:2]) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module == 'uav_collect':
+            found.update(f'uav_collect.{alias.name}' for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            found.add('.'.join((node.module or '').split('.')[:2]))
+    return found
+
+
+def own_imports(path: Path) -> set[str]:
+    return {name[12:] for name in imports(path) if name.startswith('uav_collect.')}
+
+
+def foreign_imports(path: Path) -> set[str]:
+    return {name.split('.')[0] for name in imports(path)} - {'uav_collect', '__future__'}
+
+
+def core_modules() -> list[Path]:
+    return [path for path in MODULES if path.parent.name == 'uav_collect' and path.stem[0] != '_']
+
+
+@pytest.mark.parametrize('path', core_modules(), ids=lambda path: path.stem)
+def test_a_module_imports_from_its_own_layer_and_those_below(path: Path) -> None:
+    layer = LAYER_OF[path.stem]
+    assert {name for name in own_imports(path) if LAYER_OF.get(name, 99) > layer} == set()
+
+
+def test_commands_and_nodes_do_not_import_each_other() -> None:
+    folders = {'commands': 'nodes', 'nodes': 'commands'}
+    for path in MODULES:
+        assert folders.get(path.parent.name) not in own_imports(path), path
+
+
+def test_ros_is_imported_in_nodes_alone() -> None:
+    for path in MODULES:
+        assert path.parent.name == 'nodes' or not foreign_imports(path) & ROS_MODULES, path
+
+
+def test_every_import_is_a_direct_requirement() -> None:
+    pins = (ROOT / 'requirements' / 'run.txt').read_text()
+    required = {name.lower() for name in re.findall(r'^([\w.-]+)==', pins, re.MULTILINE)}
+    standard = set(sys.stdlib_module_names)
+    modules = set().union(*map(foreign_imports, MODULES)) - standard - ROS_MODULES
+    providers = packages_distributions()
+    providers_of = {module: {name.lower() for name in providers[module]} for module in modules}
+    assert {module for module, names in providers_of.items() if not names & required} == set()
+
+
+@pytest.mark.parametrize('path', sorted((ROOT / 'requirements').iterdir()), ids=lambda p: p.name)
+def test_every_requirement_is_pinned_to_one_version(path: Path) -> None:
+    lines = [line.split('#')[0].strip() for line in path.read_text().splitlines()]
+    pin = re.compile(r'[\w.\-\[\]]+==[\w.]+')
+    assert [line for line in lines if line and not pin.fullmatch(line)] == []
+
+
+@pytest.mark.parametrize(('folder', 'kind'), [('.', 'python'), ('msg_defs', 'cmake')])
+def test_a_manifest_is_valid_and_names_its_build(folder: str, kind: str) -> None:
+    warnings: list[str] = []
+    manifest = parse_package(str(ROOT / folder), warnings=warnings)
+    assert warnings == []
+    assert manifest.get_build_type() == f'ament_{kind}'
+    assert manifest.version == uav_collect.__version__
+
+
+@pytest.mark.parametrize('arguments', [(), ('--base-paths', 'src', 'src/uav_collect/msg_defs')])
+def test_colcon_finds_both_packages(arguments: tuple[str, ...], tmp_path: Path) -> None:
+    (tmp_path / 'src').mkdir()
+    (tmp_path / 'src' / 'uav_collect').symlink_to(ROOT)
+    colcon = shutil.which('colcon', path=Path(sys.executable).parent)
+    assert colcon, 'colcon is missing: run "make test"'
+    listing = subprocess.run(
+        [colcon, '--log-base', '/dev/null', 'list', *arguments],
+        cwd=tmp_path if arguments else ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
+    packages = {(line.split()[0], line.split()[-1]) for line in listing.splitlines()}
+    assert packages == {
+        ('uav_collect', '(ros.ament_python)'),
+        ('uav_collect_msgs', '(ros.ament_cmake)'),
+    }
+
+
+@pytest.mark.ros
+def test_every_entry_point_leads_to_a_function() -> None:
+    entry_points = distribution('uav_collect').entry_points
+    assert {entry.name for entry in entry_points} >= {'world_sim', 'uav_agent', 'recorder'}
+    for entry in entry_points:
+        assert callable(entry.load()), entry.name
+
+
+def fields(path: Path) -> list[tuple[str, str]]:
+    """Fields and constants of an interface, each with the comment right above it."""
+    found, comment = [], ''
+    for line in path.read_text().splitlines():
+        if line.startswith('#'):
+            comment += line[1:]
+            continue
+        if line and line != '---':
+            found.append((line.split()[1], comment))
+        comment = ''
+    return found
+
+
+@pytest.mark.parametrize('path', INTERFACES, ids=lambda path: path.stem)
+def test_every_field_of_a_message_says_what_it_is(path: Path) -> None:
+    assert [field for field, comment in fields(path) if not comment] == []
+
+
+@pytest.mark.parametrize('path', INTERFACES, ids=lambda path: path.stem)
+def test_every_quantity_in_a_message_says_its_unit(path: Path) -> None:
+    for field, comment in fields(path):
+        unit = next((unit for ending, unit in UNITS.items() if field.endswith(ending)), None)
+        assert unit is None or f'[{unit}]' in comment, field
