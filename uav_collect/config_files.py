@@ -128,9 +128,11 @@ def shown(value: object) -> str:
     """A wrong value, as short text on one line."""
     if value is None:
         return 'empty'
+    if isinstance(value, bool):
+        return str(value).lower()
     if isinstance(value, float):
         return {'nan': '.nan', 'inf': '.inf', '-inf': '-.inf'}.get(str(value), str(value))
-    text = repr(value)
+    text = repr([*value] if isinstance(value, tuple) else value)
     return text if len(text) <= _MAX_SHOWN else f'{text[: _MAX_SHOWN - 3]}...'
 
 
@@ -177,7 +179,7 @@ def read(path: Path, library: Iterable[Path]) -> Document:
     layers: list[dict[Any, Any]] = []
     referrer = ''
     while True:
-        if any(Path(source.label).resolve() == path.resolve() for source in chain):
+        if any(os.path.realpath(source.label) == os.path.realpath(path) for source in chain):
             way = ' -> '.join([*(source.label for source in chain), str(path)])
             raise ConfigError(f'{chain[0].label}: extends must not lead back to itself: {way}')
         source = Source(label=str(path), folder=path.parent, text=_text_of(path, referrer))
@@ -228,8 +230,11 @@ def override(document: Document, overrides: Mapping[str, object]) -> Document:
     for path, value in overrides.items():
         keys = tuple(int(key) if key.isdecimal() else key for key in path.split('.'))
         values = _replaced(values, keys, value, path)
-        _forget(origins, keys)
-        origins[keys] = _OVERRIDE
+        # A list of numbers is one value: with one of them replaced, it is no longer the file's.
+        is_of_list = isinstance(keys[-1], int) and not isinstance(value, dict)
+        written = keys[:-1] if is_of_list else keys
+        _forget(origins, written)
+        origins[written] = _OVERRIDE
     return replace(document, values=values, origins=origins)
 
 
@@ -284,15 +289,15 @@ def _replaced(values: Any, keys: Keys, value: object, path: str) -> Any:  # noqa
 def _contains(value: object, key: str | int) -> bool:
     if isinstance(value, dict):
         return key in value
-    return isinstance(value, list) and isinstance(key, int) and 0 <= key < len(value)
+    return isinstance(value, list | tuple) and isinstance(key, int) and 0 <= key < len(value)
 
 
 def _extended(name: object, source: Source, library: tuple[Path, ...]) -> Path:
-    if not isinstance(name, str) or not name:
+    if not isinstance(name, str) or not name or not name.isprintable():
         raise ConfigError(
             f'{source.label}: extends is {shown(name)}: must be a .yaml file or a scenario name'
         )
-    return source.folder / find(name, (source.folder, *library), field=f'{source.label}: extends')
+    return source.folder / find(name, library, field=f'{source.label}: extends')
 
 
 def _text_of(path: Path, referrer: str) -> str:
@@ -320,7 +325,8 @@ def _yaml_of(source: Source) -> object:
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = mark.line + 1 if mark else 1
-        raise ConfigError(f'{source.label}:{line}: is not valid YAML: {error.problem}') from error
+        reason = ', '.join(filter(None, (error.context, error.problem)))
+        raise ConfigError(f'{source.label}:{line}: is not valid YAML: {reason}') from error
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         reason = ' '.join(str(error).split())
         raise ConfigError(f'{source.label}: is not valid YAML: {reason}') from error

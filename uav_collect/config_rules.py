@@ -6,11 +6,10 @@ Built on pydantic: sections are frozen models, leaves carry a rule that knows it
 from collections.abc import Callable
 from dataclasses import dataclass
 import math
-from typing import Any, get_args, TypeVar
+from typing import Any, get_args, get_origin, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import core_schema, ErrorDetails, PydanticCustomError
-
 from uav_collect.config_files import ConfigError, Document, Keys, shown
 
 _Model = TypeVar('_Model', bound=BaseModel)
@@ -92,8 +91,8 @@ def text(max_length: int) -> Rule:
     return Rule(f'text of 1 to {max_length} printable characters', parse)
 
 
-def pair(rule: Rule, allowed: str, *, word: str = '', ascending: bool = False) -> Rule:
-    """A list of two values under one rule, or else one word."""
+def pair(rule: Rule, allowed: str, *, word: str = '', is_span: bool = False) -> Rule:
+    """A list of two values under one rule, or else one word; a span runs up to more than 0."""
 
     def parse(value: object) -> object:
         if word and value == word:
@@ -101,7 +100,7 @@ def pair(rule: Rule, allowed: str, *, word: str = '', ascending: bool = False) -
         if not isinstance(value, list | tuple) or len(value) != 2:
             raise ValueError
         first, second = rule.parse(value[0]), rule.parse(value[1])
-        if ascending and first > second:
+        if is_span and not (first <= second and second > 0):
             raise ValueError
         return first, second
 
@@ -118,9 +117,16 @@ def validated(model: type[_Model], document: Document, keys: Keys = ()) -> _Mode
         return model.model_validate(document.at(keys))
     except ValidationError as error:
         problems = [
-            _problem(document, keys, details, model) for details in error.errors(include_url=False)
+            _problem(document, keys, details, model)
+            for details in error.errors(include_url=False)
+            if not _follows_from_another(details)
         ]
         raise ConfigError(*dict.fromkeys(problems)) from None
+
+
+def _follows_from_another(details: ErrorDetails) -> bool:
+    # pydantic counts only the valid entries of a list: an invalid one also makes it too short.
+    return details['type'] == 'too_short' and len(details['input']) >= details['ctx']['min_length']
 
 
 def _problem(
@@ -143,10 +149,15 @@ def _problem(
             return document.problem(keys, f'is {value}: must be a list')
         case 'too_short' | 'too_long':
             return document.problem(keys, _wrong_length(details['ctx']))
+        case 'invalid_key':
+            return document.problem(keys, 'is a key that is not text')
         case 'literal_error':
             return document.problem(keys, f'is {value}: must be {details["ctx"]["expected"]}')
-        case 'union_tag_invalid' | 'union_tag_not_found':
-            return document.problem(keys, f'is {value}: must be a mapping with a known kind')
+        case 'union_tag_invalid':
+            tag, tags = details['ctx']['tag'], details['ctx']['expected_tags']
+            return document.problem((*keys, 'kind'), f'is {shown(tag)}: must be one of {tags}')
+        case 'union_tag_not_found':
+            return document.problem((*keys, 'kind'), 'is missing')
         case _:
             return document.problem(keys, f'is {value}: {details["msg"]}')
 
@@ -178,7 +189,12 @@ def _models_in(annotation: object) -> list[type[BaseModel]]:
 def _allowed(section: type[BaseModel], key: str | int) -> str:
     field = section.model_fields[str(key)]
     rules = [rule.allowed for rule in field.metadata if isinstance(rule, Rule)]
-    return rules[0] if rules else 'given'
+    if rules:
+        return rules[0]
+    sections = _models_in(field.annotation)
+    is_list = get_origin(field.annotation) is tuple
+    known = ', '.join(sections[0].model_fields) if len(sections) == 1 else 'kind'
+    return f'a list of mappings with {known}' if is_list else f'a mapping with {known}'
 
 
 def _wrong_length(context: dict[str, Any]) -> str:

@@ -24,7 +24,6 @@ from uav_collect.scenario_model import (
     ListedSensor,
     ListedSensors,
     Place,
-    Point,
     PropulsionConfig,
     RadioConfig,
     RewardConfig,
@@ -70,7 +69,9 @@ def load(name_or_path: str | Path, overrides: Mapping[str, object] | None = None
     folders = scenario_folders()
     path = config_files.find(str(name_or_path), folders, field='scenario')
     document = config_files.read(path, folders)
-    named = {'name': path.stem} if 'name' not in document.values else {}
+    # A name belongs to one file; what extends it is something else.
+    has_name = 'name' in document.values and document.source(('name',)) is document.top
+    named = {} if has_name else {'name': path.stem}
     document = config_files.override(document, {**named, **(overrides or {})})
     return _checked(_with_sensors(_with_places(_with_fleet(document))))
 
@@ -125,21 +126,29 @@ def _prefixes_of_ros() -> list[str]:
 
 def _with_fleet(document: Document) -> Document:
     """Each UAV with the keys of `fleet.default` that it does not set itself."""
-    default, uavs = document.at(('fleet', 'default')), document.at(('fleet', 'uavs'))
-    if default is None or not isinstance(uavs, list):
+    fleet = document.at(('fleet',))
+    if not isinstance(fleet, dict):
         return document
+    for key in fleet:
+        if key not in ('default', 'uavs'):
+            what = 'is an unknown key: must be one of default, uavs'
+            raise ConfigError(document.problem(('fleet', key), what))
+    if 'default' not in fleet:
+        return document
+    default, uavs = fleet['default'], fleet.get('uavs')
     if not isinstance(default, dict):
         what = f'is {shown(default)}: must be a mapping of keys'
         raise ConfigError(document.problem(('fleet', 'default'), what))
-    full = [_over_default(default, uav) for uav in uavs]
-    others = {key: value for key, value in document.at(('fleet',)).items() if key != 'default'}
-    aliases = {
-        ('fleet', 'uavs', index, *keys): ('fleet', 'default', *keys)
-        for index, uav in enumerate(uavs)
-        for keys in _inherited(default, uav)
-    }
-    values = {**document.values, 'fleet': {**others, 'uavs': full}}
-    return replace(document, values=values, aliases=aliases)
+    full = {key: value for key, value in fleet.items() if key != 'default'}
+    aliases = {}
+    if isinstance(uavs, list | tuple):
+        full['uavs'] = [_over_default(default, uav) for uav in uavs]
+        aliases = {
+            ('fleet', 'uavs', index, *keys): ('fleet', 'default', *keys)
+            for index, uav in enumerate(uavs)
+            for keys in _inherited(default, uav)
+        }
+    return replace(document, values={**document.values, 'fleet': full}, aliases=aliases)
 
 
 def _over_default(default: dict[Any, Any], uav: object) -> object:
@@ -158,29 +167,35 @@ def _inherited(default: dict[Any, Any], uav: object) -> Iterator[Keys]:
 def _with_places(document: Document) -> Document:
     """Each start and home given as a cell, as the cell's centre."""
     uavs = document.at(('fleet', 'uavs'))
-    if not isinstance(uavs, list):
+    if not isinstance(uavs, list | tuple):
         return document
     area = validated(AreaConfig, document, ('area',))
     placed = []
     for index, uav in enumerate(uavs):
-        cells = {
-            key: _centre_of(document, ('fleet', 'uavs', index, key, 'cell'), area)
+        places = {
+            key: _place_of(document, ('fleet', 'uavs', index, key), area)
             for key in ('start', 'home')
-            if isinstance(uav, dict) and isinstance(uav.get(key), dict) and [*uav[key]] == ['cell']
+            if isinstance(uav, dict) and key in uav
         }
-        placed.append({**uav, **cells} if cells else uav)
+        placed.append({**uav, **places} if places else uav)
     fleet = {**document.at(('fleet',)), 'uavs': placed}
     return replace(document, values={**document.values, 'fleet': fleet})
 
 
-def _centre_of(document: Document, keys: Keys, area: AreaConfig) -> dict[str, Point]:
+def _place_of(document: Document, keys: Keys, area: AreaConfig) -> dict[str, Any]:
+    place: dict[str, Any] = document.at(keys)
+    if isinstance(place, dict) and [*place] == ['position_m']:
+        return place
+    if not isinstance(place, dict) or [*place] != ['cell']:
+        allowed = '{cell: [row, column]} or {position_m: [x, y]}'
+        raise ConfigError(document.problem(keys, f'is {shown(place)}: must be {allowed}'))
     last = area.cells_per_side - 1
     rule = pair(whole(0, last), f'a list [row, column] of whole numbers from 0 to {last}')
     try:
-        row, column = rule.parse(document.at(keys))
+        row, column = rule.parse(place['cell'])
     except ValueError:
-        what = f'is {shown(document.at(keys))}: must be {rule.allowed}'
-        raise ConfigError(document.problem(keys, what)) from None
+        what = f'is {shown(place["cell"])}: must be {rule.allowed}'
+        raise ConfigError(document.problem((*keys, 'cell'), what)) from None
     return {'position_m': ((column + 0.5) * area.cell_size_m, (row + 0.5) * area.cell_size_m)}
 
 
@@ -189,15 +204,18 @@ def _with_sensors(document: Document) -> Document:
     keys: Keys = ('sensors', 'kind')
     kind = document.at(keys)
     if isinstance(document.at(('sensors',)), dict) and kind not in ('drawn', 'csv', 'listed'):
-        what = f'is {shown(kind)}: must be drawn, csv or listed'
-        raise ConfigError(document.problem(keys, what))
+        wrong = 'is missing' if kind is None else f'is {shown(kind)}'
+        raise ConfigError(document.problem(keys, f'{wrong}: must be drawn, csv or listed'))
     if kind != 'csv':
         return document
     config = validated(CsvSensors, document, ('sensors',))
     area = validated(AreaConfig, document, ('area',))
-    folder = document.source(('sensors', 'file')).folder
+    path = document.source(('sensors', 'file')).folder / config.file
+    if not path.is_file():
+        what = f'is {shown(config.file)}: must be a CSV file, but there is no {path}'
+        raise ConfigError(document.problem(('sensors', 'file'), what))
     origin = None if config.origin == 'auto' else config.origin
-    entries = sensors_csv.read_sensors(folder / config.file, origin=origin, side_m=area.side_m)
+    entries = sensors_csv.read_sensors(path, origin=origin, side_m=area.side_m)
     sensors = {'kind': 'listed', 'entries': entries}
     return replace(document, values={**document.values, 'sensors': sensors})
 
@@ -207,14 +225,15 @@ def _checked(document: Document) -> Scenario:
     scenario = validated(Scenario, document)
     problems = [
         document.problem(keys, what)
-        for keys, what in (*_wrong_places(scenario), *_wrong_sensors(scenario))
+        for wrong in (_wrong_uavs, _wrong_sensors, _wrong_amounts)
+        for keys, what in wrong(scenario)
     ]
     if problems:
         raise ConfigError(*dict.fromkeys(problems))
     return scenario
 
 
-def _wrong_places(scenario: Scenario) -> Iterator[tuple[Keys, str]]:
+def _wrong_uavs(scenario: Scenario) -> Iterator[tuple[Keys, str]]:
     area = scenario.area
     centres = {(i + 0.5) * area.cell_size_m for i in range(area.cells_per_side)}
     for index, uav in enumerate(scenario.uavs):
@@ -225,13 +244,14 @@ def _wrong_places(scenario: Scenario) -> Iterator[tuple[Keys, str]]:
         if max(uav.home_m) > area.side_m:
             what = f'is {shown(uav.home_m)}: must be from 0 to {area.side_m:g} m'
             yield (*keys, 'home', 'position_m'), what
+        if uav.energy_budget_kj <= uav.energy_margin_kj:
+            margin = f'energy_margin_kj, {uav.energy_margin_kj:g} kJ'
+            what = f'is {uav.energy_budget_kj:g}: must be more than {margin}'
+            yield (*keys, 'energy_budget_kj'), what
 
 
 def _wrong_sensors(scenario: Scenario) -> Iterator[tuple[Keys, str]]:
-    amounts: Keys = ('demand', 'data_mbit')
-    if isinstance(scenario.sensors, DrawnSensors):
-        if scenario.demand.data_mbit == 'csv':
-            yield amounts, 'is csv: must be a list [low, high], as the sensors are drawn'
+    if not isinstance(scenario.sensors, ListedSensors):
         return
     ids: set[str] = set()
     for index, sensor in enumerate(scenario.sensors.entries):
@@ -242,9 +262,16 @@ def _wrong_sensors(scenario: Scenario) -> Iterator[tuple[Keys, str]]:
         for key, value in (('x_m', sensor.x_m), ('y_m', sensor.y_m)):
             if value > scenario.area.side_m:
                 yield (*keys, key), f'is {value:g}: must be from 0 to {scenario.area.side_m:g} m'
-    without = [sensor.id for sensor in scenario.sensors.entries if sensor.data_mbit is None]
-    if scenario.demand.data_mbit == 'csv' and without:
-        yield (
-            amounts,
-            f'is csv: must be a list [low, high], as sensor {without[0]} has no data_mbit',
-        )
+
+
+def _wrong_amounts(scenario: Scenario) -> Iterator[tuple[Keys, str]]:
+    if scenario.demand.data_mbit != 'csv':
+        return
+    reason = 'the sensors are drawn'
+    if isinstance(scenario.sensors, ListedSensors):
+        amounts = {sensor.id: sensor.data_mbit for sensor in scenario.sensors.entries}
+        without = [name for name, data_mbit in amounts.items() if data_mbit is None]
+        if not without and any(amounts.values()):
+            return
+        reason = f'sensor {without[0]} has no data_mbit' if without else 'all data_mbit are 0'
+    yield ('demand', 'data_mbit'), f'is csv: must be a list [low, high], as {reason}'

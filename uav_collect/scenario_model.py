@@ -7,20 +7,20 @@ import math
 from typing import Annotated, Literal
 
 from pydantic import Field
-
 from uav_collect import config_files, sensors_csv
 from uav_collect.config_rules import number, pair, Section, text, whole
 
 _LIGHT_SPEED_MPS = 299792458.0
 _MAX_UAVS = 64  # UAV ids travel as bits of one 64-bit word
 _MAX_CELLS_PER_SIDE = 64
-_MAX_LENGTH_M = 1e6
+_MAX_LENGTH_M = 10_000.0
+_MAX_SIDE_M = _MAX_CELLS_PER_SIDE * _MAX_LENGTH_M
 
 
 Point = tuple[float, float]  # x, y [m]: east and north of the area's south-west corner
 _Share = Annotated[float, number(0, 1)]
 _Length = Annotated[float, number(0, _MAX_LENGTH_M, 'm', above=True)]
-_Coordinate = Annotated[float, number(0, _MAX_LENGTH_M, 'm')]
+_Coordinate = Annotated[float, number(0, _MAX_SIDE_M, 'm')]
 _Amount = number(0, sensors_csv.MAX_DATA_MBIT)
 
 
@@ -83,9 +83,10 @@ class DemandConfig(Section):
         Point | Literal['csv'],
         pair(
             _Amount,
-            f'a list [low, high], 0 <= low <= high <= {sensors_csv.MAX_DATA_MBIT:g} Mbit, or csv',
+            f'a list [low, high], 0 <= low <= high <= {sensors_csv.MAX_DATA_MBIT:g} Mbit, '
+            'high > 0, or csv',
             word='csv',
-            ascending=True,
+            is_span=True,
         ),
     ]
 
@@ -151,9 +152,7 @@ class Place(Section):
 
     position_m: Annotated[
         Point,
-        pair(
-            number(0, _MAX_LENGTH_M), f'a list [x, y] of numbers from 0 to {_MAX_LENGTH_M:.10g} m'
-        ),
+        pair(number(0, _MAX_SIDE_M), f'a list [x, y] of numbers from 0 to {_MAX_SIDE_M:.10g} m'),
     ]
 
 

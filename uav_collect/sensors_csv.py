@@ -20,6 +20,9 @@ MAX_DATA_MBIT = 10_000.0
 MAX_ID_LENGTH = 64
 
 
+_Line = tuple[int, list[str]]  # where it ends, from 1, and its fields
+
+
 @dataclass(frozen=True, kw_only=True)
 class _System:
     """One way to write a position in two columns."""
@@ -83,7 +86,7 @@ def read_sensors(
     _check_ids(path, rows)
     if origin is not None:
         _check_origin(path, origin, system)
-    places = _placed(rows, system, origin, side_m)
+    places = _placed(path, rows, system, origin, side_m)
     _check_inside(path, rows, places, system, side_m)
     return tuple(
         {'id': row.sensor_id, 'x_m': x_m, 'y_m': y_m}
@@ -121,7 +124,7 @@ def _earth_centred_m(lat: float, lon: float) -> tuple[float, float, float]:
     )
 
 
-def _lines_of(path: Path) -> list[list[str]]:
+def _lines_of(path: Path) -> list[_Line]:
     try:
         text = path.read_bytes().decode('utf-8-sig')
     except OSError as error:
@@ -130,17 +133,16 @@ def _lines_of(path: Path) -> list[list[str]]:
         line = error.object[: error.start].count(b'\n') + 1
         raise ConfigError(f'{path}:{line}: must be UTF-8 text: {error.reason}') from error
     try:
-        return [
-            [cell.strip() for cell in line] for line in csv.reader(io.StringIO(text), strict=True)
-        ]
+        reader = csv.reader(io.StringIO(text, newline=''), strict=True)
+        return [(reader.line_num, [cell.strip() for cell in cells]) for cells in reader]
     except csv.Error as error:
         raise ConfigError(f'{path}: is not valid CSV: {error}') from error
 
 
-def _layout(path: Path, lines: list[list[str]]) -> tuple[_System, bool]:
-    if not lines or not any(lines[0]):
+def _layout(path: Path, lines: list[_Line]) -> tuple[_System, bool]:
+    if not lines or not any(lines[0][1]):
         raise ConfigError(f'{path}: is empty: must begin with a header line, {_headers()}')
-    header = lines[0]
+    _, header = lines[0]
     for column in header:
         if header.count(column) > 1 and column:
             raise ConfigError(f'{path}:1: column {column} appears twice')
@@ -165,11 +167,9 @@ def _headers() -> str:
     return f'{_ID_COLUMN} and {pairs}'
 
 
-def _rows(
-    path: Path, lines: list[list[str]], system: _System, *, has_data: bool
-) -> Iterator[_Row]:
-    header = lines[0]
-    for number, cells in enumerate(lines[1:], start=2):
+def _rows(path: Path, lines: list[_Line], system: _System, *, has_data: bool) -> Iterator[_Row]:
+    _, header = lines[0]
+    for number, cells in lines[1:]:
         if not any(cells):
             continue
         if len(cells) != len(header):
@@ -228,7 +228,11 @@ def _check_origin(path: Path, origin: tuple[float, float], system: _System) -> N
 
 
 def _placed(
-    rows: tuple[_Row, ...], system: _System, origin: tuple[float, float] | None, side_m: float
+    path: Path,
+    rows: tuple[_Row, ...],
+    system: _System,
+    origin: tuple[float, float] | None,
+    side_m: float,
 ) -> list[tuple[float, float]]:
     places = [row.place for row in rows]
     if system.is_angular:
@@ -239,9 +243,19 @@ def _placed(
         ]
         origin = None if origin is None else (0.0, 0.0)
     if origin is None:
+        _check_span(path, places, side_m)
         middle = _middle(places)
         origin = middle[0] - side_m / 2, middle[1] - side_m / 2
     return [(round(x - origin[0], _DIGITS), round(y - origin[1], _DIGITS)) for x, y in places]
+
+
+def _check_span(path: Path, places: list[tuple[float, float]], side_m: float) -> None:
+    spans_m = [max(values) - min(values) for values in zip(*places, strict=True)]
+    if max(spans_m) > side_m:
+        raise ConfigError(
+            f'{path}: sensors span {spans_m[0]:.1f} m x {spans_m[1]:.1f} m: '
+            f'must fit into the area, {side_m:g} m x {side_m:g} m'
+        )
 
 
 def _unwrapped(places: list[tuple[float, float]]) -> list[tuple[float, float]]:

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
-
 from uav_collect import philox
 from uav_collect.arrays import Floats, Ints, Row
 from uav_collect.compiled import kernel
