@@ -1,89 +1,18 @@
 """Layered YAML files: `extends`, overrides, and where each value came from.
 
-Knows nothing of scenarios. Every error is one line: file and line, key path, value,
-what is allowed.
+Knows nothing of scenarios. Every error is one line: file and line, key path, value, what is
+allowed.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 import os
 from pathlib import Path
-import re
 from typing import Any
 
-import yaml
+from uav_collect.yaml_text import ConfigError, Keys, line_of, read_value, shown, Source
 
-Keys = tuple[str | int, ...]  # the way to a value: mapping keys and list indices
-
-_MAX_LINES = 10  # of one error message
-_MAX_SHOWN = 60  # characters of a wrong value
 _SUFFIXES = ('.yaml', '.yml')
-
-# YAML 1.1 reads 1e-3 and 1.5e6 as text; YAML 1.2, and everybody who writes them, as numbers.
-_EXPONENT = re.compile(r'[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+')
-_FLOAT_TAG = 'tag:yaml.org,2002:float'
-_MERGE_TAG = 'tag:yaml.org,2002:merge'
-
-
-class ConfigError(ValueError):
-    """A configuration that cannot be used: one line per problem, ready to be shown."""
-
-    def __init__(self, *problems: str) -> None:
-        """Keep the problems; the message shows the first ten."""
-        super().__init__(*problems)
-        self.problems = problems
-
-    def __str__(self) -> str:
-        """One line per problem."""
-        left_out = len(self.problems) - _MAX_LINES
-        more = [f'... and {left_out} more problems'] if left_out > 0 else []
-        return '\n'.join([*self.problems[:_MAX_LINES], *more])
-
-
-class _Loader(getattr(yaml, 'CSafeLoader', yaml.SafeLoader)):  # type: ignore[misc]
-    """The safe loader; a key given twice is an error, not a silent overwrite."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        seen = set()
-        for key_node, _ in node.value:
-            if key_node.tag == _MERGE_TAG or not isinstance(key_node, yaml.ScalarNode):
-                continue
-            if key_node.value in seen:
-                raise yaml.constructor.ConstructorError(
-                    None, None, f'the key {key_node.value!r} appears twice', key_node.start_mark
-                )
-            seen.add(key_node.value)
-        mapping: dict[Any, Any] = super().construct_mapping(node, deep=deep)
-        return mapping
-
-
-class _Dumper(yaml.SafeDumper):
-    """Writes what `_Loader` reads; short lists on one line."""
-
-    def ignore_aliases(self, data: object) -> bool:
-        return True
-
-
-def _represent_tuple(dumper: _Dumper, items: tuple[object, ...]) -> yaml.Node:
-    is_short = all(isinstance(item, float | int) for item in items)
-    return dumper.represent_sequence('tag:yaml.org,2002:seq', items, flow_style=is_short)
-
-
-for _class in (_Loader, _Dumper):
-    _class.add_implicit_resolver(
-        _FLOAT_TAG, re.compile(f'^{_EXPONENT.pattern}$'), [*'-+.0123456789']
-    )
-_Dumper.add_representer(tuple, _represent_tuple)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Source:
-    """Where values came from."""
-
-    label: str  # a file's path, or what else to call it
-    folder: Path  # relative files are looked for here
-    text: str  # the YAML, '' if there is none
-
 
 _OVERRIDE = Source(label='override', folder=Path(), text='')
 
@@ -114,7 +43,7 @@ class Document:
         if written:
             keys = self.aliases[written] + keys[len(written) :]
         source = self.source(keys)
-        line = _line_of(source.text, keys)
+        line = line_of(source.text, keys)
         place = source.label if line is None else f'{source.label}:{line}'
         return f'{place}: {dotted(keys)} {what}'
 
@@ -122,26 +51,6 @@ class Document:
 def dotted(keys: Keys) -> str:
     """A path as the user writes it."""
     return '.'.join(str(key) for key in keys)
-
-
-def shown(value: object) -> str:
-    """A wrong value, as short text on one line."""
-    if value is None:
-        return 'empty'
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, float):
-        return {'nan': '.nan', 'inf': '.inf', '-inf': '-.inf'}.get(str(value), str(value))
-    text = repr([*value] if isinstance(value, tuple) else value)
-    return text if len(text) <= _MAX_SHOWN else f'{text[: _MAX_SHOWN - 3]}...'
-
-
-def dump(values: Mapping[str, object]) -> str:
-    """YAML text that depends on the values alone."""
-    text: str = yaml.dump(
-        dict(values), Dumper=_Dumper, sort_keys=False, width=99, allow_unicode=True
-    )
-    return text
 
 
 def parse(text: str, *, label: str, folder: Path) -> Document:
@@ -161,7 +70,7 @@ def parse_value(text: str) -> object:
     Raises:
         ConfigError: it is not YAML.
     """
-    return _yaml_of(Source(label='override', folder=Path(), text=text))
+    return read_value(Source(label='override', folder=Path(), text=text))
 
 
 def read(path: Path, library: Iterable[Path]) -> Document:
@@ -313,40 +222,7 @@ def _text_of(path: Path, referrer: str) -> str:
 
 
 def _mapping_of(source: Source) -> dict[Any, Any]:
-    values = _yaml_of(source)
+    values = read_value(source)
     if not isinstance(values, dict):
         raise ConfigError(f'{source.label}: is {shown(values)}: must be a mapping of keys')
     return values
-
-
-def _yaml_of(source: Source) -> object:
-    try:
-        return yaml.load(source.text, Loader=_Loader)
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        line = mark.line + 1 if mark else 1
-        reason = ', '.join(filter(None, (error.context, error.problem)))
-        raise ConfigError(f'{source.label}:{line}: is not valid YAML: {reason}') from error
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        reason = ' '.join(str(error).split())
-        raise ConfigError(f'{source.label}: is not valid YAML: {reason}') from error
-
-
-def _line_of(text: str, keys: Keys) -> int | None:
-    node = yaml.compose(text, Loader=_Loader) if text else None
-    line = None
-    for key in keys:
-        if isinstance(node, yaml.MappingNode):
-            pairs = {key_node.value: (key_node, value) for key_node, value in node.value}
-            if str(key) not in pairs:
-                return line
-            key_node, node = pairs[str(key)]
-            line = key_node.start_mark.line + 1
-        elif (
-            isinstance(node, yaml.SequenceNode) and isinstance(key, int) and key < len(node.value)
-        ):
-            node = node.value[key]
-            line = node.start_mark.line + 1
-        else:
-            return line
-    return line

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from uav_collect import config_files, sensors_csv
-from uav_collect.config_files import ConfigError, Document, Keys, shown
+from uav_collect.config_files import Document
 from uav_collect.config_rules import pair, validated, whole
 from uav_collect.scenario_model import (
     AreaConfig,
@@ -30,6 +30,7 @@ from uav_collect.scenario_model import (
     Scenario,
     UavConfig,
 )
+from uav_collect.yaml_text import ConfigError, Keys, shown
 
 __all__ = [
     'AreaConfig',

@@ -7,7 +7,7 @@ import math
 from typing import Annotated, Literal
 
 from pydantic import Field
-from uav_collect import config_files, sensors_csv
+from uav_collect import sensors_csv, yaml_text
 from uav_collect.config_rules import number, pair, Section, text, whole
 
 _LIGHT_SPEED_MPS = 299792458.0
@@ -226,7 +226,7 @@ class Scenario(Section):
 
     def to_yaml(self) -> str:
         """The scenario as YAML that stands alone; equal scenarios give equal text."""
-        return config_files.dump(self.model_dump(exclude_none=True))
+        return yaml_text.dump(self.model_dump(exclude_none=True))
 
 
 def _watt(dbm: float) -> float:
