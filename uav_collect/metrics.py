@@ -73,7 +73,7 @@ class MissionFigures:
     @property
     def collected_share(self) -> float:
         """Share of the data that was collected, 0..1; 1 where there was none."""
-        return self.collected_bit / self.total_bit if self.total_bit > 0 else 1.0
+        return min(1.0, self.collected_bit / self.total_bit) if self.total_bit > 0 else 1.0
 
     @property
     def efficiency_bit_per_j(self) -> float:

@@ -9,6 +9,7 @@ from collections import Counter
 from dataclasses import dataclass
 import math
 from pathlib import Path
+from typing import BinaryIO
 
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -18,7 +19,6 @@ from matplotlib.markers import MarkerStyle
 from matplotlib.patheffects import Normal, withStroke
 from matplotlib.transforms import Affine2D
 import numpy as np
-
 from uav_collect.arrays import Bools, check_shape, Floats, Ints
 from uav_collect.lanes import corners_m, lane_shifts, narrowest_lane, steps
 from uav_collect.metrics import figures, HOME, HOVER, MissionFigures, percent
@@ -62,7 +62,11 @@ class _Path:
 
 
 def trajectories(
-    log: MissionLog, site: Site, demand_bit: Floats, scenario: Scenario, path: Path
+    log: MissionLog,
+    site: Site,
+    demand_bit: Floats,
+    scenario: Scenario,
+    file: Path | BinaryIO,
 ) -> None:
     """Draw a mission into a PNG file.
 
@@ -71,7 +75,7 @@ def trajectories(
         site: where the sensors are.
         demand_bit: data waiting at each sensor at the start [bit], shape (S,).
         scenario: the area and the fleet.
-        path: the file to write; the same mission gives the same bytes.
+        file: to be written; the same mission gives the same bytes.
 
     Raises:
         ValueError: the demand does not fit the site.
@@ -92,7 +96,7 @@ def trajectories(
     _write_title(axes, log, summary)
     _write_legend(axes, paths, summary, scenario)
     # No software name in the file: the bytes are the mission's.
-    figure.savefig(path, dpi=DPI, format='png', metadata={'Software': None})
+    figure.savefig(file, dpi=DPI, format='png', metadata={'Software': None})
 
 
 def _canvas(side_in: float) -> tuple[Figure, Axes]:

@@ -1,0 +1,137 @@
+"""The commands without a node: `python -m uav_collect COMMAND`, or each by its own name."""
+
+import argparse
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+import os
+import sys
+from typing import NoReturn
+
+import uav_collect
+
+# One line each, here: help must not load what flies missions.
+SUMMARIES = {
+    'mission': 'fly one mission over ROS 2, every UAV a process of its own, and record it',
+    'evaluate': 'fly many missions in this process; mean figures with 95 % intervals',
+    'report': 'tables and pictures of missions that were flown, from their log or bag',
+    'doctor': 'say whether a mission can fly on this machine, and what it would run on',
+}
+_MISUSE = 2
+_INTERRUPTED = 130  # as shells have it
+_PIPE_CLOSED = 141
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Command:
+    description: str
+    add_arguments: Callable[[argparse.ArgumentParser], None]
+    run: Callable[[argparse.Namespace], int]
+
+
+class _Parser(argparse.ArgumentParser):
+    """An ArgumentParser that says what is wrong in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(_MISUSE, f'error: {message} (see {self.prog} --help)\n')
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command that the arguments name; its exit status."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    if arguments and arguments[0] in SUMMARIES:
+        return _run(arguments[0], arguments[1:], prog=f'python -m uav_collect {arguments[0]}')
+    width = max(map(len, SUMMARIES))
+    lines = [f'  {name:{width}}  {summary}' for name, summary in SUMMARIES.items()]
+    parser = _Parser(
+        prog='python -m uav_collect',
+        description='Fleets of UAVs that collect data from ground sensors.',
+        epilog='\n'.join(['commands:', *lines, '', 'COMMAND --help says more.']),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        usage='%(prog)s [-h] [--version] COMMAND ...',
+    )
+    parser.add_argument('--version', action='version', version=uav_collect.__version__)
+    parser.add_argument('command', choices=SUMMARIES, metavar='COMMAND', help=argparse.SUPPRESS)
+    parser.parse_args(arguments)
+    raise RuntimeError('a known command was not dispatched')
+
+
+def mission() -> int:
+    """Fly one mission over ROS 2."""
+    return _run('mission', sys.argv[1:], prog='mission')
+
+
+def evaluate() -> int:
+    """Fly many missions in this process."""
+    return _run('evaluate', sys.argv[1:], prog='evaluate')
+
+
+def report() -> int:
+    """Show missions that were flown."""
+    return _run('report', sys.argv[1:], prog='report')
+
+
+def doctor() -> int:
+    """Say whether a mission can fly on this machine."""
+    return _run('doctor', sys.argv[1:], prog='doctor')
+
+
+def _run(name: str, argv: Sequence[str], *, prog: str) -> int:
+    command = _command(name)
+    parser = _Parser(prog=prog, description=command.description)
+    command.add_arguments(parser)
+    arguments = parser.parse_args(argv)
+    try:
+        status = command.run(arguments)
+        sys.stdout.flush()  # a full disk shows here, not at exit
+    except KeyboardInterrupt:
+        return _INTERRUPTED
+    except BrokenPipeError:
+        # Whoever read our output has enough; nothing may be flushed there at exit either.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return _PIPE_CLOSED
+    except (OSError, ValueError) as error:
+        if not _is_the_users(error):
+            raise
+        sys.stderr.write(''.join(f'error: {line}\n' for line in _text(error).splitlines()))
+        return _MISUSE
+    return status
+
+
+def _command(name: str) -> _Command:
+    match name:
+        case 'mission':
+            from uav_collect.commands import mission as module
+        case 'evaluate':
+            from uav_collect.commands import evaluate as module
+        case 'report':
+            from uav_collect.commands import report as module
+        case 'doctor':
+            from uav_collect.commands import doctor as module
+        case _:
+            raise RuntimeError(f'no command is called {name!r}')
+    return _Command(
+        description=module.DESCRIPTION, add_arguments=module.add_arguments, run=module.run
+    )
+
+
+def _is_the_users(error: Exception) -> bool:
+    """Whether an error is about what the user gave; any other is ours and shows its traceback."""
+    if isinstance(error, OSError):
+        return True
+    from uav_collect.bandwidth import AllocationError
+    from uav_collect.mission_log import MissionLogError
+    from uav_collect.policy import PolicyMismatchError
+    from uav_collect.scenario import ConfigError
+
+    kinds = (ConfigError, MissionLogError, PolicyMismatchError, AllocationError)
+    return isinstance(error, kinds)
+
+
+def _text(error: Exception) -> str:
+    if isinstance(error, OSError) and error.strerror:
+        return f'{error.filename}: {error.strerror}' if error.filename else error.strerror
+    return str(error)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

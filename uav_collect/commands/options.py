@@ -1,0 +1,96 @@
+"""Options that several commands share, and the checks that argparse leaves to them."""
+
+import argparse
+from collections.abc import Callable
+from itertools import cycle, islice
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
+    from uav_collect.scenario import Scenario
+
+MAX_SEED = 2**62  # mission seeds count up from here and stay inside 63 bits
+MAX_UAVS = 64  # UAV ids travel as bits of one 64-bit word
+ALLOCATORS = ('exact', 'equal', 'cvxpy')
+
+
+def add_scenario_options(parser: argparse.ArgumentParser) -> None:
+    """Add what chooses a scenario and changes it."""
+    parser.add_argument(
+        '--scenario',
+        default='paper_10x10',
+        metavar='NAME|FILE',
+        help='a shipped scenario or a YAML file (default: %(default)s)',
+    )
+    parser.add_argument(
+        '--set',
+        action='extend',
+        nargs='+',
+        default=[],
+        metavar='KEY=VALUE',
+        help='replace values of the scenario, as demand.cell_share=0.5 fleet.uavs.0.speed_mps=8',
+    )
+    parser.add_argument(
+        '--uavs',
+        type=whole_number(1, MAX_UAVS),
+        metavar='N',
+        help="fly N UAVs, the scenario's in turn (default: as the scenario has)",
+    )
+
+
+def scenario_of(arguments: argparse.Namespace) -> 'Scenario':
+    """The scenario that the options choose.
+
+    Raises:
+        ConfigError: it is not there, not valid, or an override does not fit.
+    """
+    from uav_collect.scenario import load, parse_override
+
+    overrides = dict(parse_override(assignment) for assignment in arguments.set)
+    scenario = load(arguments.scenario, overrides)
+    return scenario if arguments.uavs is None else with_uavs(scenario, arguments.uavs)
+
+
+def with_uavs(scenario: 'Scenario', n_uavs: int) -> 'Scenario':
+    """The scenario with another number of UAVs: those it has, in turn."""
+    from uav_collect.scenario import FleetConfig
+
+    uavs = tuple(islice(cycle(scenario.uavs), n_uavs))
+    return scenario.model_copy(update={'fleet': FleetConfig(uavs=uavs)})
+
+
+def add_seed_option(parser: argparse.ArgumentParser, what: str) -> None:
+    """Add the seed."""
+    parser.add_argument(
+        '--seed',
+        type=whole_number(0, MAX_SEED),
+        default=0,
+        metavar='SEED',
+        help=f'{what}: demand and channels follow from it (default: %(default)s)',
+    )
+
+
+def add_allocator_option(parser: argparse.ArgumentParser) -> None:
+    """Add what shares a UAV's bandwidth."""
+    parser.add_argument(
+        '--bandwidth',
+        choices=ALLOCATORS,
+        default='exact',
+        help='how a hovering UAV shares its bandwidth: exact (shortest hover), equal (as much for'
+        ' each sensor) or cvxpy (exact by a general solver, slow) (default: %(default)s)',
+    )
+
+
+def whole_number(low: int, high: int) -> Callable[[str], int]:
+    """A type for argparse: a whole number from low to high."""
+
+    def parse(text: str) -> int:
+        try:
+            number = int(text)
+        except ValueError:
+            number = low - 1
+        if not low <= number <= high:
+            allowed = f'a whole number from {low} to {high}'
+            raise argparse.ArgumentTypeError(f'{text!r} must be {allowed}')
+        return number
+
+    return parse

@@ -1,0 +1,57 @@
+"""What a command says while it works, on stderr: a bar for a person, lines for a file."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from time import monotonic
+
+from uav_collect.compiled import cache_folder, kernels_are_compiled
+
+_LINE_EVERY_S = 5.0
+
+
+@contextmanager
+def counting(total: int, noun: str) -> Iterator[Callable[[int], None]]:
+    """Show how many of a total are done; call what it yields with how many more are."""
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeRemainingColumn,
+    )
+
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield _lines(console.print, total, noun)
+        return
+    columns = (TextColumn(noun), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task(noun, total=total)
+        yield lambda n_more: bar.advance(task, n_more)
+
+
+def _lines(say: Callable[[str], None], total: int, noun: str) -> Callable[[int], None]:
+    n_done, said_s = 0, monotonic()
+
+    def advance(n_more: int) -> None:
+        nonlocal n_done, said_s
+        n_done += n_more
+        if monotonic() - said_s >= _LINE_EVERY_S:
+            said_s = monotonic()
+            say(f'{n_done} of {total} {noun}')
+
+    return advance
+
+
+def say_if_compiling() -> None:
+    """Say that the first missions take longer, when the kernels have to be compiled for them."""
+    from rich.console import Console
+
+    if kernels_are_compiled() and not kernels_are_cached():
+        Console(stderr=True).print('compiling (once): this takes about a minute')
+
+
+def kernels_are_cached() -> bool:
+    """Whether the kernels that fly missions were compiled before, from the same sources."""
+    return any(cache_folder().rglob('rollout.*.nbi'))

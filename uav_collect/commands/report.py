@@ -1,0 +1,157 @@
+"""Shows missions that were flown: a table each, and a picture of the trajectories beside them."""
+
+import argparse
+from collections.abc import Iterator
+from dataclasses import dataclass
+import io
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from uav_collect.commands import files
+from uav_collect.mission_log import MissionLog, MissionLogError, read
+
+if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
+    from rich.console import Console
+    from uav_collect.arrays import Floats
+    from uav_collect.scenario import Scenario
+    from uav_collect.site import Site
+
+DESCRIPTION = """
+Prints, for each mission found, data collected [Mbit], energy [kJ], completion time [s], energy
+efficiency [kbit/J], decisions, messages and each UAV's part, and draws the trajectories into a PNG
+file beside it. PATH is a run folder, a mission log (.jsonl) or a bag; a bag needs nothing else.
+"""
+SCENARIO_FILE = 'scenario.yaml'  # of a run folder, resolved
+_LOG_SUFFIX = '.jsonl'
+_BAG_SUFFIX = '.mcap'
+
+
+@dataclass(frozen=True, kw_only=True)
+class FlownMission:
+    """A mission and where it was flown."""
+
+    log: MissionLog
+    scenario: 'Scenario'
+    site: 'Site'
+    demand_bit: 'Floats'  # (S,) at the start
+    n_radio_messages: int | None = None  # None: a log does not tell
+    is_whole: bool = True  # its end was recorded
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    parser.add_argument('path', type=Path, metavar='PATH', help='run folder, mission log or bag')
+    parser.add_argument(
+        '--pictures', type=Path, metavar='FOLDER', help='where to draw to (default: beside PATH)'
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Report what is at the path; the exit status."""
+    from rich.console import Console
+
+    console = Console()
+    for mission, picture in _find(arguments.path):
+        show(mission, (arguments.pictures or picture.parent) / picture.name, console)
+    return 0
+
+
+def show(mission: FlownMission, picture: Path, console: 'Console') -> None:
+    """Print a mission's tables and draw its picture.
+
+    Raises:
+        MissionLogError: the log of a whole mission does not add up.
+        OSError: the picture cannot be written.
+    """
+    from uav_collect.metrics import check_log, figures
+    from uav_collect.plots import trajectories
+    from uav_collect.tables import mission_tables
+
+    if mission.is_whole:
+        check_log(mission.log)
+    summary = figures(mission.log)
+    console.print(mission_tables(mission.log.header, summary, mission.n_radio_messages))
+    if not mission.is_whole:
+        what = 'warning: not all of the mission was recorded; these are the figures of what was'
+        console.print(what, style='bold red', highlight=False)
+    drawn = io.BytesIO()
+    trajectories(mission.log, mission.site, mission.demand_bit, mission.scenario, drawn)
+    files.write_atomically(picture, drawn.getvalue())
+    console.print(f'picture: {picture}', highlight=False, markup=False, soft_wrap=True)
+
+
+def _find(path: Path) -> Iterator[tuple[FlownMission, Path]]:
+    """The missions at a path, each with where its picture goes."""
+    if not path.exists():
+        raise MissionLogError(f'{path}: no such file or folder')
+    if path.suffix == _BAG_SUFFIX or _is_bag(path):
+        yield from _recorded(path, path.resolve().parent)
+    elif path.is_file():
+        yield _logged(path), path.with_suffix('.png')
+    elif bags := [folder for folder in sorted(path.iterdir()) if _is_bag(folder)]:
+        for bag in bags:  # it knows more than the log: the messages, and the sensors as they were
+            yield from _recorded(bag, path)
+    elif logs := sorted(path.glob(f'*{_LOG_SUFFIX}')):
+        for log in logs:
+            yield _logged(log), log.with_suffix('.png')
+    else:
+        raise MissionLogError(f'{path}: holds no mission log ({_LOG_SUFFIX}) and no bag')
+
+
+def _is_bag(path: Path) -> bool:
+    return path.is_dir() and any(path.glob(f'*{_BAG_SUFFIX}'))
+
+
+def _logged(path: Path) -> FlownMission:
+    log = read(path)
+    scenario = _scenario_of(log, path.parent / SCENARIO_FILE)
+    return flown_mission(log, scenario)
+
+
+def flown_mission(log: MissionLog, scenario: 'Scenario') -> FlownMission:
+    """A mission whose sensors and demand are drawn again, from scenario and mission seed."""
+    import numpy as np
+    from uav_collect.ground import draw_demand, lay_out
+    from uav_collect.site import build_site
+
+    site = build_site(scenario)
+    demand_bit = np.zeros(site.n_sensors)
+    draw_demand(lay_out(scenario, site), log.header.mission_seed, demand_bit)
+    return FlownMission(log=log, scenario=scenario, site=site, demand_bit=demand_bit)
+
+
+def _scenario_of(log: MissionLog, file: Path) -> 'Scenario':
+    """The scenario of a log: in the file beside it, or a shipped one that did not change since."""
+    from uav_collect.scenario import fingerprint, from_yaml, load, scenario_names
+
+    scenario = None
+    if file.is_file():
+        scenario = from_yaml(file.read_text(encoding='utf-8'))
+    elif log.header.scenario in scenario_names():
+        scenario = load(log.header.scenario)
+    wanted = log.header.scenario_fingerprint
+    if scenario is None or fingerprint(scenario) != wanted:
+        raise MissionLogError(
+            f'{file}: must be the scenario of the log, {log.header.scenario} with fingerprint'
+            f' {wanted}, got {fingerprint(scenario) if scenario else "no such file"}'
+        )
+    return scenario
+
+
+def _recorded(path: Path, pictures: Path) -> Iterator[tuple[FlownMission, Path]]:
+    from uav_collect.bag import BagError, read_missions
+
+    try:
+        missions = read_missions(path)
+    except BagError as error:
+        raise MissionLogError(str(error)) from error
+    for recorded in missions:
+        mission = FlownMission(
+            log=recorded.log,
+            scenario=recorded.scenario,
+            site=recorded.site,
+            demand_bit=recorded.demand_bit,
+            n_radio_messages=recorded.n_radio_messages,
+            is_whole=recorded.is_complete,
+        )
+        yield mission, pictures / f'trajectories_seed_{recorded.log.header.mission_seed}.png'
