@@ -116,15 +116,15 @@ def _command(name: str) -> _Command:
 
 def _is_the_users(error: Exception) -> bool:
     """Whether an error is about what the user gave; any other is ours and shows its traceback."""
-    if isinstance(error, OSError):
+    from uav_collect.mission_log import MissionLogError
+
+    if isinstance(error, OSError | MissionLogError):
         return True
     from uav_collect.bandwidth import AllocationError
-    from uav_collect.mission_log import MissionLogError
     from uav_collect.policy import PolicyMismatchError
     from uav_collect.scenario import ConfigError
 
-    kinds = (ConfigError, MissionLogError, PolicyMismatchError, AllocationError)
-    return isinstance(error, kinds)
+    return isinstance(error, ConfigError | PolicyMismatchError | AllocationError)
 
 
 def _text(error: Exception) -> str:
