@@ -83,26 +83,30 @@ def read(path: Path, library: Iterable[Path]) -> Document:
     Raises:
         ConfigError: a file is missing or unreadable, is not a YAML mapping, or extends itself.
     """
-    library = tuple(library)
-    chain: list[Source] = []
-    layers: list[dict[Any, Any]] = []
-    referrer = ''
-    while True:
-        if any(os.path.realpath(source.label) == os.path.realpath(path) for source in chain):
-            way = ' -> '.join([*(source.label for source in chain), str(path)])
-            raise ConfigError(f'{chain[0].label}: extends must not lead back to itself: {way}')
-        source = Source(label=str(path), folder=path.parent, text=_text_of(path, referrer))
-        values = _mapping_of(source)
-        chain.append(source)
-        layers.append({key: value for key, value in values.items() if key != 'extends'})
-        if 'extends' not in values:
-            break
-        path, referrer = _extended(values['extends'], source, library), f'{source.label}: extends '
+    layers = [*_layers(path, tuple(library))]
     merged: Any = {}
     origins: dict[Keys, Source] = {}
-    for source, layer in zip(reversed(chain), reversed(layers), strict=True):
-        merged = _merged(merged, layer, (), source, origins)
-    return Document(values=merged, origins=origins, aliases={}, top=chain[0])
+    for source, values in reversed(layers):
+        merged = _merged(merged, values, (), source, origins)
+    return Document(values=merged, origins=origins, aliases={}, top=layers[0][0])
+
+
+def _layers(path: Path, library: tuple[Path, ...]) -> Iterator[tuple[Source, dict[Any, Any]]]:
+    """A file, what it extends, and so on; each with its own values."""
+    way: list[str] = []
+    extended_by = ''
+    while True:
+        if any(os.path.realpath(above) == os.path.realpath(path) for above in way):
+            circle = ' -> '.join([*way, str(path)])
+            raise ConfigError(f'{way[0]}: extends must not lead back to itself: {circle}')
+        source = Source(label=str(path), folder=path.parent, text=_text_of(path, extended_by))
+        values = _mapping_of(source)
+        yield source, {key: value for key, value in values.items() if key != 'extends'}
+        if 'extends' not in values:
+            return
+        way.append(source.label)
+        extended_by = f'{source.label}: extends '
+        path = _extended(values['extends'], source, library)
 
 
 def find(name_or_path: str, folders: Iterable[Path], *, field: str) -> Path:
@@ -172,9 +176,8 @@ def _merged(
 
 def _is_one_value(keys: Keys, base: dict[Any, Any], top: dict[Any, Any]) -> bool:
     # A place or another kind of thing replaces what it stands over: half of each would be neither.
-    return keys[-1:] in {('start',), ('home',)} or top.get('kind', base.get('kind')) != base.get(
-        'kind'
-    )
+    kind = base.get('kind')
+    return keys[-1:] in {('start',), ('home',)} or top.get('kind', kind) != kind
 
 
 def _forget(origins: dict[Keys, Source], keys: Keys) -> None:
@@ -211,7 +214,7 @@ def _extended(name: object, source: Source, library: tuple[Path, ...]) -> Path:
 
 def _text_of(path: Path, referrer: str) -> str:
     try:
-        return path.read_bytes().decode()
+        return path.read_bytes().decode('utf-8-sig')
     except OSError as error:
         raise ConfigError(f'{referrer}{path}: cannot be read: {error.strerror}') from error
     except UnicodeDecodeError as error:

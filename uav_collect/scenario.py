@@ -92,10 +92,13 @@ def parse_override(assignment: str) -> tuple[str, object]:
     Raises:
         ConfigError: there is no `=`, or what follows is not YAML.
     """
-    path, equals, value = assignment.partition('=')
-    if not path.strip() or not equals:
+    path, equals, value = (part.strip() for part in assignment.partition('='))
+    if not path or not equals:
         raise ConfigError(f'override: {assignment!r} must be KEY=VALUE, as demand.cell_share=0.5')
-    return path.strip(), config_files.parse_value(value)
+    try:
+        return path, config_files.parse_value(value)
+    except ConfigError:
+        raise ConfigError(f'override: {path} is {value!r}: must be a YAML value') from None
 
 
 def fingerprint(scenario: Scenario) -> str:
