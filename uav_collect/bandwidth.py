@@ -137,18 +137,21 @@ def share_exact(
     Source: paper eq. (prob:bandwidth), Sec. VI.
     """
     n_active, audible = _split_equally(signal_w, demand_bit, n, 1.0, share_hz)
-    if n_active >= 2 and audible:
-        upper, lower, equal = solve(
+    if n_active < 2 or not audible:
+        return share_equal(
             signal_w, error_w, demand_bit, n, bandwidth_hz, noise_w_per_hz, share_hz
         )
-        # Among equal sensors, rounding must not make this slower than the equal split.
-        if lower > equal * (1.0 + _ROUNDING):
-            for i in range(n):
-                share_hz[i] = share_hz[i] * bandwidth_hz
-            hover_s = hover_time_s(signal_w, error_w, demand_bit, share_hz, n, noise_w_per_hz)
-            gap = upper * hover_s - 1.0
-            return hover_s, 0.0 if gap < 0.0 else gap
-    return share_equal(signal_w, error_w, demand_bit, n, bandwidth_hz, noise_w_per_hz, share_hz)
+    upper, found, equal = solve(
+        signal_w, error_w, demand_bit, n, bandwidth_hz, noise_w_per_hz, share_hz
+    )
+    if found > equal * (1.0 + _ROUNDING):
+        for i in range(n):
+            share_hz[i] = share_hz[i] * bandwidth_hz
+    else:  # rounding must not make this slower than the equal split
+        _split_equally(signal_w, demand_bit, n, bandwidth_hz, share_hz)
+    hover_s = hover_time_s(signal_w, error_w, demand_bit, share_hz, n, noise_w_per_hz)
+    gap = upper * hover_s - 1.0
+    return hover_s, 0.0 if gap < 0.0 else gap
 
 
 @kernel

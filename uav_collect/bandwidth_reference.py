@@ -11,6 +11,7 @@ C = e + x, convex programming's rules accept f as
 from dataclasses import dataclass
 from functools import lru_cache
 import math
+import warnings
 
 import clarabel
 import cvxpy as cp
@@ -32,7 +33,14 @@ _Row = tuple[dict[int, float], float]
 _TIGHT_SETTINGS: tuple[dict[str, object], ...] = tuple(
     {'tol_gap_abs': accuracy, 'tol_gap_rel': accuracy, 'tol_feas': accuracy, **variant}
     for accuracy in (1e-11, 1e-10)
-    for variant in ({}, {'equilibrate_enable': False}, {'max_step_fraction': 0.9})
+    for variant in (
+        {},
+        {'equilibrate_enable': False},
+        {'max_step_fraction': 0.9},
+        {'max_step_fraction': 0.8},
+        {'max_step_fraction': 0.9, 'equilibrate_enable': False},
+        {'static_regularization_constant': 1e-12},
+    )
 )
 
 _SMALLEST_SHARE = 1e-12  # a solver may end a hair below 0, where there is no rate
@@ -119,7 +127,10 @@ def _solve_by_cvxpy(s: Floats, e: Floats, c: Floats) -> Floats:
     program = _program(len(s), bool((e > 0.0).any()))
     program.s.value, program.e.value, program.c.value = s, e, c
     program.log_s.value = np.log(s)
-    program.problem.solve(solver=cp.CLARABEL)
+    with warnings.catch_warnings():
+        # The certified gap says how inaccurate a solution is.
+        warnings.filterwarnings('ignore', message='Solution may be inaccurate')
+        program.problem.solve(solver=cp.CLARABEL)
     if program.x.value is None:
         raise cp.SolverError(program.problem.status)
     x = np.maximum(program.x.value, _SMALLEST_SHARE)
