@@ -1,0 +1,39 @@
+"""Fixtures and skips that several test modules share."""
+
+from collections.abc import Iterator
+import importlib.util
+from pathlib import Path
+
+from processes import executable, own_domain, Processes, ros_environment
+import pytest
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Skip the tests marked `ros` where ROS or the built packages are missing."""
+    needs = ('rclpy', 'uav_collect_msgs')
+    missing = [name for name in needs if not importlib.util.find_spec(name)]
+    if executable('world_sim') is None:
+        missing.append('the installed uav_collect')
+    if not missing:
+        return
+    skip = pytest.mark.skip(reason=f'needs {", ".join(missing)}: run "make test"')
+    for item in items:
+        if item.get_closest_marker('ros'):
+            item.add_marker(skip)
+
+
+@pytest.fixture
+def ros_domain(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
+    """A ROS domain of the test's own, in this process and in those it starts."""
+    with own_domain() as domain:
+        for name, value in ros_environment(domain, tmp_path / 'ros_log').items():
+            monkeypatch.setenv(name, value)
+        yield domain
+
+
+@pytest.fixture
+def processes(ros_domain: int, tmp_path: Path) -> Iterator[Processes]:
+    """Starts executables of uav_collect in the test's ROS domain; none outlives the test."""
+    started = Processes(tmp_path, {'ROS_DOMAIN_ID': str(ros_domain)})
+    yield started
+    started.close()

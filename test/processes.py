@@ -1,0 +1,203 @@
+"""Runs installed executables in tests, watches their output and leaves no process behind.
+
+Use it through the fixture `processes`:
+
+    world = processes.start('world_sim', '--ros-args', '-p', 'seed:=3')
+    world.wait_for('waiting for UAV 1')
+    world.send(signal.SIGINT)
+    assert world.wait_for_exit() == 0
+    assert processes.survivors() == []
+"""
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+import itertools
+import os
+from pathlib import Path
+import re
+import signal
+import socket
+import subprocess
+import time
+import uuid
+
+DEADLINE_S = 60.0  # for what should take seconds: only a hang or a starved machine reaches it
+_POLL_S = 0.02
+_TAIL_CHARACTERS = 4000
+_DOMAINS = range(1, 102)  # ids whose ports lie below the ephemeral ones
+_MARK = 'UAV_COLLECT_TEST'  # inherited by every process of a test, however far down
+_turns = itertools.count()
+
+
+@contextmanager
+def own_domain() -> Iterator[int]:
+    """Hold a ROS domain id that no other test on this machine holds, in any run of the tests."""
+    first = os.getpid() + next(_turns)
+    for turn in range(len(_DOMAINS)):
+        domain = _DOMAINS[(first + turn) % len(_DOMAINS)]
+        # A socket name without a file: one holder in a network namespace, freed when it exits.
+        with socket.socket(socket.AF_UNIX) as claim:
+            try:
+                claim.bind(f'\0uav_collect_domain_{domain}')
+            except OSError:
+                continue
+            yield domain
+            return
+    raise RuntimeError('every ROS domain id is held by a test')
+
+
+def ros_environment(domain: int, log_folder: Path) -> dict[str, str]:
+    """Return the variables that keep a test's ROS traffic to itself and its output plain."""
+    return {
+        'ROS_DOMAIN_ID': str(domain),
+        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+        'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4',  # a killed process leaves no shared memory behind
+        'ROS_LOG_DIR': str(log_folder),
+        'RCUTILS_COLORIZED_OUTPUT': '0',
+        'PYTHONUNBUFFERED': '1',
+    }
+
+
+def executable(name: str) -> Path | None:
+    """Find an executable of uav_collect in the sourced prefixes, as ros2 run does."""
+    for prefix in os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep):
+        path = Path(prefix) / 'lib' / 'uav_collect' / name
+        if prefix and path.is_file():
+            return path
+    return None
+
+
+class RunningProcess:
+    """A started executable; its output, both streams, goes to a file."""
+
+    def __init__(self, name: str, popen: subprocess.Popen[bytes], output_file: Path) -> None:
+        self.name = name
+        self.pid = popen.pid
+        self._popen = popen
+        self._output_file = output_file
+        self._matched_to = 0
+
+    @property
+    def output(self) -> str:
+        """Everything written so far."""
+        return self._output_file.read_text(errors='replace')
+
+    @property
+    def is_running(self) -> bool:
+        """Whether it has not exited yet."""
+        return self._popen.poll() is None
+
+    def wait_for(self, pattern: str, deadline_s: float = DEADLINE_S) -> re.Match[str]:
+        """Wait until the output matches, past what an earlier call matched.
+
+        Args:
+            pattern: regular expression, searched in complete lines.
+            deadline_s: how long to wait [s].
+
+        Raises:
+            AssertionError: it exited or the deadline passed first; with the end of the output.
+        """
+        end_s = time.monotonic() + deadline_s
+        while True:
+            has_exited = not self.is_running
+            output = self.output
+            complete = len(output) if has_exited else output.rfind('\n') + 1
+            match = re.compile(pattern, re.MULTILINE).search(output, self._matched_to, complete)
+            if match:
+                self._matched_to = match.end()
+                return match
+            if has_exited:
+                raise AssertionError(self._told(f'exited before it wrote {pattern!r}'))
+            if time.monotonic() > end_s:
+                raise AssertionError(self._told(f'did not write {pattern!r} in {deadline_s} s'))
+            with suppress(subprocess.TimeoutExpired):
+                self._popen.wait(_POLL_S)
+
+    def wait_for_exit(self, deadline_s: float = DEADLINE_S) -> int:
+        """Wait until it exits and return its status: negative for the signal that ended it.
+
+        Raises:
+            AssertionError: it still runs at the deadline; with the end of the output.
+        """
+        try:
+            return self._popen.wait(deadline_s)
+        except subprocess.TimeoutExpired:
+            raise AssertionError(self._told(f'still runs after {deadline_s} s')) from None
+
+    def send(self, signal_number: signal.Signals) -> None:
+        """Send a signal to the process alone."""
+        self._popen.send_signal(signal_number)
+
+    def kill(self) -> None:
+        """End it as kill -9 does."""
+        self._popen.kill()
+        self._popen.wait()
+
+    def close(self) -> None:
+        """Kill whatever runs in its session, and reap it."""
+        with suppress(ProcessLookupError):
+            os.killpg(self.pid, signal.SIGKILL)
+        self._popen.wait()
+
+    def _told(self, complaint: str) -> str:
+        tail = self.output[-_TAIL_CHARACTERS:]
+        status = self._popen.poll()
+        return f'{self.name} {complaint} (exit status {status}); its output ends:\n{tail}'
+
+
+class Processes:
+    """The processes of one test."""
+
+    def __init__(self, folder: Path, environment: Mapping[str, str]) -> None:
+        self._folder = folder
+        self._mark = uuid.uuid4().hex
+        # The whole environment: the wheels' Python depends on what it has set for itself.
+        self._environment = {**os.environ, **environment, _MARK: self._mark}
+        self._started: list[RunningProcess] = []
+
+    def start(self, name: str, *arguments: str, **environment: str) -> RunningProcess:
+        """Start an executable of uav_collect in a session of its own.
+
+        Args:
+            name: the installed executable, 'uav_agent' for instance.
+            arguments: its command line.
+            environment: variables to set or change for it.
+        """
+        path = executable(name)
+        assert path, f'{name} is not installed in a prefix of AMENT_PREFIX_PATH'
+        return self.run(name, str(path), *arguments, **environment)
+
+    def run(self, name: str, *command: str, **environment: str) -> RunningProcess:
+        """Start any command, under a name for its output file and for failures."""
+        output_file = self._folder / f'{len(self._started)}_{name}.txt'
+        with output_file.open('wb') as output:
+            popen = subprocess.Popen(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                env={**self._environment, **environment},
+                cwd=self._folder,
+                start_new_session=True,
+            )
+        process = RunningProcess(name, popen, output_file)
+        self._started.append(process)
+        return process
+
+    def survivors(self) -> list[int]:
+        """Return the ids of the test's processes that run, children in any session included."""
+        mark = f'{_MARK}={self._mark}'.encode()
+        pids = []
+        for environ in Path('/proc').glob('[0-9]*/environ'):
+            with suppress(OSError):  # not ours, or gone by now
+                if mark in environ.read_bytes().split(b'\0'):
+                    pids.append(int(environ.parent.name))
+        return pids
+
+    def close(self) -> None:
+        """Kill whatever still runs."""
+        for process in self._started:
+            process.close()
+        for pid in self.survivors():
+            with suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)

@@ -1,0 +1,44 @@
+"""The helper that runs processes for other tests."""
+
+import signal
+import sys
+
+from processes import own_domain, Processes
+import pytest
+
+_SLEEPER = 'import time; print("up", flush=True); time.sleep(600)'
+_PARENT = f"""
+import subprocess, sys
+child = subprocess.Popen(
+    [sys.executable, '-c', {_SLEEPER!r}], stdout=subprocess.PIPE, start_new_session=True
+)
+child.stdout.readline()
+"""
+
+
+def test_two_holders_never_share_a_domain() -> None:
+    with own_domain() as one, own_domain() as other:
+        assert one != other
+
+
+def test_a_process_is_watched_and_ended_by_signal(processes: Processes) -> None:
+    sleeper = processes.run('sleeper', sys.executable, '-c', _SLEEPER)
+    assert sleeper.wait_for('^up$').group() == 'up'
+    assert processes.survivors() == [sleeper.pid]
+    sleeper.send(signal.SIGTERM)
+    assert sleeper.wait_for_exit() == -signal.SIGTERM
+    assert processes.survivors() == []
+
+
+def test_a_failure_shows_the_output(processes: Processes) -> None:
+    speaker = processes.run('speaker', sys.executable, '-c', 'print("the reason")')
+    with pytest.raises(AssertionError, match='the reason'):
+        speaker.wait_for('never written')
+
+
+def test_a_child_in_a_session_of_its_own_is_found_and_killed(processes: Processes) -> None:
+    parent = processes.run('parent', sys.executable, '-c', _PARENT)
+    assert parent.wait_for_exit() == 0
+    assert len(processes.survivors()) == 1
+    processes.close()
+    assert processes.survivors() == []
