@@ -11,13 +11,12 @@ python=${3:-}
 say() { echo "set-up: $*"; }
 die() { echo "set-up: $*" >&2; exit 1; }
 
+# The interpreter itself, should a virtual environment be active: ours may have to be made anew.
 find_python() {
   for candidate in ${python:-python3 python3.12 python3.11}; do
-    if "$candidate" -c 'import sys; sys.exit(sys.version_info[:2] not in ((3, 11), (3, 12)))' \
-        2> /dev/null; then
-      echo "$candidate"
-      return
-    fi
+    "$candidate" -c 'import sys
+sys.version_info[:2] in ((3, 11), (3, 12)) or sys.exit(1)
+print(sys._base_executable)' 2> /dev/null && return
   done
 }
 
@@ -27,7 +26,7 @@ check_machine() {
     wheels- | *-jazzy) ;;
     *) die "ROS $ROS_DISTRO is sourced; use a shell with Jazzy or without ROS" ;;
   esac
-  found=$(find_python)
+  found=$(find_python) || true
   [ -n "$found" ] || die "needs Python 3.11 or 3.12 (${python:-python3, python3.12, python3.11} tried);" \
     "name it with make PYTHON=/path/to/python"
   "$found" -c 'import ensurepip, venv' 2> /dev/null \
