@@ -3,7 +3,6 @@
 import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-import os
 import sys
 from typing import NoReturn
 
@@ -18,7 +17,6 @@ SUMMARIES = {
 }
 _MISUSE = 2
 _INTERRUPTED = 130  # as shells have it
-_PIPE_CLOSED = 141
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,10 +83,6 @@ def _run(name: str, argv: Sequence[str], *, prog: str) -> int:
         sys.stdout.flush()  # a full disk shows here, not at exit
     except KeyboardInterrupt:
         return _INTERRUPTED
-    except BrokenPipeError:
-        # Whoever read our output has enough; nothing may be flushed there at exit either.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return _PIPE_CLOSED
     except (OSError, ValueError) as error:
         if not _is_the_users(error):
             raise

@@ -7,7 +7,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-
 from uav_collect.arrays import Floats
 from uav_collect.metrics import MissionFigures
 
@@ -90,11 +89,10 @@ def estimates(missions: Sequence[MissionFigures], seed: int) -> tuple[Estimate, 
     if not len(values):
         raise ValueError('an estimate needs at least one mission')
     low, high = bootstrap_interval(values, seed)
-    middle = np.median(values, axis=0)
-    mean = np.clip(values.mean(axis=0), values.min(axis=0), values.max(axis=0))
+    columns = (_within(values, values.mean(axis=0)), low, high, np.median(values, axis=0))
     return tuple(
-        Estimate(mean=row[0], low=min(row[:2]), high=max(row[0], row[2]), median=row[3])
-        for row in np.column_stack((mean, low, high, middle)).tolist()
+        Estimate(mean=row[0], low=row[1], high=row[2], median=row[3])
+        for row in np.column_stack(columns).tolist()
     )
 
 
@@ -120,4 +118,9 @@ def bootstrap_interval(values: Floats, seed: int) -> tuple[Floats, Floats]:
         means.append(np.stack([column[rows].mean(axis=1) for column in values.T], axis=1))
     tail = (1.0 - LEVEL) / 2.0
     low, high = np.quantile(np.concatenate(means), [tail, 1.0 - tail], axis=0)
-    return low, high
+    return _within(values, low), _within(values, high)
+
+
+def _within(values: Floats, mean: Floats) -> Floats:
+    # Rounding may put the mean of equal numbers beside them.
+    return np.clip(mean, values.min(axis=0), values.max(axis=0))

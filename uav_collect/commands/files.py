@@ -7,49 +7,58 @@ from pathlib import Path
 
 
 def check_writable(path: Path) -> None:
-    """Raise OSError now if a file could not be written later."""
-    target = path.resolve()
-    if target.is_dir():
+    """Raise OSError, naming the file, if it could not be written later."""
+    if path.is_dir():
         raise IsADirectoryError(f'{path}: is a folder, must be a file')
-    if _is_replaceable(target):
-        with _partial(target):
+    if not _is_device(path):
+        with _naming(path), _partial(path):
             pass
 
 
 def write_atomically(path: Path, content: bytes) -> None:
     """Write a file such that a reader, a crash or a full disk never finds a part of it.
 
-    A device or a pipe is written as it is: it must not be replaced by a file.
+    A device or a pipe, as /dev/stdout, is written as it is: it must not be replaced by a file.
 
     Raises:
         OSError: naming the file.
     """
-    target = path.resolve()  # a link stays a link
-    if not _is_replaceable(target):
-        target.write_bytes(content)
-        return
-    with _partial(target) as partial:
-        with partial.open('wb') as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        partial.replace(target)
+    with _naming(path):
+        if _is_device(path):
+            with path.open('ab') as device:
+                device.write(content)
+            return
+        with _partial(path) as partial:
+            with partial.open('wb') as file:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+            partial.replace(path.resolve())  # a link stays a link
 
 
-def _is_replaceable(target: Path) -> bool:
-    return target.is_file() or not target.exists()
+def _is_device(path: Path) -> bool:
+    # Behind /dev/stdout there may be an ordinary file, which is still not ours to replace.
+    return path.exists() and (not path.is_file() or Path('/dev') in path.absolute().parents)
 
 
 @contextmanager
-def _partial(target: Path) -> Iterator[Path]:
-    """A file beside the target, gone afterwards unless it became the target."""
+def _partial(path: Path) -> Iterator[Path]:
+    """A file beside another, gone afterwards unless it took its place."""
+    target = path.resolve()
     partial = target.with_name(f'.{target.name}.{os.getpid()}.part')
     try:
         partial.touch()
         yield partial
-    except OSError as error:
-        error.filename, error.filename2 = str(target), None  # the user's file, not the partial one
-        raise
     finally:
         with suppress(OSError):
             partial.unlink()
+
+
+@contextmanager
+def _naming(path: Path) -> Iterator[None]:
+    """Name the user's file in an error, not the partial one."""
+    try:
+        yield
+    except OSError as error:
+        error.filename, error.filename2 = str(path), None
+        raise
