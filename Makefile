@@ -22,18 +22,35 @@ endif
 
 TESTS ?= test
 BENCHES ?= $(sort $(wildcard bench/*.py))
-# Only what is set is passed on: the command knows its own defaults.
-option = $(if $($(1)),--$(2) '$($(1))')
-OPTIONS = $(call option,SCENARIO,scenario) $(call option,POLICY,policy) $(call option,SEED,seed) $(ARGS)
+
+# The mission's variables; "make help" prints these lines. Only what is set is passed on: the command
+# knows its own defaults.
+#:SCENARIO   name in config/scenarios, or a YAML file (paper_10x10)
+#:POLICY     who decides on board: sweep or hert (sweep)
+#:SEED       mission seed: data and channels (0)
+#:BANDWIDTH  how a hover shares bandwidth: exact, equal or cvxpy (exact)
+#:UAVS       number of UAVs (as in the scenario)
+#:ARGS       any further arguments of the command, see ARGS=--help
+MISSION_OPTIONS = \
+  $(if $(SCENARIO),--scenario '$(SCENARIO)') \
+  $(if $(POLICY),--policy '$(POLICY)') \
+  $(if $(SEED),--seed '$(SEED)') \
+  $(if $(BANDWIDTH),--bandwidth '$(BANDWIDTH)') \
+  $(if $(UAVS),--uavs '$(UAVS)') \
+  $(ARGS)
 
 help:  ## this list
 	@echo 'make TARGET [VARIABLE=value ...]'
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  %-10s %s\n", $$1, $$2 }' Makefile
+	@echo 'Variables of make mission, with their defaults:'
+	@sed -n 's/^#:/  /p' Makefile
+	@echo 'Of the set-up:'
+	@echo '  PYTHON     which Python to use (the first 3.11 or 3.12 of python3, python3.12, python3.11)'
 
 setup: $(BUILT)  ## everything that missions need, in .venv, build and install (2 minutes once)
 
-mission: $(BUILT)  ## fly a mission over ROS 2: SCENARIO=paper_10x10 POLICY=sweep SEED=0 ...
-	@. install/setup.sh && $(VENV)/bin/python -m uav_collect mission $(OPTIONS)
+mission: $(BUILT)  ## fly a mission over ROS 2 and show it, as SCENARIO=lillgrund POLICY=hert SEED=7
+	@. install/setup.sh && $(VENV)/bin/python -m uav_collect mission $(MISSION_OPTIONS)
 
 test: $(BUILT) $(DEVELOPED)  ## run all tests; TESTS=test/test_radio.py runs a part
 	@. install/setup.sh && $(VENV)/bin/python -m pytest $(TESTS) $(ARGS)

@@ -37,6 +37,7 @@ setup(
             'world_sim = uav_collect.nodes.executables:world_sim',
             'uav_agent = uav_collect.nodes.executables:uav_agent',
             'recorder = uav_collect.nodes.executables:recorder',
+            'doctor = uav_collect.__main__:doctor',
             'evaluate = uav_collect.__main__:evaluate',
             'mission = uav_collect.__main__:mission',
             'report = uav_collect.__main__:report',
