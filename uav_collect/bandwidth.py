@@ -147,7 +147,7 @@ def share_exact(
     if found > equal * (1.0 + _ROUNDING):
         for i in range(n):
             share_hz[i] = share_hz[i] * bandwidth_hz
-    else:  # rounding must not make this slower than the equal split
+    else:  # equal sensors: rounding must not make this slower than the equal split
         _split_equally(signal_w, demand_bit, n, bandwidth_hz, share_hz)
     hover_s = hover_time_s(signal_w, error_w, demand_bit, share_hz, n, noise_w_per_hz)
     gap = upper * hover_s - 1.0

@@ -14,6 +14,7 @@ import math
 
 from uav_collect.arrays import Row
 from uav_collect.compiled import kernel
+from uav_collect.radio import log_of_1_plus
 
 _GAP_WANTED = 1e-12
 _MAX_ITERATIONS = 60  # 28 is the most seen, with numbers spread over 60 orders of magnitude
@@ -28,7 +29,7 @@ def _tangent(x: float, s: float, e: float, c: float) -> tuple[float, float]:
     level = e + x
     r = s / level
     q = r / (1.0 + r)
-    log = math.log1p(r)
+    log = log_of_1_plus(r)
     if r > _SERIES_BELOW:
         bend = log - q
     else:  # log1p(r) = -log(1 - q) = q + q^2/2 + q^3/3 ...

@@ -47,7 +47,9 @@ _SMALLEST_SHARE = 1e-12  # a solver may end a hair below 0, where there is no ra
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Program:
+class Program:
+    """The scaled problem of one hover with n sensors in cvxpy: numbers go into its parameters."""
+
     problem: cp.Problem
     x: cp.Variable  # (n,) shares of the bandwidth
     s: cp.Parameter  # (n,)
@@ -56,9 +58,8 @@ class _Program:
     c: cp.Parameter  # (n,)
 
 
-@lru_cache(maxsize=64)
-def _program(n: int, with_error: bool) -> _Program:
-    # Parameters keep it compiled: the next hover with as many sensors only changes numbers.
+def build_program(n: int, with_error: bool) -> Program:
+    """State the problem for n sensors; `with_error` if any channel is known with an error."""
     x, u = cp.Variable(n, nonneg=True), cp.Variable()
     s, e, c = (cp.Parameter(n, nonneg=True) for _ in range(3))
     log_s = cp.Parameter(n)
@@ -72,7 +73,7 @@ def _program(n: int, with_error: bool) -> _Program:
         constraints = []
     constraints += [f >= c * u, cp.sum(x) <= 1]
     problem = cp.Problem(cp.Maximize(u), constraints)
-    return _Program(problem=problem, x=x, s=s, log_s=log_s, e=e, c=c)
+    return Program(problem=problem, x=x, s=s, log_s=log_s, e=e, c=c)
 
 
 def allocate(
@@ -96,7 +97,8 @@ def allocate(
         active = demand_bit[m] > 0.0
         s, e, c = scaled(*row, bandwidth_hz, noise_w_per_hz, float(equal.hover_s[m]))
         try:
-            x = _solve_by_cvxpy(s, e, c)
+            program = _kept_program(len(s), bool((e > 0.0).any()))
+            x = solve_program(program, s, e, c)
         except cp.SolverError as error:
             raise AllocationError(f'hover {m}: the solver gave up: {error}') from error
         share_hz[m, active] = x * bandwidth_hz
@@ -123,8 +125,12 @@ def scaled(
     return signal_w[active] / noise_w, error_w[active] / noise_w, c
 
 
-def _solve_by_cvxpy(s: Floats, e: Floats, c: Floats) -> Floats:
-    program = _program(len(s), bool((e > 0.0).any()))
+# Once compiled, a program serves all hovers with as many sensors: only its numbers change.
+_kept_program = lru_cache(maxsize=64)(build_program)
+
+
+def solve_program(program: Program, s: Floats, e: Floats, c: Floats) -> Floats:
+    """Parts of the bandwidth, shape (n,), for the scaled numbers of a hover's n sensors."""
     program.s.value, program.e.value, program.c.value = s, e, c
     program.log_s.value = np.log(s)
     with warnings.catch_warnings():

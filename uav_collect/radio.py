@@ -113,6 +113,13 @@ def channel_draw(
 
 
 @kernel
+def log_of_1_plus(r: float) -> float:
+    """Natural log of 1 + r, r >= 0, to the last digits."""
+    # Where 1 + r keeps the digits of r, log is twice as fast as log1p.
+    return math.log(1.0 + r) if r > 1.0 else math.log1p(r)
+
+
+@kernel
 def uplink_rate_bps(
     bandwidth_hz: float, signal_w: float, error_w: float, noise_w_per_hz: float
 ) -> float:
@@ -133,8 +140,7 @@ def uplink_rate_bps(
     if bandwidth_hz == 0.0:
         return 0.0
     snr = signal_w / (error_w + bandwidth_hz * noise_w_per_hz)
-    # log1p: 1 + snr would lose a weak link's digits.
-    return bandwidth_hz * (math.log1p(snr) / math.log(2.0))
+    return bandwidth_hz * (log_of_1_plus(snr) / math.log(2.0))
 
 
 elevations_rad = np.vectorize(elevation_rad, otypes=[float])
