@@ -1,6 +1,9 @@
 """What a user may get wrong in a scenario: one line with file, field, value, allowed range."""
 
+import os
 from pathlib import Path
+import subprocess
+import sys
 from typing import NamedTuple
 
 import pytest
@@ -20,6 +23,7 @@ SECTIONS = 'name, area, sensors, demand, radio, reward, fleet'
 COORDINATES = 'x_m,y_m or easting_m,northing_m or lat,lon'
 METRES = 'must be a number from -10000000 to 10000000 m'
 MAPPING = 'must be a mapping of keys'
+NOT_UTF8 = 'must be UTF-8 text: invalid continuation byte'
 
 SITE = """extends: paper_10x10
 sensors:
@@ -351,10 +355,14 @@ def test_a_circle_of_files_is_named_from_end_to_end() -> None:
 
 def test_text_that_is_not_utf8_is_one_line_with_its_number() -> None:
     Path('site.yaml').write_bytes('extends: paper_10x10\nname: Öresund\n'.encode('latin-1'))
-    assert problems_of('site.yaml') == ('site.yaml:2: must be UTF-8 text: invalid start byte',)
+    assert problems_of('site.yaml') == (
+        'site.yaml:2: must be UTF-8 text: invalid continuation byte',
+    )
     Path('site.yaml').write_text(SITE)
     Path('sensors.csv').write_bytes('sensor_id,x_m,y_m\nÖ,1,2\n'.encode('latin-1'))
-    assert problems_of('site.yaml') == ('sensors.csv:2: must be UTF-8 text: invalid start byte',)
+    assert problems_of('site.yaml') == (
+        'sensors.csv:2: must be UTF-8 text: invalid continuation byte',
+    )
 
 
 def test_a_mistake_in_the_base_file_names_the_base_file() -> None:
@@ -396,3 +404,48 @@ def test_a_seed_that_draws_no_sensor_is_refused() -> None:
     empty = load('paper_10x10', {'sensors.dense_mean': 0, 'sensors.sparse_mean': 0})
     with pytest.raises(ConfigError, match=r'sensors\.seed is 35: draws an area without sensors'):
         build_site(empty)
+
+
+def evaluate(*arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, '-m', 'uav_collect', 'evaluate', '--missions', '1', *arguments]
+    paths = [str(Path(__file__).parents[1]), os.environ.get('PYTHONPATH', '')]
+    environment = os.environ | {'PYTHONPATH': os.pathsep.join(paths)}
+    return subprocess.run(command, env=environment, check=False, capture_output=True, text=True)
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'problem'),
+    [
+        (('--scenario', 'no.yaml'), 'no.yaml: cannot be read: No such file or directory'),
+        (
+            ('--scenario', 'site.yaml'),
+            "sensors.csv:3: sensor_id is 'a': must be unique, but line 2 has the same",
+        ),
+        (
+            ('--set', 'area.cell_size_m=-50'),
+            f'override: area.cell_size_m is -50: {LENGTH}',
+        ),
+        (
+            ('--set', 'sensors.dense_mean=0', 'sensors.sparse_mean=0'),
+            'sensors.seed is 35: draws an area without sensors, must be another seed, '
+            'or the means larger',
+        ),
+    ],
+)
+def test_a_command_shows_the_line_and_exits_with_status_2(
+    arguments: tuple[str, ...], problem: str
+) -> None:
+    Path('site.yaml').write_text(SITE)
+    Path('sensors.csv').write_text('sensor_id,x_m,y_m\na,1,2\na,3,4\n')
+    done = evaluate(*arguments)
+    assert (done.returncode, done.stdout) == (2, '')
+    assert done.stderr == f'error: {problem}\n'
+
+
+def test_a_budget_that_cannot_pay_for_the_way_home_is_refused_with_numbers() -> None:
+    done = evaluate('--set', 'fleet.default.energy_budget_kj=1.5')
+    assert (done.returncode, done.stdout) == (2, '')
+    *_, line = done.stderr.splitlines()
+    assert line.startswith('error: scenario paper_10x10: ')
+    assert 'UAV 1 has 1.5 kJ' in line
+    assert 'Traceback' not in done.stderr
