@@ -1,0 +1,165 @@
+"""Reads the missions of a recording: the same logs, to the byte, that the world has written."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rosbags.highlevel import AnyReader, AnyReaderError
+from uav_collect.arrays import Floats
+from uav_collect.mission_log import (
+    EVENT_DTYPE,
+    Events,
+    header_from_line,
+    MissionLog,
+    MissionLogError,
+)
+from uav_collect.scenario import ConfigError, from_yaml, Scenario
+from uav_collect.site import build_site, Site
+
+_SCENARIO = '/world/scenario'
+_MISSION = '/world/mission'
+_EPOCH = '/world/epoch'
+_DELIVERED = '/radio_rx'
+_ENDED = 1  # Mission.ENDED
+
+
+class BagError(ValueError):
+    """A bag that cannot be read: which, why, and what to do."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordedMission:
+    """One mission of a bag."""
+
+    log: MissionLog  # of the events that were recorded
+    scenario: Scenario
+    site: Site
+    demand_bit: Floats  # (S,) data of each sensor at the start
+    n_radio_messages: int  # delivered between UAVs
+    is_complete: bool  # ended, and every event of it was recorded
+
+
+@dataclass(kw_only=True)
+class _Parts:
+    """What was found of one mission."""
+
+    start: Any  # the first Mission message
+    phases: set[int] = field(default_factory=set)
+    epochs: dict[int, Any] = field(default_factory=dict)  # by event
+    n_radio_messages: int = 0
+
+
+def read_missions(path: Path) -> list[RecordedMission]:
+    """All missions of a bag, in the order they were flown; what was missed is left out of them.
+
+    Args:
+        path: folder of the bag.
+
+    Raises:
+        BagError: there is no bag, its recorder was cut off, or it holds no mission.
+    """
+    scenarios: dict[str, Any] = {}
+    missions: dict[str, _Parts] = {}
+    for topic, message in _messages(path):
+        if topic == _SCENARIO:
+            scenarios[message.world_instance] = message
+            continue
+        parts = missions.setdefault(message.mission_id, _Parts(start=None))
+        if topic == _MISSION:
+            parts.start = parts.start or message
+            parts.phases.add(int(message.phase))
+        elif topic == _EPOCH:
+            parts.epochs[int(message.event)] = message
+        else:
+            parts.n_radio_messages += 1
+    found = [parts for parts in missions.values() if parts.start is not None]
+    if not found:
+        raise BagError(f'{path}: holds no mission, neither start nor end of one was recorded')
+    sites: dict[str, tuple[Scenario, Site]] = {}
+    for world, message in scenarios.items():
+        sites[world] = _site(path, message)
+    return [_mission(path, parts, sites) for parts in found]
+
+
+def _messages(path: Path) -> Iterator[tuple[str, Any]]:
+    """Topic and content of the messages that make up missions, as received."""
+    with _reader(path) as reader:
+        wanted = [
+            connection
+            for connection in reader.connections
+            if connection.topic in (_SCENARIO, _MISSION, _EPOCH)
+            or connection.topic.endswith(_DELIVERED)
+        ]
+        for connection, _, content in reader.messages(wanted) if wanted else ():
+            yield connection.topic, reader.deserialize(content, connection.msgtype)
+
+
+@contextmanager
+def _reader(path: Path) -> Iterator[AnyReader]:
+    if not path.exists():
+        raise BagError(f'{path}: no such bag')
+    if path.is_dir() and not (path / 'metadata.yaml').exists():
+        if any(path.glob('*.mcap*')):
+            raise BagError(f'{path}: its recorder was cut off; run: recorder --repair {path}')
+        raise BagError(f'{path}: not a bag, it has no metadata.yaml')
+    try:
+        with AnyReader([path]) as reader:
+            yield reader
+    except (AnyReaderError, OSError) as error:
+        raise BagError(
+            f'{path}: cannot be read ({error}); try: recorder --repair {path}'
+        ) from error
+
+
+def _site(path: Path, message: Any) -> tuple[Scenario, Site]:  # noqa: ANN401 - a message
+    try:
+        scenario = from_yaml(message.yaml)
+        site = build_site(scenario)
+    except ConfigError as error:
+        raise BagError(f'{path}: its scenario is not valid here: {error}') from error
+    recorded_m = np.column_stack([message.sensor_x_m, message.sensor_y_m])
+    if not np.array_equal(site.position_m, recorded_m):
+        raise BagError(f'{path}: its sensors are not those that this version draws')
+    return scenario, site
+
+
+def _mission(
+    path: Path, parts: _Parts, sites: dict[str, tuple[Scenario, Site]]
+) -> RecordedMission:
+    start = parts.start
+    if start.world_instance not in sites:
+        raise BagError(f'{path}: the scenario of mission {start.mission_id} was not recorded')
+    scenario, site = sites[start.world_instance]
+    epochs = [parts.epochs[event] for event in sorted(parts.epochs)]
+    try:
+        header = header_from_line(start.log_header)
+    except MissionLogError as error:
+        raise BagError(f'{path}: mission {start.mission_id}: {error}') from error
+    return RecordedMission(
+        log=MissionLog(header=header, events=_events(epochs)),
+        scenario=scenario,
+        site=site,
+        demand_bit=np.array(start.demand_bit, dtype=np.float64),
+        n_radio_messages=parts.n_radio_messages,
+        is_complete=_ENDED in parts.phases
+        and bool(epochs)
+        and epochs[-1].terminal
+        and len(epochs) == epochs[-1].event + 1,
+    )
+
+
+def _events(epochs: list[Any]) -> Events:
+    events = np.zeros(len(epochs), dtype=EVENT_DTYPE)
+    for event, epoch in zip(events, epochs, strict=True):
+        for name in EVENT_DTYPE.names or ():
+            value = getattr(epoch, name)
+            event[name] = _bits(value) if name == 'heard' else value
+    return events
+
+
+def _bits(uavs: Any) -> int:  # noqa: ANN401 - an array of ids
+    """Ids from 1 as the bits of one number."""
+    return sum(1 << (int(uav) - 1) for uav in uavs)

@@ -1,0 +1,52 @@
+"""ROS parameters of a node: declared with range and description, and listed by `--help`."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.node import Node
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parameter:
+    """One parameter: its name with its unit, its default, what it does, what it may be."""
+
+    name: str
+    default: bool | int | float | str
+    description: str
+    low: float | None = None  # for numbers, bounds included
+    high: float | None = None
+
+    @property
+    def descriptor(self) -> ParameterDescriptor:
+        """What ROS shows of it, and checks."""
+        told = ParameterDescriptor(description=self.description, read_only=True)
+        if self.low is None or self.high is None:
+            return told
+        if isinstance(self.default, int):
+            bounds = IntegerRange(from_value=int(self.low), to_value=int(self.high))
+            told.integer_range = [bounds]
+        else:
+            bounds = FloatingPointRange(from_value=float(self.low), to_value=float(self.high))
+            told.floating_point_range = [bounds]
+        return told
+
+    @property
+    def help(self) -> str:
+        """One line about it."""
+        default = str(self.default).lower() if isinstance(self.default, bool) else self.default
+        shown = f"'{default}'" if isinstance(default, str) else f'{default:g}'
+        bounds = '' if self.low is None else f', {self.low:g} to {self.high:g}'
+        return f'  {self.name}:={shown}  {self.description}{bounds}'
+
+
+def declare(node: Node, parameters: Sequence[Parameter]) -> None:
+    """Declare parameters; they are fixed once the node runs."""
+    for parameter in parameters:
+        node.declare_parameter(parameter.name, parameter.default, parameter.descriptor)
+
+
+def help_text(parameters: Sequence[Parameter]) -> str:
+    """The part of `--help` about parameters."""
+    lines = ['ROS parameters (--ros-args -p NAME:=VALUE), with their defaults:']
+    return '\n'.join([*lines, *(parameter.help for parameter in parameters)])

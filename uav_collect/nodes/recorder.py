@@ -1,0 +1,250 @@
+"""The recorder: every topic of a mission, as received, into one bag."""
+
+import argparse
+from collections import Counter
+from collections.abc import Callable, Sequence
+from functools import partial
+import math
+from pathlib import Path
+import re
+import sys
+import time
+from typing import Any
+
+from ament_index_python.packages import get_package_share_directory
+from rclpy.clock import Clock, ClockType
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.qos import QoSProfile
+from rclpy.serialization import deserialize_message
+from rclpy.utilities import remove_ros_args
+from rosbags.interfaces import (
+    Connection,
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
+from uav_collect.bag_writer import BagWriter, MessageTypes, RecordingError
+from uav_collect.nodes.parameters import declare, help_text, Parameter
+from uav_collect.nodes.spin import FAILED, MISUSED, NodeError, ProcessNode, run_node
+from uav_collect.nodes.topics import CLOCK, FLEET_WIDE, MISSION, Topic, topics_of_uav
+from uav_collect_msgs.msg import Mission
+
+_DESCRIPTION = """
+Records every topic of a mission, as received, into one bag (rosbag2 layout, MCAP). Start it in any
+order with the other nodes; it adds the topics of each UAV that it sees. SIGINT and SIGTERM close
+the bag; after anything worse, --repair makes it readable up to the last flushed chunk.
+"""
+_READER_DEPTH = 10_000  # messages of a topic that wait while a chunk is written
+_LOOK_PERIOD_S = 0.05  # between looks for new UAVs; latched histories bridge it
+_QUIET_S = 0.3  # without any message, when the last mission has ended, it was the last
+_WAIT_S = 2.0  # longest wait for that
+_UAV_TOPIC = re.compile(r'/uav_([1-9]\d?)/\w+')
+
+PARAMETERS = (
+    Parameter(
+        name='output_dir',
+        default='',
+        description='folder to create for the bag; if empty, named by the time',
+    ),
+    Parameter(
+        name='stop_after_missions',
+        default=0,
+        description='close the bag and exit when so many missions have ended; 0: never',
+        low=0,
+        high=1_000_000,
+    ),
+    Parameter(
+        name='flush_period_s',
+        default=1.0,
+        description='longest time [s] of which messages are lost if the recorder is killed',
+        low=0.05,
+        high=60.0,
+    ),
+    Parameter(
+        name='chunk_byte',
+        default=1_000_000,
+        description='size [byte] of messages that are written without waiting for that',
+        low=1_000,
+        high=1_000_000,
+    ),
+)
+
+
+class RecorderNode(ProcessNode):
+    """Keeps what it hears and hands it to the bag in chunks."""
+
+    def __init__(self, output: Path | None) -> None:
+        """Open the bag and listen.
+
+        Args:
+            output: folder to create; None for the parameter `output_dir`.
+        """
+        super().__init__('recorder')
+        declare(self, PARAMETERS)
+        self._bag = self._open(output)
+        self._missions_left = self._value('stop_after_missions') or math.inf
+        self._ended_s = math.inf  # when the last mission to record has ended
+        self._heard_s = 0.0  # when the last message came that is not just the clock
+        self._uavs: set[int] = set()
+        self._n_lost: Counter[str] = Counter()
+        for topic in FLEET_WIDE:
+            self._listen(topic)
+        # Wall time, whatever the simulated clock does.
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(self._value('flush_period_s'), self._flush, clock=steady)
+        self.create_timer(_LOOK_PERIOD_S, self._look_around, clock=steady)
+        self.get_logger().info(f'recording {len(FLEET_WIDE)} topics to {self._bag.folder}')
+
+    def on_stop(self) -> None:
+        """Close the bag."""
+        for topic, n_lost in self._n_lost.items():
+            self._bag.remark(f'messages lost of {topic}', str(n_lost))
+            self.get_logger().warning(f'lost {n_lost} messages of {topic}')
+        self._guarded(self._bag.close)
+        self.get_logger().info(f'recorded {self._bag.n_messages} messages to {self._bag.folder}')
+
+    def _open(self, output: Path | None) -> BagWriter:
+        named = self._value('output_dir') or time.strftime('rosbag2_%Y_%m_%d-%H_%M_%S')
+        types = MessageTypes(_definition_text)
+        try:
+            return BagWriter(output or Path(named), types, chunk_byte=self._value('chunk_byte'))
+        except RecordingError as error:
+            raise NodeError(str(error)) from error
+
+    def _value(self, name: str) -> Any:
+        return self.get_parameter(name).value
+
+    def _listen(self, topic: Topic) -> None:
+        stored = self._bag.add_topic(topic.name, topic.type_name, _rosbag_qos(topic.qos))
+        on_message = self._keep if topic is CLOCK else self._on_message
+        if topic is MISSION:
+            on_message = self._on_mission
+        told = SubscriptionEventCallbacks(message_lost=partial(self._on_lost, topic))
+        self.create_subscription(
+            topic.message,
+            topic.name,
+            partial(on_message, stored),
+            _reader_qos(topic.qos),
+            event_callbacks=None if topic is CLOCK else told,
+            raw=True,
+        )
+
+    def _keep(self, stored: Connection, message: bytes) -> None:
+        if self.end_status is None:
+            self._guarded(partial(self._bag.write, stored, time.time_ns(), message))
+
+    def _on_message(self, stored: Connection, message: bytes) -> None:
+        self._heard_s = time.monotonic()
+        self._keep(stored, message)
+
+    def _on_mission(self, stored: Connection, message: bytes) -> None:
+        self._on_message(stored, message)
+        if deserialize_message(message, Mission).phase != Mission.STARTED:
+            self._missions_left -= 1
+            if self._missions_left == 0:
+                self._ended_s = time.monotonic()
+
+    def _on_lost(self, topic: Topic, event: Any) -> None:
+        self._n_lost[topic.name] = event.total_count
+
+    def _flush(self) -> None:
+        self._guarded(self._bag.flush)
+
+    def _look_around(self) -> None:
+        """Listen to new UAVs; stop when the last mission has ended and its messages are here."""
+        seen = (_UAV_TOPIC.fullmatch(name) for name, _ in self.get_topic_names_and_types())
+        for uav in sorted({int(match[1]) for match in seen if match} - self._uavs):
+            self._uavs.add(uav)
+            for topic in topics_of_uav(uav):
+                self._listen(topic)
+            self.get_logger().info(f'recording UAV {uav}')
+        now_s = time.monotonic()
+        if now_s - max(self._heard_s, self._ended_s) > _QUIET_S or now_s - self._ended_s > _WAIT_S:
+            self.end()
+
+    def _guarded(self, write: Callable[[], None]) -> None:
+        """Write; end the process, but nothing else, when the disk does not take it."""
+        try:
+            write()
+        except RecordingError as error:
+            self.get_logger().error(str(error))
+            self.end(FAILED)
+
+
+def main(argv: Sequence[str]) -> int:
+    """Record, or repair a bag; the exit status.
+
+    Args:
+        argv: what follows the program's name on the command line.
+    """
+    arguments = _parser().parse_args(remove_ros_args(list(argv)))
+    if arguments.repair is not None:
+        return _repair(arguments.repair)
+    return run_node(lambda: RecorderNode(arguments.output), argv)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog='recorder',
+        description=_DESCRIPTION,
+        epilog=help_text(PARAMETERS),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument('--output', type=Path, metavar='DIR', help='folder to create for the bag')
+    parser.add_argument('--repair', type=Path, metavar='BAG', help='make a bag readable, and exit')
+    return parser
+
+
+def _repair(bag: Path) -> int:
+    from uav_collect.bag import BagError
+    from uav_collect.bag_repair import repair
+
+    try:
+        done = repair(bag)
+    except BagError as error:
+        sys.stderr.write(f'error: {error}\n')
+        return MISUSED
+    except OSError as error:
+        sys.stderr.write(f'error: {bag}: cannot be repaired: {error}\n')
+        return FAILED
+    time_s = done.last_sim_time_s
+    until = '' if time_s is None else f' up to {time_s:.3f} s of simulated time'
+    sys.stdout.write(f'{bag}: holds {done.n_messages} messages{until}\n')
+    if done.broken_file is None:
+        sys.stdout.write('nothing to repair\n')
+    else:
+        sys.stdout.write(f'cut off {done.n_cut_byte} bytes; kept {done.broken_file}\n')
+    return 0
+
+
+def _definition_text(type_name: str) -> str:
+    package, _, name = type_name.split('/')
+    return Path(get_package_share_directory(package), 'msg', f'{name}.msg').read_text()
+
+
+def _reader_qos(offered: QoSProfile) -> QoSProfile:
+    """Take everything that is offered, however long a chunk takes to write."""
+    return QoSProfile(
+        depth=max(offered.depth, _READER_DEPTH),
+        reliability=offered.reliability,
+        durability=offered.durability,
+    )
+
+
+def _rosbag_qos(offered: QoSProfile) -> Qos:
+    return Qos(
+        history=QosHistory.KEEP_LAST,
+        depth=offered.depth,
+        reliability=QosReliability[offered.reliability.name],
+        durability=QosDurability[offered.durability.name],
+        deadline=QosTime(0, 0),
+        lifespan=QosTime(0, 0),
+        liveliness=QosLiveliness.AUTOMATIC,
+        liveliness_lease_duration=QosTime(
+            *divmod(offered.liveliness_lease_duration.nanoseconds, 1_000_000_000)
+        ),
+        avoid_ros_namespace_conventions=False,
+    )
