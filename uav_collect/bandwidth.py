@@ -26,8 +26,7 @@ ALLOCATOR_NAMES = ('exact', 'equal', 'cvxpy')  # by code
 
 _ROUNDING = 1e-12
 # Scaled numbers beyond these would leave the range of doubles on the way.
-_TINY = 1e-100
-_HUGE = 1e100
+_TINY, _HUGE = 1e-100, 1e100
 
 
 @kernel
