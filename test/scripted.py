@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 import numpy as np
-
 from uav_collect.mission_log import (
     ACTION_NAMES,
     EVENT_DTYPE,

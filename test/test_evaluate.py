@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 import csv
+from dataclasses import replace
 import json
 import os
 from pathlib import Path
@@ -11,11 +12,12 @@ import sys
 import numpy as np
 import pytest
 from scripted import fly, header, uav
-from uav_collect import evaluation, rollout
+from uav_collect import bag, evaluation, rollout
 from uav_collect.__main__ import main, SUMMARIES
+from uav_collect.bag import RecordedMission
 from uav_collect.commands import doctor, files, options
 from uav_collect.metrics import figures, MissionFigures
-from uav_collect.mission_log import MissionLog
+from uav_collect.mission_log import MissionLog, read
 from uav_collect.scenario import fingerprint, load, Scenario
 from uav_collect.site import build_site
 
@@ -447,6 +449,57 @@ def test_report_says_where_there_is_no_mission(
     (tmp_path / 'empty').mkdir()
     assert main(['report', str(tmp_path / name)]) == 2
     assert words in capsys.readouterr().err
+
+
+def recorded(scenario: Scenario, log: MissionLog, *, is_complete: bool) -> RecordedMission:
+    site = build_site(scenario)
+    return RecordedMission(
+        log=log,
+        scenario=scenario,
+        site=site,
+        demand_bit=np.zeros(site.n_sensors),
+        n_radio_messages=31,
+        is_complete=is_complete,
+    )
+
+
+@pytest.mark.parametrize('inside', ['', '..'])
+def test_report_of_a_bag_or_the_folder_around_it_tells_the_messages(
+    run_folder: Path, small: Scenario, inside: str, tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    (tmp_path / 'bag').mkdir()
+    (tmp_path / 'bag' / 'bag_0.mcap').touch()
+    log = read(run_folder / 'mission.jsonl')
+    flown = recorded(small, log, is_complete=True)
+    monkeypatch.setattr(bag, 'read_missions', lambda path: [flown] if path.name == 'bag' else [])
+    assert main(['report', os.path.normpath(tmp_path / 'bag' / inside)]) == 0
+    assert 'radio messages' in capsys.readouterr().out
+    assert (tmp_path / 'trajectories_seed_4.png').exists()
+
+
+def test_report_of_a_recording_with_a_gap_says_so(
+    run_folder: Path, small: Scenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    (tmp_path / 'bag_0.mcap').touch()
+    log = read(run_folder / 'mission.jsonl')
+    gappy = replace(log, events=np.delete(log.events, 3))
+    flown = recorded(small, gappy, is_complete=False)
+    monkeypatch.setattr(bag, 'read_missions', lambda _: [flown])
+    assert main(['report', str(tmp_path)]) == 0
+    assert 'warning: not all of the mission was recorded' in capsys.readouterr().out
+
+
+def test_report_of_a_broken_bag_says_what_to_do(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / 'bag_0.mcap').touch()
+    assert main(['report', str(tmp_path)]) == 2
+    shown = capsys.readouterr().err
+    assert shown.startswith('error: ')
+    assert shown.count('\n') == 1
+    assert 'recorder --repair' in shown
 
 
 # Doctor.

@@ -4,7 +4,6 @@ import math
 import numpy as np
 import pytest
 from scripted import fly, header, uav
-
 from uav_collect import metrics
 from uav_collect.mission_log import from_jsonl, MissionLog, MissionLogError
 
