@@ -22,8 +22,6 @@ from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from rosgraph_msgs.msg import Clock
-from visualization_msgs.msg import MarkerArray
-
 from uav_collect_msgs.msg import (
     Command,
     Epoch,
@@ -33,6 +31,7 @@ from uav_collect_msgs.msg import (
     Scenario,
     Transition,
 )
+from visualization_msgs.msg import MarkerArray
 
 JOIN_SERVICE = '/world/join'
 CONTROL_SERVICE = '/world/control'
@@ -49,8 +48,8 @@ _CURRENT = QoSProfile(depth=1, durability=_LATCHED)
 _WORLD = QoSProfile(depth=1, durability=_LATCHED, **_NOTICED)
 _MISSIONS = QoSProfile(depth=1_000, durability=_LATCHED)
 _EVENTS = QoSProfile(depth=10_000, durability=_LATCHED)
-_TO_UAV = QoSProfile(depth=1_000, durability=_LATCHED)
-_FROM_UAV = QoSProfile(depth=1_000, durability=_LATCHED, **_NOTICED)
+_TO_UAV = QoSProfile(depth=3_000, durability=_LATCHED)
+_FROM_UAV = QoSProfile(depth=3_000, durability=_LATCHED, **_NOTICED)
 _LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 _REPORTS = QoSProfile(depth=10)
 
