@@ -103,7 +103,7 @@ def east_north_m(
     Over d metres the plane shortens distances by d^3 / (6 R^2): 0.1 mm at 3 km, 4 mm at 10 km.
     Heights are taken as zero: 100 m of height changes distances by 16 ppm.
 
-    Source: Snyder, "Map Projections - A Working Manual" (1987); WGS84 ellipsoid.
+    Source: WGS84 ellipsoid, NIMA TR8350.2.
     """
     lat, lon = math.radians(origin_lat_deg), math.radians(origin_lon_deg)
     point = _earth_centred_m(math.radians(lat_deg), math.radians(lon_deg))
