@@ -21,7 +21,6 @@ _INTERRUPTED = 130  # as shells have it
 
 @dataclass(frozen=True, kw_only=True)
 class _Command:
-    description: str
     add_arguments: Callable[[argparse.ArgumentParser], None]
     run: Callable[[argparse.Namespace], int]
 
@@ -74,12 +73,11 @@ def doctor() -> int:
 
 
 def _run(name: str, argv: Sequence[str], *, prog: str) -> int:
-    command = _command(name)
-    parser = _Parser(prog=prog, description=command.description)
-    command.add_arguments(parser)
-    arguments = parser.parse_args(argv)
     try:
-        status = command.run(arguments)
+        command = _command(name)
+        parser = _Parser(prog=prog)
+        command.add_arguments(parser)
+        status = command.run(parser.parse_args(argv))
         sys.stdout.flush()  # a full disk shows here, not at exit
     except KeyboardInterrupt:
         return _INTERRUPTED
@@ -103,9 +101,7 @@ def _command(name: str) -> _Command:
             from uav_collect.commands import doctor as module
         case _:
             raise RuntimeError(f'no command is called {name!r}')
-    return _Command(
-        description=module.DESCRIPTION, add_arguments=module.add_arguments, run=module.run
-    )
+    return _Command(add_arguments=module.add_arguments, run=module.run)
 
 
 def _is_the_users(error: Exception) -> bool:

@@ -94,7 +94,8 @@ def trajectories(
     _draw_tags(axes, paths, scenario.area.cell_size_m, cell_pt)
     summary = figures(log)
     _write_title(axes, log, summary)
-    _write_legend(axes, paths, summary, scenario)
+    handles = _path_handles(paths, summary) + _place_handles(scenario)
+    _write_legend(axes, handles + _sensor_handles(demand_bit, summary))
     # No software name in the file: the bytes are the mission's.
     figure.savefig(file, dpi=DPI, format='png', metadata={'Software': None})
 
@@ -276,30 +277,36 @@ def _write_title(axes: Axes, log: MissionLog, summary: MissionFigures) -> None:
         )  # fmt: skip
 
 
-def _write_legend(
-    axes: Axes, paths: list[_Path], summary: MissionFigures, scenario: Scenario
-) -> None:
+def _write_legend(axes: Axes, handles: list[Line2D]) -> None:
+    axes.legend(
+        handles=handles, loc='upper left', bbox_to_anchor=(1.015, 1.01), frameon=False,
+        fontsize=_FONT_PT - 0.5, handlelength=2.2, labelspacing=0.65,
+    )  # fmt: skip
+
+
+def _path_handles(paths: list[_Path], summary: MissionFigures) -> list[Line2D]:
     handles = [
         _line(path, f'UAV {uav.id}: {uav.speed_mps:g} m/s, {uav.energy_j / 1e3:.1f} kJ')
         for path, uav in zip(paths, summary.uavs, strict=True)
     ]
     dashed = (0.0, _DASHES)
-    handles.append(
-        Line2D([], [], color='#555555', ls=dashed, lw=1.2, label='home, from its number')
-    )
-    handles.append(_mark('*', '#777777', 11, 'hover (larger: more data)', edge=_BLACK))
+    home = Line2D([], [], color='#555555', ls=dashed, lw=1.2, label='home, from its number')
+    return [*handles, home, _mark('*', '#777777', 11, 'hover (larger: more data)', edge=_BLACK)]
+
+
+def _place_handles(scenario: Scenario) -> list[Line2D]:
     if any(uav.start_m != uav.home_m for uav in scenario.uavs):
-        handles += [_mark('P', _GREEN, 9, 'start'), _mark('X', _GREEN, 9, 'home')]
-    else:
-        handles.append(_mark('X', _GREEN, 9, 'start and home'))
-    handles.append(_mark('o', _BLACK, 4, 'sensor with data'))
-    handles.append(_mark('o', _GREY, 4, 'sensor without data'))
+        return [_mark('P', _GREEN, 9, 'start'), _mark('X', _GREEN, 9, 'home')]
+    return [_mark('X', _GREEN, 9, 'start and home')]
+
+
+def _sensor_handles(demand_bit: Floats, summary: MissionFigures) -> list[Line2D]:
+    handles = [_mark('o', _BLACK, 4, 'sensor with data')]
+    if (demand_bit == 0).any():
+        handles.append(_mark('o', _GREY, 4, 'sensor without data'))
     if not summary.is_complete:
         handles.append(_mark('o', 'none', 7, 'data left behind', edge=_RED))
-    axes.legend(
-        handles=handles, loc='upper left', bbox_to_anchor=(1.015, 1.01), frameon=False,
-        fontsize=_FONT_PT - 0.5, handlelength=2.2, labelspacing=0.65,
-    )  # fmt: skip
+    return handles
 
 
 def _line(path: _Path, label: str) -> Line2D:

@@ -14,7 +14,7 @@ import uav_collect
 from uav_collect.commands.progress import kernels_are_cached
 from uav_collect.compiled import cache_folder
 
-DESCRIPTION = """
+_DESCRIPTION = """
 Prints the versions, paths and settings that missions depend on, then one line per problem. Exits
 with 0 if a mission can fly and with 1 if not.
 """
@@ -47,8 +47,8 @@ class Finding:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add nothing: the command has no arguments."""
-    del parser
+    """Describe the command; it has no arguments."""
+    parser.description = _DESCRIPTION
 
 
 def run(arguments: argparse.Namespace) -> int:

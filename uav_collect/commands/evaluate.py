@@ -16,13 +16,14 @@ if TYPE_CHECKING:  # loaded when flying, so that --help answers at once
     from uav_collect.metrics import MissionFigures
     from uav_collect.scenario import Scenario
 
-DESCRIPTION = """
+_DESCRIPTION = """
 Flies the same missions with each policy and prints mean, 95 % bootstrap interval and median of
 energy efficiency [kbit/J], completion time [s], energy [kJ], the share of the data that was
 collected and the share of missions in which every UAV landed with its energy margin. The missions'
 seeds are SEED, SEED + 1, ...; the first is the one that "mission --seed SEED" flies.
 """
 INTERRUPTED = 130  # exit status after Ctrl-C, as shells have it
+_MAX_MISSIONS = 100_000  # their figures are kept
 _AT_ONCE = 50  # missions flown between two looks at Ctrl-C
 
 _Flown = Mapping[str, Sequence['MissionFigures']]  # by policy, the same seeds for each
@@ -30,7 +31,8 @@ _Estimates = Mapping[str, Sequence['Estimate']]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the command's arguments."""
+    """Describe the command and add its arguments."""
+    parser.description = _DESCRIPTION
     options.add_scenario_options(parser)
     parser.add_argument(
         '--policy',
@@ -41,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         '--missions',
-        type=options.whole_number(1, 1_000_000),
+        type=options.whole_number(1, _MAX_MISSIONS),
         default=1000,
         metavar='N',
         help='missions to fly with each policy (default: %(default)s)',

@@ -16,7 +16,7 @@ if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
     from uav_collect.scenario import Scenario
     from uav_collect.site import Site
 
-DESCRIPTION = """
+_DESCRIPTION = """
 Prints, for each mission found, data collected [Mbit], energy [kJ], completion time [s], energy
 efficiency [kbit/J], decisions, messages and each UAV's part, and draws the trajectories into a PNG
 file beside it. PATH is a run folder, a mission log (.jsonl) or a bag; a bag needs nothing else.
@@ -39,7 +39,8 @@ class FlownMission:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the command's arguments."""
+    """Describe the command and add its arguments."""
+    parser.description = _DESCRIPTION
     parser.add_argument('path', type=Path, metavar='PATH', help='run folder, mission log or bag')
     parser.add_argument(
         '--pictures', type=Path, metavar='FOLDER', help='where to draw to (default: beside PATH)'
