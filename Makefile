@@ -21,6 +21,7 @@ export ROS_LOG_DIR := $(CURDIR)/log/ros
 endif
 
 TESTS ?= test
+WORKERS ?= auto
 BENCHES ?= $(sort $(wildcard bench/*.py))
 
 # The mission's variables; "make help" prints these lines. Only what is set is passed on: the command
@@ -53,7 +54,7 @@ mission: $(BUILT)  ## fly a mission over ROS 2 and show it, as SCENARIO=lillgrun
 	@. install/setup.sh && $(VENV)/bin/python -m uav_collect mission $(MISSION_OPTIONS)
 
 test: $(BUILT) $(DEVELOPED)  ## run all tests; TESTS=test/test_radio.py runs a part
-	@. install/setup.sh && $(VENV)/bin/python -m pytest $(TESTS) $(ARGS)
+	@. install/setup.sh && $(VENV)/bin/python -m pytest -n $(WORKERS) $(TESTS) $(ARGS)
 
 check: $(DEVELOPED)  ## ruff and mypy, as CI does
 	@$(VENV)/bin/ruff check
