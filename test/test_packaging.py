@@ -1,7 +1,7 @@
 """What colcon, pip and a reader of the messages rely on, and the order of the layers."""
 
 import ast
-from importlib.metadata import distribution, packages_distributions
+from importlib.metadata import packages_distributions
 from pathlib import Path
 import re
 import shutil
@@ -9,10 +9,12 @@ import subprocess
 import sys
 
 from catkin_pkg.package import parse_package
+from processes import Processes
 import pytest
 import uav_collect
 
 ROOT = Path(__file__).parent.parent
+EXECUTABLES = ('world_sim', 'uav_agent', 'recorder', 'mission', 'evaluate', 'report', 'doctor')
 INTERFACES = sorted((ROOT / 'msg_defs').glob('*/*.[ms][sr][gv]'))
 MODULES = sorted((ROOT / 'uav_collect').rglob('*.py'))
 ROS_MODULES = {
@@ -130,11 +132,26 @@ def test_colcon_finds_both_packages(arguments: tuple[str, ...], tmp_path: Path) 
 
 
 @pytest.mark.ros
-def test_every_entry_point_leads_to_a_function() -> None:
-    entry_points = distribution('uav_collect').entry_points
-    assert {entry.name for entry in entry_points} >= {'world_sim', 'uav_agent', 'recorder'}
-    for entry in entry_points:
-        assert callable(entry.load()), entry.name
+@pytest.mark.parametrize('name', EXECUTABLES)
+def test_an_executable_says_what_it_does(name: str, processes: Processes) -> None:
+    asked = processes.start(name, '--help')
+    assert asked.wait_for_exit() == 0
+    assert re.match('usage: .*--', asked.output, re.DOTALL)
+
+
+@pytest.mark.ros
+def test_an_agent_needs_neither_learning_nor_compiling_nor_drawing_libraries() -> None:
+    script = """
+from uav_collect.compiled import interpret_kernels
+interpret_kernels()
+import uav_collect.nodes.uav_agent, sys
+print(*sys.modules)
+"""
+    loaded = subprocess.run(
+        [sys.executable, '-c', script], capture_output=True, text=True, check=True
+    ).stdout.split()
+    heavy = {'torch', 'numba', 'llvmlite', 'scipy', 'cvxpy', 'clarabel', 'matplotlib', 'rosbags'}
+    assert heavy & set(loaded) == set()
 
 
 def fields(path: Path) -> list[tuple[str, str]]:
