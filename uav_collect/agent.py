@@ -61,7 +61,8 @@ class Decision:
 
     action: int
     reason: int
-    share_hz: tuple[float, ...]  # bandwidth by sensor of the view while it hovers, else empty
+    sensor: tuple[int, ...] = ()  # whose data a hover collects; empty for any other action
+    share_hz: tuple[float, ...] = ()  # bandwidth of each of them
 
 
 def new_desk(max_sensors: int) -> Desk:
@@ -193,6 +194,16 @@ class Agent:
         """Take a local view into the belief."""
         observe(self.belief, self._briefing, view)
 
+    def message(self, view: LocalView) -> RadioMessage:
+        """What the UAV's radio sends after a view was observed."""
+        return RadioMessage(
+            sender=self._uav,
+            complete=self.belief.complete,
+            x_m=view.x_m,
+            y_m=view.y_m,
+            time_s=view.time_s,
+        )
+
     def decide(self, view: LocalView) -> Decision:
         """Choose the next action from the belief and the view observed last."""
         if view.n_sensors > len(self._desk.share_hz):
@@ -203,12 +214,13 @@ class Agent:
             self._briefing, self._uav, self.belief.n_complete[0], view, hover_s, legal
         )
         if reason != NONE:
-            return Decision(action=HOME, reason=reason, share_hz=())
+            return Decision(action=HOME, reason=reason)
         action = self.policy.choose(self.belief, view, legal)
         share_hz = self._desk.share_hz
         served = range(view.n_sensors if action == HOVER else 0)
         return Decision(
             action=action,
             reason=actions.BY_POLICY,
+            sensor=tuple(int(view.sensor[index]) for index in served),
             share_hz=tuple(float(share_hz[index]) for index in served),
         )

@@ -54,11 +54,11 @@ def grown_log(log: EventLog, n_worlds: int) -> EventLog:
     return EventLog(*(grow_table(table, n_worlds, capacity) for table in log))
 
 
-def logged_events(log: EventLog, world: int, n_events: int) -> Events:
-    """The events of one mission as the mission log keeps them."""
-    events = np.zeros(n_events, dtype=EVENT_DTYPE)
+def logged_events(log: EventLog, world: int, n_events: int, first: int = 0) -> Events:
+    """The events of one mission as the mission log keeps them, from one of them on."""
+    events = np.zeros(n_events - first, dtype=EVENT_DTYPE)
     for name in EVENT_DTYPE.names or ():
-        events[name] = getattr(log, name)[world][:n_events]
+        events[name] = getattr(log, name)[world][first:n_events]
     return events
 
 

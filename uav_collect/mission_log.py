@@ -85,6 +85,34 @@ class MissionLog:
         return ('\n'.join(lines) + '\n').encode()
 
 
+class LogWriter:
+    """Writes a log as the mission flies; what was appended survives the writer's death."""
+
+    def __init__(self, path: Path, header: MissionHeader) -> None:
+        """Create the file, or empty it, and write the header.
+
+        Raises:
+            OSError: the file cannot be written.
+        """
+        self._file = path.open('w', encoding='utf-8')
+        self._file.write(header_line(header) + '\n')
+        self._file.flush()
+
+    def append(self, events: Events) -> None:
+        """Add events whose intervals are known.
+
+        Raises:
+            OSError: the disk is full, say.
+        """
+        for event in events:
+            self._file.write(event_line(event) + '\n')
+        self._file.flush()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+
 def header_line(header: MissionHeader) -> str:
     """The header as one line of JSON."""
     fields = {'format': FORMAT, 'version': FORMAT_VERSION, **asdict(header)}

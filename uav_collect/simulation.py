@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from uav_collect import actions
-from uav_collect.actions import HOME, HOVER, N_ACTIONS
+from uav_collect.actions import BY_POLICY, HOME, HOVER, N_ACTIONS
 from uav_collect.agent import Decision, RadioMessage
 from uav_collect.arrays import Row
 from uav_collect.bandwidth import hover_time_s
@@ -37,6 +37,7 @@ from uav_collect.world import (
 )
 
 _FIRST_CAPACITY = 512  # events that the log has room for before it must grow
+_REASONS_TO_GO_HOME = (BY_POLICY, actions.MAP_COMPLETE, actions.ENERGY_RESERVE)
 _BANDWIDTH_TOLERANCE = 1e-9  # relative; what a sum of shares may lose in rounding
 
 
@@ -82,15 +83,39 @@ def mission_header(
 
 
 def check_can_start(scenario: Scenario, briefing: Briefing) -> None:
-    """Raise ConfigError unless the budget of at least one UAV pays for a move and the way home."""
-    legal = new_row(N_ACTIONS, 0)
-    for uav in range(briefing.n_uavs):
-        x_m, y_m = briefing.start_x_m[uav], briefing.start_y_m[uav]
-        budget_j = briefing.energy_budget_j[uav]
-        if actions.mark_legal(briefing, uav, x_m, y_m, budget_j, actions.NONE, 0.0, legal):
-            return
-    needs = '; '.join(_start_needs(briefing, uav) for uav in range(briefing.n_uavs))
+    """Raise ConfigError unless every UAV can land with its margin and one of them can do more."""
+    uavs = range(briefing.n_uavs)
+    stranded = [uav for uav in uavs if briefing.energy_budget_j[uav] < _to_land_j(briefing, uav)]
+    if stranded:
+        needs = '; '.join(_landing_needs(briefing, uav) for uav in stranded)
+        raise ConfigError(f'scenario {scenario.name}: the way home is out of reach: {needs}')
+    # In an area of one cell there is nowhere to move: the fleet hovers at most.
+    if briefing.cells_per_side == 1 or any(_can_move(briefing, uav) for uav in uavs):
+        return
+    needs = '; '.join(_start_needs(briefing, uav) for uav in uavs)
     raise ConfigError(f'scenario {scenario.name}: no UAV has the energy for a single move: {needs}')
+
+
+def _to_land_j(briefing: Briefing, uav: int) -> float:
+    x_m, y_m = briefing.start_x_m[uav], briefing.start_y_m[uav]
+    return actions.home_energy_j(briefing, uav, x_m, y_m) + briefing.energy_margin_j[uav]
+
+
+def _can_move(briefing: Briefing, uav: int) -> bool:
+    x_m, y_m = briefing.start_x_m[uav], briefing.start_y_m[uav]
+    budget_j, legal = briefing.energy_budget_j[uav], new_row(N_ACTIONS, 0)
+    return 0 < actions.mark_legal(briefing, uav, x_m, y_m, budget_j, actions.NONE, 0.0, legal)
+
+
+def _landing_needs(briefing: Briefing, uav: int) -> str:
+    home_j = actions.home_energy_j(
+        briefing, uav, briefing.start_x_m[uav], briefing.start_y_m[uav]
+    )
+    return (
+        f'UAV {uav + 1} has {briefing.energy_budget_j[uav] / 1e3:.4g} kJ, the way home from its '
+        f'start costs {home_j / 1e3:.4g} kJ, and {briefing.energy_margin_j[uav] / 1e3:.4g} kJ '
+        f'must be left'
+    )
 
 
 def _start_needs(briefing: Briefing, uav: int) -> str:
@@ -176,12 +201,14 @@ class Simulation:
     def refusal(self, event: Event, decision: Decision) -> str | None:
         """Why a decision cannot be carried out; None if it can."""
         action, view = decision.action, event.view
+        if action not in range(HOME + 1):
+            return f'action {action} is none of 0..{HOME}'
+        if decision.reason not in (_REASONS_TO_GO_HOME if action == HOME else (BY_POLICY,)):
+            return f'reason {decision.reason} is none for action {action}'
         if action == HOME:
             return None
-        if action not in range(N_ACTIONS):
-            return f'action {action} is none of 0..{HOME}'
         if action == HOVER:
-            return self._hover_refusal(event.uav, view, decision.share_hz)
+            return self._hover_refusal(event.uav, view, decision)
         legal = new_row(N_ACTIONS, 0)
         actions.mark_legal(
             self.briefing,
@@ -248,6 +275,10 @@ class Simulation:
         """The events so far; the last one's interval is open until the next event."""
         return logged_events(self._log, 0, self.n_events)
 
+    def last_event(self) -> Events:
+        """The latest event alone, (1,); its interval is open until the next event."""
+        return logged_events(self._log, 0, self.n_events, self.n_events - 1)
+
     def log(self, header: MissionHeader) -> MissionLog:
         """The log of the mission so far under a header."""
         return MissionLog(header=header, events=self.events())
@@ -287,11 +318,13 @@ class Simulation:
                 stop_s,
             )
 
-    def _hover_refusal(
-        self, uav: int, view: LocalView, share_hz: tuple[float, ...]
-    ) -> str | None:
+    def _hover_refusal(self, uav: int, view: LocalView, decision: Decision) -> str | None:
+        share_hz = decision.share_hz
         if view.n_sensors == 0:
             return 'a hover, but no data waits in the cell'
+        waiting = tuple(int(view.sensor[index]) for index in range(view.n_sensors))
+        if decision.sensor != waiting:
+            return f'bandwidth for the sensors {decision.sensor}, but data waits at {waiting}'
         if len(share_hz) != view.n_sensors:
             return f'{len(share_hz)} bandwidth shares for {view.n_sensors} sensors'
         for share in share_hz:

@@ -1,0 +1,161 @@
+"""Messages to records of the core and back: the only place that knows both."""
+
+from array import array
+from collections.abc import Sequence
+from typing import Any
+
+from builtin_interfaces.msg import Time
+import numpy as np
+from uav_collect.agent import Decision, RadioMessage
+from uav_collect.arrays import Row
+from uav_collect.mission_log import Events
+from uav_collect.rows import row_of
+from uav_collect.simulation import Event
+from uav_collect.world import LocalView
+from uav_collect_msgs.msg import Command, Epoch, Observation
+from uav_collect_msgs.msg import RadioMessage as RadioMessageMsg
+
+_NANOSECONDS = 1_000_000_000
+
+
+def stamp(time_s: float) -> Time:
+    """Simulated time as ROS writes it."""
+    sec, nanosec = divmod(round(time_s * _NANOSECONDS), _NANOSECONDS)
+    return Time(sec=sec, nanosec=nanosec)
+
+
+def packed(complete: Row[int]) -> bytes:
+    """A completion map, one bit per cell: cell c is bit c % 8 of byte c // 8."""
+    bits = np.array(complete, dtype=np.uint8)
+    return np.packbits(bits, bitorder='little').tobytes()
+
+
+def unpacked(content: Any, n_cells: int) -> list[int]:
+    """The completion map of `packed`, (n_cells,).
+
+    Raises:
+        ValueError: there are not as many bytes as that many cells take.
+    """
+    if len(content) != (n_cells + 7) // 8:
+        raise ValueError(f'a map of {len(content)} bytes for {n_cells} cells')
+    bits = np.frombuffer(bytes(content), dtype=np.uint8)
+    cells: list[int] = np.unpackbits(bits, count=n_cells, bitorder='little').tolist()
+    return cells
+
+
+def observation_msg(event: Event, mission_id: str, n_radio_delivered: int) -> Observation:
+    """What the deciding UAV of an event sees."""
+    view = event.view
+    seen = view.n_sensors
+    return Observation(
+        stamp=stamp(view.time_s),
+        mission_id=mission_id,
+        decision=event.decision,
+        event=event.index,
+        time_s=view.time_s,
+        x_m=view.x_m,
+        y_m=view.y_m,
+        cell=view.cell,
+        energy_left_j=view.energy_left_j,
+        region_demand_bit=list(view.region_bit),  # type: ignore[call-overload]
+        sensor=array('I', view.sensor[:seen]),  # type: ignore[call-overload]
+        sensor_demand_bit=array('d', view.sensor_bit[:seen]),  # type: ignore[call-overload]
+        sensor_gain=array('d', view.sensor_gain[:seen]),  # type: ignore[call-overload]
+        sensor_error_gain=array('d', view.sensor_error_gain[:seen]),  # type: ignore[call-overload]
+        previous_action=view.previous_action,
+        n_radio_delivered=n_radio_delivered,
+    )
+
+
+def view_from_msg(msg: Any) -> LocalView:
+    """The local view in an observation."""
+    return LocalView(
+        time_s=msg.time_s,
+        x_m=msg.x_m,
+        y_m=msg.y_m,
+        cell=msg.cell,
+        energy_left_j=msg.energy_left_j,
+        previous_action=msg.previous_action,
+        region_bit=row_of(msg.region_demand_bit.tolist()),
+        n_sensors=len(msg.sensor),
+        sensor=row_of(msg.sensor.tolist()),
+        sensor_bit=row_of(msg.sensor_demand_bit.tolist()),
+        sensor_gain=row_of(msg.sensor_gain.tolist()),
+        sensor_error_gain=row_of(msg.sensor_error_gain.tolist()),
+    )
+
+
+def command_msg(decision: Decision, observation: Any) -> Command:
+    """A decision as the answer to an observation."""
+    return Command(
+        stamp=observation.stamp,
+        mission_id=observation.mission_id,
+        decision=observation.decision,
+        action=decision.action,
+        reason=decision.reason,
+        sensor=array('I', decision.sensor),
+        bandwidth_hz=array('d', decision.share_hz),
+    )
+
+
+def decision_from_msg(msg: Any) -> Decision:
+    """The decision in a command."""
+    return Decision(
+        action=msg.action,
+        reason=msg.reason,
+        sensor=tuple(msg.sensor),
+        share_hz=tuple(msg.bandwidth_hz),
+    )
+
+
+def radio_msg(
+    message: RadioMessage, mission_id: str, *, sequence: int, delivery: int = 0
+) -> RadioMessageMsg:
+    """A message between UAVs.
+
+    Args:
+        sequence: running number of the sender's decisions.
+        delivery: running number of deliveries to the receiver, from 1; 0 on its way out.
+    """
+    return RadioMessageMsg(
+        stamp=stamp(message.time_s),
+        mission_id=mission_id,
+        sender=message.sender + 1,
+        sequence=sequence,
+        delivery=delivery,
+        time_s=message.time_s,
+        x_m=message.x_m,
+        y_m=message.y_m,
+        complete=array('B', packed(message.complete)),
+    )
+
+
+def radio_from_msg(msg: Any, n_cells: int) -> RadioMessage:
+    """The message between UAVs.
+
+    Raises:
+        ValueError: its map is not one of that many cells.
+    """
+    return RadioMessage(
+        sender=msg.sender - 1,
+        complete=row_of(unpacked(msg.complete, n_cells)),
+        x_m=msg.x_m,
+        y_m=msg.y_m,
+        time_s=msg.time_s,
+    )
+
+
+def fill_epoch(epoch: Epoch, events: Events) -> None:
+    """Write the one event of `events` into an epoch, field by field of the mission log."""
+    for name, value in zip(events.dtype.names or (), events[0].tolist(), strict=True):
+        setattr(epoch, name, array('B', uav_ids(value)) if name == 'heard' else value)
+
+
+def uav_ids(mask: int) -> list[int]:
+    """The ids of the UAVs in a bit mask of indices."""
+    return [index + 1 for index in range(mask.bit_length()) if mask >> index & 1]
+
+
+def joined_maps(complete: Sequence[Row[int]]) -> 'array[int]':
+    """Completion maps one after the other, each packed."""
+    return array('B', b''.join(packed(each) for each in complete))

@@ -1,0 +1,270 @@
+"""One mission in flight as the world node sees it: the simulation, and what was said about it."""
+
+from array import array
+from collections import defaultdict
+from dataclasses import dataclass, field
+import math
+from typing import Any
+
+from uav_collect import actions
+from uav_collect.agent import Decision
+from uav_collect.arrays import Row
+from uav_collect.metrics import figures, MissionFigures
+from uav_collect.mission_log import header_line, MissionHeader, REASON_NAMES
+from uav_collect.nodes import convert
+from uav_collect.nodes.roster import Pilot
+from uav_collect.rows import row_of
+from uav_collect.scenario import Scenario
+from uav_collect.simulation import Event, mission_header, Simulation
+from uav_collect.site import Site
+from uav_collect_msgs.msg import Epoch, Mission, Observation, UavFigures
+from uav_collect_msgs.msg import RadioMessage as RadioMessageMsg
+
+_NO_AGENT = 'none'  # stands for the policy of a UAV that had no agent when the mission began
+FAILSAFE = Decision(action=actions.HOME, reason=actions.FAILSAFE)
+
+
+@dataclass
+class Pending:
+    """The event that waits for the deciding UAV's answer."""
+
+    event: Event
+    observation: Observation
+    decision: Decision | None = None
+    complete: Row[int] | None = None  # the map that the UAV transmitted
+    policy_version: str = ''
+
+    @property
+    def is_answered(self) -> bool:
+        """Whether command and radio message are both here."""
+        return self.decision is not None and self.complete is not None
+
+
+@dataclass
+class _Said:
+    """What one UAV was told in this mission; a restarted agent is told it again."""
+
+    observations: list[Observation] = field(default_factory=list)
+    radio: list[RadioMessageMsg] = field(default_factory=list)
+
+
+class Flight:
+    """A mission from its start to its end; the node publishes what the methods return."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        site: Site,
+        seed: int,
+        *,
+        mission_id: str,
+        pilots: dict[int, Pilot],
+    ) -> None:
+        """Put the mission to its start, each UAV flown by its pilot, if it has one."""
+        self.mission_id = mission_id
+        self.seed = seed
+        self.simulation = Simulation(scenario, site, seed)
+        ids = range(1, scenario.n_uavs + 1)
+        self.header: MissionHeader = mission_header(
+            scenario,
+            seed,
+            self.simulation.demand_bit,
+            [pilots[uav].policy if uav in pilots else _NO_AGENT for uav in ids],
+            [pilots[uav].allocator if uav in pilots else _NO_AGENT for uav in ids],
+        )
+        self.unflown = {uav for uav in ids if uav not in pilots}  # ids the failsafe flies home
+        self.pending: Pending | None = None
+        self.n_radio_messages = 0
+        self._n_cells = scenario.n_cells
+        self._said: dict[int, _Said] = defaultdict(_Said)  # by id
+        self._sequences = [0] * scenario.n_uavs  # decision of each UAV's latest transmission
+        self._epoch: Epoch | None = None  # of the latest event, its interval still open
+
+    def next_event(self) -> Event | None:
+        """The next event, after which the last epoch is complete; None when all fly home."""
+        return self.simulation.next_event()
+
+    def deliver(self, event: Event) -> list[RadioMessageMsg]:
+        """What the deciding UAV hears of the others, to be published to it."""
+        return [
+            self._delivered(
+                event.uav + 1,
+                convert.radio_msg(
+                    message, self.mission_id, sequence=self._sequences[message.sender]
+                ),
+            )
+            for message in event.heard
+        ]
+
+    def ask(self, event: Event) -> Observation:
+        """Wait for the deciding UAV's answer to what it observes, to be published to it."""
+        said = self._said[event.uav + 1]
+        observation = convert.observation_msg(event, self.mission_id, len(said.radio))
+        said.observations.append(observation)
+        self.pending = Pending(event=event, observation=observation)
+        return observation
+
+    def take_command(self, msg: Any) -> str | None:
+        """Note a command; why it is refused, or None."""
+        refusal = self._mismatch(msg.decision)
+        pending = self.pending
+        if refusal or pending is None:
+            return refusal
+        decision = convert.decision_from_msg(msg)
+        refusal = self.simulation.refusal(pending.event, decision)
+        if refusal is None:
+            pending.decision = decision
+            pending.policy_version = msg.policy_version
+        return refusal
+
+    def take_radio(self, msg: Any) -> str | None:
+        """Note what the deciding UAV transmits; why it is refused, or None."""
+        refusal = self._mismatch(msg.sequence)
+        if refusal or self.pending is None:
+            return refusal
+        try:
+            self.pending.complete = convert.radio_from_msg(msg, self._n_cells).complete
+        except ValueError as error:
+            return str(error)
+        return None
+
+    def carry_out(self) -> list[tuple[int, RadioMessageMsg]]:
+        """Do what the answered decision says.
+
+        Returns:
+            The deciding UAV's message for each UAV that hears it, with that UAV's id.
+        """
+        pending = self.pending
+        if pending is None or pending.decision is None or pending.complete is None:
+            raise RuntimeError('there is no answered decision to carry out')
+        self._sequences[pending.event.uav] = pending.event.decision
+        hearers = self.simulation.transmit(pending.event.uav, pending.complete)
+        heard = self.simulation.radio(pending.event.uav)
+        delivered = [
+            (
+                uav + 1,
+                self._delivered(
+                    uav + 1,
+                    convert.radio_msg(
+                        heard, self.mission_id, sequence=pending.event.decision
+                    ),
+                ),
+            )
+            for uav in hearers
+        ]
+        self._start(pending.event, pending.decision, pending.policy_version)
+        return delivered
+
+    def fly_home(self, event: Event) -> None:
+        """Let the failsafe fly the deciding UAV home."""
+        self.unflown.add(event.uav + 1)
+        self._start(event, FAILSAFE, 'failsafe')
+
+    def closed_epoch(self) -> Epoch | None:
+        """The latest event's epoch, once its interval is known; each is returned once."""
+        epoch, self._epoch = self._epoch, None
+        if epoch is not None:
+            convert.fill_epoch(epoch, self.simulation.last_event())
+            epoch.terminal = self.simulation.is_over
+        return epoch
+
+    def history(self, uav: int) -> tuple[list[Observation], list[RadioMessageMsg], bool]:
+        """What a UAV was told so far, and whether its last observation waits for an answer."""
+        said = self._said[uav]
+        pending = self.pending
+        waits = pending is not None and pending.event.uav + 1 == uav and not pending.decision
+        return said.observations, said.radio, waits
+
+    def figures(self) -> MissionFigures:
+        """The figures of merit so far."""
+        return figures(self.simulation.log(self.header))
+
+    def _mismatch(self, decision: int) -> str | None:
+        if self.pending is None:
+            return 'no decision is awaited'
+        expected = self.pending.event.decision
+        if decision == expected:
+            return None
+        word = 'stale' if decision < expected else 'future'
+        return f'{word} decision {decision}, awaited is {expected}'
+
+    def _delivered(self, uav: int, message: RadioMessageMsg) -> RadioMessageMsg:
+        said = self._said[uav]
+        message.delivery = len(said.radio) + 1
+        said.radio.append(message)
+        self.n_radio_messages += 1
+        return message
+
+    def _start(self, event: Event, decision: Decision, policy_version: str) -> None:
+        self.pending = None
+        self.simulation.start(event, decision)
+        simulation, uavs = self.simulation, range(self.simulation.briefing.n_uavs)
+        time_s = event.view.time_s
+        places_m = [simulation.position_m(uav, time_s) for uav in uavs]
+        self._epoch = Epoch(
+            stamp=convert.stamp(time_s),
+            mission_id=self.mission_id,
+            policy_version=policy_version,
+            uav_x_m=array('d', [x_m for x_m, _ in places_m]),
+            uav_y_m=array('d', [y_m for _, y_m in places_m]),
+            uav_energy_left_j=array('d', [simulation.energy_left_j(uav) for uav in uavs]),
+            uav_phase=array('B', [simulation.phase(uav, time_s) for uav in uavs]),
+            uav_complete=convert.joined_maps([simulation.known_complete(uav) for uav in uavs]),
+            true_complete=convert.joined_maps(
+                [row_of([int(bit <= 0.0) for bit in simulation.waiting_bit()])]
+            ),
+        )
+
+
+def mission_msg(flight: Flight, world_instance: str, index: int, phase: int) -> Mission:
+    """What the world says of a mission at its start and at its end."""
+    result = flight.figures()
+    message = Mission(
+        stamp=convert.stamp(flight.simulation.time_s),
+        mission_id=flight.mission_id,
+        phase=phase,
+        world_instance=world_instance,
+        scenario_fingerprint=flight.header.scenario_fingerprint,
+        seed=flight.seed,
+        index=index,
+        log_header=header_line(flight.header),
+        demand_bit=array('d', flight.simulation.demand_bit),
+        total_bit=result.total_bit,
+    )
+    if phase != Mission.STARTED:
+        _add_figures(message, flight, result)
+    return message
+
+
+def _add_figures(message: Mission, flight: Flight, result: MissionFigures) -> None:
+    message.collected_bit = result.collected_bit
+    message.completion_s = result.completion_s
+    message.energy_j = result.energy_j
+    message.efficiency_bit_per_j = result.efficiency_bit_per_j
+    message.n_decisions = result.n_decisions
+    message.n_radio_messages = flight.n_radio_messages
+    message.failsafe_used = result.failsafe_used
+    if math.isfinite(result.completion_s):
+        message.stamp = convert.stamp(result.completion_s)
+    message.uavs = [
+        UavFigures(
+            uav=uav.id,
+            speed_mps=uav.speed_mps,
+            energy_budget_j=uav.energy_budget_j,
+            energy_j=uav.energy_j,
+            collected_bit=uav.collected_bit,
+            flight_s=uav.flight_s,
+            hover_s=uav.hover_s,
+            decisions=uav.n_decisions,
+            outcome=_OUTCOMES.get(uav.outcome, UavFigures.ABORTED),
+        )
+        for uav in result.uavs
+    ]
+
+
+_OUTCOMES = {
+    REASON_NAMES[actions.BY_POLICY]: UavFigures.CHOSEN,
+    REASON_NAMES[actions.MAP_COMPLETE]: UavFigures.MAP_COMPLETE,
+    REASON_NAMES[actions.ENERGY_RESERVE]: UavFigures.ENERGY_RESERVE,
+    REASON_NAMES[actions.FAILSAFE]: UavFigures.FAILSAFE,
+}

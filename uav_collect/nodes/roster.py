@@ -1,0 +1,85 @@
+"""Who flies which UAV: agents join, leave silently, come back."""
+
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pilot:
+    """An agent process that asks to fly a UAV."""
+
+    uav: int  # id, from 1
+    instance: str  # UUID of the process
+    host: str
+    pid: int
+    policy: str
+    policy_version: str
+    allocator: str
+
+    def __str__(self) -> str:
+        """The process, for people."""
+        return f'process {self.pid} on {self.host}'
+
+
+@dataclass(frozen=True, kw_only=True)
+class Answer:
+    """What an agent is told."""
+
+    accepted: bool
+    retry: bool = False  # the UAV's last agent seems alive, but may be dying
+    reason: str = ''
+
+
+@dataclass
+class Roster:
+    """The pilots of a fleet, by UAV id."""
+
+    n_uavs: int
+    pilots: dict[int, Pilot] = field(default_factory=dict)  # the latest of each UAV
+    present: set[int] = field(default_factory=set)  # UAVs whose pilot is alive
+    flying: dict[int, Pilot] = field(default_factory=dict)  # as the mission in flight began
+
+    def ask(self, pilot: Pilot) -> Answer:
+        """Let an agent fly a UAV, or say why not."""
+        if not 1 <= pilot.uav <= self.n_uavs:
+            return Answer(
+                accepted=False,
+                reason=f'UAV {pilot.uav} is unknown: the scenario has UAVs 1..{self.n_uavs}',
+            )
+        holder = self.pilots.get(pilot.uav)
+        if holder and holder.instance != pilot.instance and pilot.uav in self.present:
+            reason = f'UAV {pilot.uav} is flown by another agent, {holder}'
+            return Answer(accepted=False, retry=True, reason=reason)
+        begun = self.flying.get(pilot.uav)
+        if begun and (begun.policy, begun.allocator) != (pilot.policy, pilot.allocator):
+            return Answer(
+                accepted=False,
+                reason=f'UAV {pilot.uav} began the mission in flight with policy {begun.policy!r} '
+                f'and bandwidth {begun.allocator!r}, not {pilot.policy!r} and {pilot.allocator!r}',
+            )
+        self.pilots[pilot.uav] = pilot
+        self.present.add(pilot.uav)
+        return Answer(accepted=True)
+
+    def begin(self) -> None:
+        """Fix the pilots of the mission that starts now."""
+        self.flying = {uav: self.pilots[uav] for uav in sorted(self.present)}
+
+    def end(self) -> None:
+        """Between missions, any policy may join."""
+        self.flying = {}
+
+    def lose(self, uav: int) -> Pilot | None:
+        """Note that the agent of a UAV is gone; which one it was."""
+        if uav not in self.present:
+            return None
+        self.present.discard(uav)
+        return self.pilots[uav]
+
+    def missing(self) -> list[int]:
+        """Ids of the UAVs without an agent."""
+        return [uav for uav in range(1, self.n_uavs + 1) if uav not in self.present]
+
+    def is_flown_by(self, uav: int, instance: str) -> bool:
+        """Whether an agent process is the one that flies a UAV."""
+        pilot = self.pilots.get(uav)
+        return pilot is not None and pilot.instance == instance
