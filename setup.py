@@ -27,6 +27,7 @@ setup(
         *shared_files(),
     ],
     install_requires=['setuptools'],
+    extras_require={'test': ['pytest']},  # lets colcon test run pytest
     zip_safe=True,
     maintainer='uav_collect maintainers',
     maintainer_email='maintainers@example.org',
