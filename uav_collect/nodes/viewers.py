@@ -32,10 +32,10 @@ _GREY = ColorRGBA(r=0.55, g=0.55, b=0.55, a=0.5)
 _WHITE = ColorRGBA(r=1.0, g=1.0, b=1.0, a=1.0)
 _ORANGE = ColorRGBA(r=1.0, g=0.6, b=0.1, a=1.0)
 _GREEN = ColorRGBA(r=0.2, g=0.75, b=0.35, a=1.0)
-_YELLOW = ColorRGBA(r=1.0, g=0.95, b=0.3, a=0.8)
+_CLEAR_WHITE = ColorRGBA(r=1.0, g=1.0, b=1.0, a=0.7)
 
 # Sizes in parts of a cell's side.
-_GRID_LINE = 0.01
+_GRID_LINE = 0.02
 _EMPTY_SENSOR = 0.04
 _SENSORS = (0.06, 0.09, 0.12, 0.15)  # up to a quarter, a half, ... of the largest amount of data
 _HOME = 0.3
@@ -236,7 +236,7 @@ class Viewers:
         return paths
 
     def _radio_links(self, places: list[Any], time_s: float) -> Any:
-        marker = self._marker('radio_links', Marker.LINE_LIST, _RADIO_LINK, _YELLOW)
+        marker = self._marker('radio_links', Marker.LINE_LIST, _RADIO_LINK, _CLEAR_WHITE)
         ends = []
         for uav, place in enumerate(places):
             for other in self._simulation.contacts(uav, time_s):
