@@ -1,0 +1,161 @@
+"""Flies one mission over ROS 2, every node a process of its own, and shows the result."""
+
+import argparse
+from collections.abc import Iterator
+import json
+from pathlib import Path
+import sys
+import time
+from typing import TYPE_CHECKING
+
+from uav_collect.commands import options, report
+from uav_collect.commands.fleet import Fleet, FleetError, FleetProcess, running_fleet
+
+if TYPE_CHECKING:  # loaded when flying, so that --help answers at once
+    from uav_collect.scenario import Scenario
+
+DESCRIPTION = """
+Starts recorder, world_sim and one uav_agent per UAV as processes that talk over DDS, shows the
+progress of the mission, then its figures, and leaves a run folder with the bag, the mission log,
+the resolved scenario, a picture of the trajectories and what every process said.
+"""
+INTERRUPTED = 130  # exit status after Ctrl-C, as shells have it
+_LOOK_S = 0.05
+_RECORDER_S = 15.0  # how long the recorder may take to close the bag
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    options.add_scenario_options(parser)
+    parser.add_argument(
+        '--policy',
+        default='sweep',
+        metavar='NAME',
+        help='hert, hert-equal, sweep or random (default: %(default)s)',
+    )
+    options.add_seed_option(parser, 'seed of the mission')
+    options.add_allocator_option(parser)
+    parser.add_argument(
+        '--real-time-factor',
+        type=float,
+        default=0.0,
+        metavar='X',
+        help='simulated over wall-clock time; 0: as fast as possible (default: %(default)g)',
+    )
+    parser.add_argument(
+        '--output', type=Path, metavar='FOLDER', help='run folder (default: runs/TIME_SCENARIO)'
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Fly the mission; the exit status."""
+    from uav_collect.policy import policy_named
+
+    scenario = options.scenario_of(arguments)
+    policy_named(arguments.policy)
+    folder = _make_folder(arguments.output, scenario.name)
+    _say(f'{scenario.name}, seed {arguments.seed}, {scenario.n_uavs} UAVs: {arguments.policy}')
+    start_s = time.monotonic()
+    try:
+        with running_fleet(folder, scenario.n_uavs + 2) as fleet:
+            _fly(fleet, folder, scenario, arguments)
+    except KeyboardInterrupt:
+        _say(f'interrupted; what was flown is in {folder}')
+        return INTERRUPTED
+    except FleetError as error:
+        sys.stderr.write(f'error: {error}\n')
+        return 1
+    _say(f'flown in {time.monotonic() - start_s:.1f} s\n')
+    return report.run(argparse.Namespace(path=folder, pictures=None))
+
+
+def _fly(
+    fleet: Fleet, folder: Path, scenario: 'Scenario', arguments: argparse.Namespace
+) -> None:
+    scenario_file = folder / report.SCENARIO_FILE
+    scenario_file.write_text(scenario.to_yaml(), encoding='utf-8')
+    recorder = fleet.start(
+        'recorder',
+        'recorder',
+        ['--output', str(folder / 'bag'), '--ros-args', '-p', 'stop_after_missions:=1'],
+    )
+    world = fleet.start(
+        'world_sim',
+        'world_sim',
+        _parameters(
+            scenario=scenario_file,
+            seed=arguments.seed,
+            output_dir=folder,
+            real_time_factor=arguments.real_time_factor,
+        ),
+    )
+    for uav in range(1, scenario.n_uavs + 1):
+        flags = ['--id', str(uav), '--policy', arguments.policy]
+        fleet.start('uav_agent', f'uav_{uav}', [*flags, '--bandwidth', arguments.bandwidth])
+    _follow(fleet, world, folder / f'mission_{arguments.seed}.jsonl')
+    _await(fleet, recorder)
+
+
+def _parameters(**values: object) -> list[str]:
+    assigned = [f'{name}:={value}' for name, value in values.items()]
+    return ['--ros-args', *(word for each in assigned for word in ('-p', each))]
+
+
+def _follow(fleet: Fleet, world: FleetProcess, log: Path) -> None:
+    """Show the progress that the mission log tells, until the world has ended."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn
+
+    columns = (TextColumn('{task.fields[phase]}'), BarColumn(), TextColumn('{task.description}'))
+    with Progress(*columns, console=Console(stderr=True)) as progress:
+        task = progress.add_task('', total=1.0, phase='starting')
+        for share, told in _progress(world, log):
+            progress.update(task, completed=share, description=told, phase='flying')
+            fleet.check()
+            time.sleep(_LOOK_S)
+    fleet.check()
+
+
+def _progress(world: FleetProcess, log: Path) -> Iterator[tuple[float, str]]:
+    """Share of the data collected, and a line about it, as the log grows."""
+    while not log.exists():
+        if world.popen.poll() is not None:
+            return
+        yield 0.0, 'waiting for the fleet'
+    total_bit = collected_bit = 0.0
+    n_events = 0
+    with log.open(encoding='utf-8') as lines:
+        pending = ''
+        while True:
+            has_ended = world.popen.poll() is not None
+            pending += lines.read()
+            *whole, pending = pending.split('\n')
+            time_s = 0.0
+            for record in map(json.loads, whole):
+                total_bit = record.get('total_bit', total_bit)
+                collected_bit += record.get('collected_bit', 0.0)
+                time_s = record.get('time_s', time_s)
+                n_events += 'time_s' in record
+            share = collected_bit / total_bit if total_bit else 0.0
+            yield share, f'{share:.0%} of the data, {n_events} events, {time_s:.0f} s simulated'
+            if has_ended:
+                return
+
+
+def _await(fleet: Fleet, recorder: FleetProcess) -> None:
+    deadline_s = time.monotonic() + _RECORDER_S
+    while recorder.popen.poll() is None:
+        if time.monotonic() > deadline_s:
+            raise FleetError(f'the recorder did not close the bag within {_RECORDER_S:g} s')
+        time.sleep(_LOOK_S)
+    fleet.check()
+
+
+def _make_folder(wanted: Path | None, scenario_name: str) -> Path:
+    folder = wanted or Path('runs') / f'{time.strftime("%Y-%m-%d_%H-%M-%S")}_{scenario_name}'
+    folder.mkdir(parents=True)
+    return folder
+
+
+def _say(text: str) -> None:
+    sys.stderr.write(f'{text}\n')
