@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 
 import pytest
-from tiny import CELL_A, CELL_B, Flight, MOVE_10_J, tiny, uav
+from tiny import CELL_A, CELL_B, Flight, HOVER_W, MOVE_10_J, tiny, uav
 from uav_collect.actions import BACKWARD, FORWARD, HOME, HOVER, LEFT, RIGHT
 from uav_collect.scenario import load, Scenario
 from uav_collect.simulation import Event, Simulation
@@ -198,6 +198,13 @@ def test_a_path_ends_with_the_straight_way_home() -> None:
     assert path == near([(25.0, 25.0), (75.0, 25.0), (75.0, 75.0), (125.0, 75.0), (25.0, 25.0)])
 
 
+def test_looking_twice_adds_nothing_to_paths_and_hover_points() -> None:
+    watched = alone().fly(RIGHT, HOVER, FORWARD, LEFT)
+    for namespace, number in (('paths', 1), ('hover_points', 0)):
+        once = points(watched.marker(namespace, number))
+        assert points(watched.marker(namespace, number)) == once
+
+
 def test_each_uav_has_its_own_path() -> None:
     watched = Watched(tiny()).fly(RIGHT, FORWARD)
     assert ground(watched.marker('paths', 1, time_s=5.0))[-1] == pytest.approx((50.0, 25.0))
@@ -262,6 +269,13 @@ def test_the_energy_shown_is_that_of_the_simulation_at_every_decision() -> None:
         shown = watched.marker('labels', 1, time_s=event.view.time_s).text
         assert shown == f'1: {event.view.energy_left_j / 1e3:.1f} kJ'
         watched.viewers.note_event(event, watched.act(event, action))
+
+
+def test_a_hover_uses_the_power_of_hovering() -> None:
+    watched = Watched(tiny(uav(10.0), sensors=[(75.0, 25.0, 100.0)])).fly(RIGHT, HOVER)
+    spent_j = MOVE_10_J + HOVER_W * 10.0
+    text = watched.marker('labels', 1, time_s=15.0).text  # the hover began at 5 s
+    assert text == f'1: {1000.0 - spent_j / 1e3:.1f} kJ'
 
 
 def test_a_label_says_who_flies_home_and_who_has_landed() -> None:
