@@ -18,6 +18,7 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from uav_collect.nodes.middleware import find_each_other_quickly
 
 FAILED = 1  # exit status of a node that could not go on
 MISUSED = 2  # exit status of a node that was given wrong arguments, parameters or files
@@ -81,6 +82,7 @@ def run_node(make_node: Callable[[], ProcessNode], argv: Sequence[str]) -> int:
         Exit status of the process: 0 after SIGINT or SIGTERM, else what the node asked for.
     """
     stop = _Stop()
+    find_each_other_quickly()
     try:
         rclpy.init(args=list(argv), signal_handler_options=SignalHandlerOptions.NO)
     except (_rclpy.RCLError, _rclpy.UnknownROSArgsError) as error:
