@@ -4,9 +4,9 @@ It holds the world, the UAVs' radios and the log. A UAV's radio keeps the comple
 UAV sent last, merges what it hears, and answers with that.
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+import math
 
 from uav_collect import actions
 from uav_collect.actions import BY_POLICY, HOME, HOVER, N_ACTIONS
@@ -14,18 +14,18 @@ from uav_collect.agent import Decision, RadioMessage
 from uav_collect.arrays import Row
 from uav_collect.bandwidth import hover_time_s
 from uav_collect.belief import Belief, belief_of, merge, new_beliefs
-from uav_collect.briefing import Briefing, brief
+from uav_collect.briefing import brief, Briefing
 from uav_collect.event_log import grown_log, log_event, log_interval, logged_events, new_log
 from uav_collect.ground import lay_out
 from uav_collect.mission_log import Events, MissionHeader, MissionLog, UavHeader
 from uav_collect.rows import new_row, row_of
-from uav_collect.scenario import ConfigError, Scenario, fingerprint
+from uav_collect.scenario import ConfigError, fingerprint, Scenario
 from uav_collect.site import Site
 from uav_collect.world import (
-    LocalView,
     end_s,
     has_landed,
     in_contact,
+    LocalView,
     look,
     mission_of,
     new_missions,
@@ -39,6 +39,7 @@ from uav_collect.world import (
 _FIRST_CAPACITY = 512  # events that the log has room for before it must grow
 _REASONS_TO_GO_HOME = (BY_POLICY, actions.MAP_COMPLETE, actions.ENERGY_RESERVE)
 _BANDWIDTH_TOLERANCE = 1e-9  # relative; what a sum of shares may lose in rounding
+_LEAST_SHARE = 1e-100  # of the bandwidth; its noise and rate are still normal numbers
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,13 +88,15 @@ def check_can_start(scenario: Scenario, briefing: Briefing) -> None:
     uavs = range(briefing.n_uavs)
     stranded = [uav for uav in uavs if briefing.energy_budget_j[uav] < _to_land_j(briefing, uav)]
     if stranded:
-        needs = '; '.join(_landing_needs(briefing, uav) for uav in stranded)
-        raise ConfigError(f'scenario {scenario.name}: the way home is out of reach: {needs}')
-    # In an area of one cell there is nowhere to move: the fleet hovers at most.
+        needs = '; '.join(_start_needs(briefing, uav) for uav in stranded)
+        raise ConfigError(f'scenario {scenario.name}: too little energy for the way home: {needs}')
+    # In an area of one cell there is nowhere to move to; a UAV hovers there, or lands.
     if briefing.cells_per_side == 1 or any(_can_move(briefing, uav) for uav in uavs):
         return
     needs = '; '.join(_start_needs(briefing, uav) for uav in uavs)
-    raise ConfigError(f'scenario {scenario.name}: no UAV has the energy for a single move: {needs}')
+    raise ConfigError(
+        f'scenario {scenario.name}: no UAV has the energy for a single move: {needs}'
+    )
 
 
 def _to_land_j(briefing: Briefing, uav: int) -> float:
@@ -104,34 +107,21 @@ def _to_land_j(briefing: Briefing, uav: int) -> float:
 def _can_move(briefing: Briefing, uav: int) -> bool:
     x_m, y_m = briefing.start_x_m[uav], briefing.start_y_m[uav]
     budget_j, legal = briefing.energy_budget_j[uav], new_row(N_ACTIONS, 0)
-    return 0 < actions.mark_legal(briefing, uav, x_m, y_m, budget_j, actions.NONE, 0.0, legal)
-
-
-def _landing_needs(briefing: Briefing, uav: int) -> str:
-    home_j = actions.home_energy_j(
-        briefing, uav, briefing.start_x_m[uav], briefing.start_y_m[uav]
-    )
-    return (
-        f'UAV {uav + 1} has {briefing.energy_budget_j[uav] / 1e3:.4g} kJ, the way home from its '
-        f'start costs {home_j / 1e3:.4g} kJ, and {briefing.energy_margin_j[uav] / 1e3:.4g} kJ '
-        f'must be left'
-    )
+    return actions.mark_legal(briefing, uav, x_m, y_m, budget_j, actions.NONE, 0.0, legal) > 0
 
 
 def _start_needs(briefing: Briefing, uav: int) -> str:
-    x_m, y_m = briefing.start_x_m[uav], briefing.start_y_m[uav]
+    margin_j = briefing.energy_margin_j[uav]
     move_j = briefing.flight_power_w[uav] * actions.move_duration_s(briefing, uav)
-    home_j = actions.home_energy_j(briefing, uav, x_m, y_m)
     return (
-        f'UAV {uav + 1} has {briefing.energy_budget_j[uav] / 1e3:.4g} kJ, a move costs '
-        f'{move_j / 1e3:.4g} kJ, the way home about as much again from there and '
-        f'{home_j / 1e3:.4g} kJ from the start, and {briefing.energy_margin_j[uav] / 1e3:.4g} kJ '
-        f'must be left'
+        f'UAV {uav + 1} has {briefing.energy_budget_j[uav] / 1e3:.4g} kJ; the way home from its '
+        f'start costs {(_to_land_j(briefing, uav) - margin_j) / 1e3:.4g} kJ, a move '
+        f'{move_j / 1e3:.4g} kJ, and {margin_j / 1e3:.4g} kJ must be left when it lands'
     )
 
 
 class Simulation:
-    """A mission in flight: ask for the event, transmit, start the action; again until it is over."""
+    """A mission in flight: ask for the event, transmit, start the action; until it is over."""
 
     def __init__(self, scenario: Scenario, site: Site, mission_seed: int) -> None:
         """Put the mission to its start.
@@ -149,7 +139,7 @@ class Simulation:
         self._log = new_log(1, _FIRST_CAPACITY)
         self._capacity = _FIRST_CAPACITY
         self.n_events = 0
-        self.demand_bit = [float(bit) for bit in self._mission.demand_bit]  # type: ignore[attr-defined]
+        self.demand_bit = [float(bit) for bit in self._mission.demand_bit]
 
     def next_event(self) -> Event | None:
         """The next UAV to decide and what it sees and hears; None when all fly home."""
@@ -301,7 +291,7 @@ class Simulation:
 
     def waiting_bit(self) -> list[float]:
         """Data not yet claimed, by cell."""
-        return [float(bit) for bit in self._mission.cell_bit]  # type: ignore[attr-defined]
+        return [float(bit) for bit in self._mission.cell_bit]
 
     def _held(self, uav: int) -> Belief:
         return belief_of(self._radios, uav)
@@ -330,10 +320,13 @@ class Simulation:
         for share in share_hz:
             if not (math.isfinite(share) and share > 0.0):
                 return f'a bandwidth share of {share} Hz: each must be above 0 and finite'
-        total_hz, limit_hz = math.fsum(share_hz), self.briefing.bandwidth_hz
+        # Not fsum: it raises where a sum overflows.
+        total_hz, limit_hz = sum(share_hz), self.briefing.bandwidth_hz
         if total_hz > limit_hz * (1.0 + _BANDWIDTH_TOLERANCE):
             return f'bandwidth shares sum to {total_hz:.6g} Hz of {limit_hz:.6g} Hz'
-        hover_s = self._hover_s(view, share_hz)
+        hover_s = math.inf
+        if min(share_hz) >= limit_hz * _LEAST_SHARE:
+            hover_s = self._hover_s(view, share_hz)
         if not actions.may_hover(
             self.briefing, uav, view.x_m, view.y_m, view.energy_left_j, hover_s
         ):
