@@ -92,16 +92,16 @@ def _run(name: str, argv: Sequence[str], *, prog: str) -> int:
 def _command(name: str) -> _Command:
     match name:
         case 'mission':
-            from uav_collect.commands import mission as module
+            from uav_collect.commands.mission import add_arguments, run
         case 'evaluate':
-            from uav_collect.commands import evaluate as module
+            from uav_collect.commands.evaluate import add_arguments, run
         case 'report':
-            from uav_collect.commands import report as module
+            from uav_collect.commands.report import add_arguments, run
         case 'doctor':
-            from uav_collect.commands import doctor as module
+            from uav_collect.commands.doctor import add_arguments, run
         case _:
             raise RuntimeError(f'no command is called {name!r}')
-    return _Command(add_arguments=module.add_arguments, run=module.run)
+    return _Command(add_arguments=add_arguments, run=run)
 
 
 def _is_the_users(error: Exception) -> bool:

@@ -38,7 +38,12 @@ def neighbour(briefing: Briefing, cell: int, row_step: int, column_step: int) ->
     """The cell some rows north and columns east of another; -1 outside the area."""
     row = cell // briefing.cells_per_side + row_step
     column = cell % briefing.cells_per_side + column_step
-    if row < 0 or column < 0 or row >= briefing.cells_per_side or column >= briefing.cells_per_side:
+    if (
+        row < 0
+        or column < 0
+        or row >= briefing.cells_per_side
+        or column >= briefing.cells_per_side
+    ):
         return -1
     return row * briefing.cells_per_side + column
 

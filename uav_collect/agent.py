@@ -10,15 +10,14 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-
 from uav_collect import actions
 from uav_collect.actions import HOME, HOVER, N_ACTIONS, NONE
 from uav_collect.arrays import Row
 from uav_collect.bandwidth import (
+    allocate_cvxpy,
+    AllocationError,
     EQUAL,
     EXACT,
-    AllocationError,
-    allocate_cvxpy,
     share_bandwidth,
 )
 from uav_collect.belief import belief_of, forget, hear, new_beliefs, observe
@@ -162,9 +161,7 @@ def _allocate_by_cvxpy(briefing: Briefing, view: LocalView, desk: Desk) -> float
 class Agent:
     """One UAV on board: its belief, its policy, its allocator."""
 
-    def __init__(
-        self, briefing: Briefing, uav: int, policy: Policy, allocator: Allocator
-    ) -> None:
+    def __init__(self, briefing: Briefing, uav: int, policy: Policy, allocator: Allocator) -> None:
         """Get ready for a first mission; the UAV is given by its index."""
         self.policy = policy
         self.belief = belief_of(new_beliefs(briefing, 1), 0)

@@ -6,12 +6,12 @@ what a UAV knows but never make it wrong.
 
 from typing import NamedTuple
 
+from uav_collect import actions
 from uav_collect.arrays import Row
 from uav_collect.briefing import Briefing
 from uav_collect.compiled import kernel
 from uav_collect.rows import new_map_table, new_table
-from uav_collect.world import VIEW_CELLS, LocalView
-from uav_collect import actions
+from uav_collect.world import LocalView, VIEW_CELLS
 
 NEVER = -1.0  # a time at which nothing was heard
 

@@ -5,12 +5,12 @@ mission flown by nodes equals the same mission flown in one process. A node hand
 time: interpreted, it starts at once and needs 100 MB less.
 """
 
+from collections.abc import Callable
 import hashlib
 import importlib.util
 import os
-from collections.abc import Callable
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 _Kernel = TypeVar('_Kernel', bound=Callable[..., object])
 
@@ -51,7 +51,7 @@ def cache_folder() -> Path:
     return root / 'uav_collect' / digest.hexdigest()[:16]
 
 
-def _numba():  # type: ignore[no-untyped-def]  # noqa: ANN202 - the module itself
+def _numba() -> Any:  # noqa: ANN401 - the module itself
     import numba
 
     if not numba.config.CACHE_DIR:

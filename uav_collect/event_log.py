@@ -1,9 +1,8 @@
 """Rows that kernels log events to, one column per field of the mission log."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-
 from uav_collect.actions import HOME
 from uav_collect.arrays import Row
 from uav_collect.briefing import Briefing
@@ -39,19 +38,18 @@ class EventLog(NamedTuple):
 
 def new_log(n_worlds: int, capacity: int) -> EventLog:
     """Room for so many events of each mission."""
-    names = EVENT_DTYPE.names or ()
-    return EventLog(
-        *(
-            new_table(n_worlds, capacity, 0.0 if EVENT_DTYPE[name].kind == 'f' else 0)
-            for name in names
-        )
-    )
+    tables: dict[str, Any] = {
+        name: new_table(n_worlds, capacity, 0.0 if EVENT_DTYPE[name].kind == 'f' else 0)
+        for name in EVENT_DTYPE.names or ()
+    }
+    return EventLog(**tables)
 
 
 def grown_log(log: EventLog, n_worlds: int) -> EventLog:
     """Twice the room, the events kept."""
-    capacity = 2 * len(log.event[0])  # type: ignore[arg-type]
-    return EventLog(*(grow_table(table, n_worlds, capacity) for table in log))
+    capacity = 2 * len(log.event[0])
+    tables: list[Any] = [grow_table(table, n_worlds, capacity) for table in log]
+    return EventLog(*tables)
 
 
 def logged_events(log: EventLog, world: int, n_events: int, first: int = 0) -> Events:

@@ -4,7 +4,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-
 from uav_collect import radio
 from uav_collect.arrays import Floats, Row
 from uav_collect.compiled import kernel

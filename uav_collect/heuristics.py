@@ -12,8 +12,8 @@ from uav_collect.arrays import Row
 from uav_collect.belief import Belief
 from uav_collect.briefing import Briefing
 from uav_collect.compiled import kernel
-from uav_collect.philox import EXPLORATION, draw_uniform
-from uav_collect.world import VIEW_CELLS, LocalView
+from uav_collect.philox import draw_uniform, EXPLORATION
+from uav_collect.world import LocalView, VIEW_CELLS
 
 MEMORY_SIZE = 1
 _LANE_WIDTH = 3  # columns that one flight along a lane's middle sees

@@ -9,7 +9,6 @@ from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
-
 from uav_collect.arrays import Floats
 
 _LANE_SHARE = 0.13  # of a cell, between two lanes

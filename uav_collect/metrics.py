@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
-
 from uav_collect.mission_log import (
     ACTION_NAMES,
     Events,

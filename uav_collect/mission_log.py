@@ -5,8 +5,8 @@ enters, and floats are written with the fewest digits that read back to the same
 over ROS and the same mission in one process leave the same file.
 """
 
-import json
 from dataclasses import asdict, dataclass
+import json
 from pathlib import Path
 
 import numpy as np

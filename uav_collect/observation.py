@@ -7,16 +7,16 @@ A layout's name carries its version: a frozen policy refuses any other.
 Both end with the previous action and the UAV's index, one-hot.
 """
 
-import math
 from enum import IntEnum
+import math
 
 from uav_collect import actions
 from uav_collect.actions import N_ACTIONS
 from uav_collect.arrays import Row
-from uav_collect.belief import NEVER, Belief
+from uav_collect.belief import Belief, NEVER
 from uav_collect.briefing import Briefing
 from uav_collect.compiled import kernel
-from uav_collect.world import VIEW_CELLS, LocalView
+from uav_collect.world import LocalView, VIEW_CELLS
 
 PATCH_SIDE = 9  # cells of the egocentric layout's fine patch
 POOL_SIDE = 3  # cells pooled into one of its coarse blocks
@@ -113,7 +113,10 @@ def _encode_patch(
     n_patch = PATCH_SIDE * PATCH_SIDE
     for index in range(n_patch):
         cell = actions.neighbour(
-            briefing, centre, index // PATCH_SIDE - PATCH_SIDE // 2, index % PATCH_SIDE - PATCH_SIDE // 2
+            briefing,
+            centre,
+            index // PATCH_SIDE - PATCH_SIDE // 2,
+            index % PATCH_SIDE - PATCH_SIDE // 2,
         )
         is_open = cell >= 0 and belief.complete[cell] == 0
         out[filled + index] = 1.0 if is_open else 0.0

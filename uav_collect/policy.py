@@ -6,7 +6,7 @@ from typing import Protocol
 from uav_collect.arrays import Row
 from uav_collect.belief import Belief
 from uav_collect.briefing import Briefing
-from uav_collect.heuristics import MEMORY_SIZE, Heuristic, choose
+from uav_collect.heuristics import choose, Heuristic, MEMORY_SIZE
 from uav_collect.rows import new_row
 from uav_collect.world import LocalView
 
@@ -62,9 +62,7 @@ class RulePolicy:
         """One of the legal actions, or actions.HOME to end the mission."""
         if self._briefing is None:
             raise RuntimeError('a policy must begin a mission before it chooses')
-        return choose(
-            self.heuristic, self._briefing, self._uav, belief, view, legal, self._memory
-        )
+        return choose(self.heuristic, self._briefing, self._uav, belief, view, legal, self._memory)
 
 
 def policy_named(name: str) -> Policy:

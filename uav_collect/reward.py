@@ -2,11 +2,11 @@
 
 import math
 
-from uav_collect.actions import HOVER, NONE, cell_at
+from uav_collect.actions import cell_at, HOVER, NONE
 from uav_collect.briefing import Briefing
 from uav_collect.compiled import kernel
 from uav_collect.ground import Ground
-from uav_collect.world import Mission, end_s, next_uav
+from uav_collect.world import end_s, Mission, next_uav
 
 
 @kernel
@@ -32,9 +32,7 @@ def interval_reward(
 
 
 @kernel
-def terminal_reward(
-    briefing: Briefing, ground: Ground, mission: Mission, start_s: float
-) -> float:
+def terminal_reward(briefing: Briefing, ground: Ground, mission: Mission, start_s: float) -> float:
     """The bonus at the mission's end, discounted to the start of its last interval.
 
     alpha Gamma: the mission's data over its energy, times the largest energy budget; 0 before the

@@ -9,10 +9,18 @@ from typing import NamedTuple
 
 from uav_collect import actions
 from uav_collect.actions import HOME, NONE
-from uav_collect.agent import ALLOCATOR_NAMES, Agent, Desk, allocate, allocator_named, must_go_home, new_desk
+from uav_collect.agent import (
+    Agent,
+    allocate,
+    allocator_named,
+    ALLOCATOR_NAMES,
+    Desk,
+    must_go_home,
+    new_desk,
+)
 from uav_collect.arrays import Row
-from uav_collect.belief import Beliefs, belief_of, hear, new_beliefs, observe
-from uav_collect.briefing import Briefing, brief
+from uav_collect.belief import belief_of, Beliefs, hear, new_beliefs, observe
+from uav_collect.briefing import brief, Briefing
 from uav_collect.compiled import kernel
 from uav_collect.event_log import (
     EventLog,
@@ -23,24 +31,24 @@ from uav_collect.event_log import (
     new_log,
 )
 from uav_collect.ground import Ground, lay_out
-from uav_collect.heuristics import MEMORY_SIZE, choose
+from uav_collect.heuristics import choose, MEMORY_SIZE
 from uav_collect.mission_log import MissionLog
-from uav_collect.policy import Policy, PolicyMismatchError, RulePolicy, policy_named
+from uav_collect.policy import Policy, policy_named, PolicyMismatchError, RulePolicy
 from uav_collect.rows import new_table
 from uav_collect.scenario import Scenario
-from uav_collect.simulation import Simulation, check_can_start, mission_header
+from uav_collect.simulation import check_can_start, mission_header, Simulation
 from uav_collect.site import Site
 from uav_collect.world import (
-    Missions,
-    ViewRows,
     end_s,
     in_contact,
     look,
     mission_of,
+    Missions,
     new_missions,
     new_view_rows,
     next_uav,
     start_action,
+    ViewRows,
     x_m_at,
     y_m_at,
 )

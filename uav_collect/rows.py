@@ -1,10 +1,9 @@
-"""Rows: what kernels index. Arrays where kernels are compiled, lists where they are interpreted."""
+"""Rows: what kernels index. Arrays where they are compiled, lists where they are interpreted."""
 
 from collections.abc import Sequence
-from typing import TypeVar
+from typing import cast, TypeVar
 
 import numpy as np
-
 from uav_collect.arrays import Row
 from uav_collect.compiled import kernels_are_compiled
 
@@ -29,15 +28,15 @@ def new_row(size: int, fill: _Number) -> Row[_Number]:
 def new_table(n_rows: int, size: int, fill: _Number) -> Row[Row[_Number]]:
     """A table of rows, indexed row first: (n_rows, size)."""
     if kernels_are_compiled():
-        return np.full((n_rows, size), fill)
-    return [[fill] * size for _ in range(n_rows)]
+        return cast('Row[Row[_Number]]', np.full((n_rows, size), fill))
+    return cast('Row[Row[_Number]]', [[fill] * size for _ in range(n_rows)])
 
 
 def new_map_table(n_rows: int, size: int) -> Row[Row[int]]:
     """A table of zeros and ones, a byte each where kernels are compiled: (n_rows, size)."""
     if kernels_are_compiled():
-        return np.zeros((n_rows, size), dtype=np.uint8)
-    return [[0] * size for _ in range(n_rows)]
+        return cast(Row[Row[int]], np.zeros((n_rows, size), dtype=np.uint8))
+    return cast(Row[Row[int]], [[0] * size for _ in range(n_rows)])
 
 
 def grow_table(table: Row[Row[_Number]], n_rows: int, size: int) -> Row[Row[_Number]]:
@@ -45,7 +44,7 @@ def grow_table(table: Row[Row[_Number]], n_rows: int, size: int) -> Row[Row[_Num
     if isinstance(table, np.ndarray):
         longer = np.zeros((n_rows, size), dtype=table.dtype)
         longer[:, : table.shape[1]] = table
-        return longer
+        return cast('Row[Row[_Number]]', longer)
     for index in range(n_rows):
         row: list[_Number] = table[index]  # type: ignore[assignment]
         row.extend([type(row[0])(0)] * (size - len(row)))

@@ -4,7 +4,7 @@ It holds the world, the UAVs' radios and the log. A UAV's radio keeps the comple
 UAV sent last, merges what it hears, and answers with that.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 import math
 
@@ -56,7 +56,7 @@ class Event:
 def mission_header(
     scenario: Scenario,
     mission_seed: int,
-    demand_bit: Sequence[float],
+    demand_bit: Iterable[float],
     policies: Sequence[str],
     allocators: Sequence[str],
 ) -> MissionHeader:

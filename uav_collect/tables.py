@@ -6,7 +6,6 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
-
 from uav_collect.evaluation import Estimate, LEVEL, MEASURES
 from uav_collect.metrics import FAILSAFE, MissionFigures, percent, UavFigures, UNFINISHED
 from uav_collect.mission_log import MissionHeader

@@ -5,16 +5,16 @@ the earliest end, and then exactly one UAV, the deciding one, looks, hears and s
 action. Kernels read and write the rows of one mission; a batch is a table of them.
 """
 
-import math
 from collections.abc import Sequence
-from typing import NamedTuple
+import math
+from typing import Any, NamedTuple
 
 from uav_collect import actions
 from uav_collect.actions import COLUMN_STEP, HOME, HOVER, NONE, ROW_STEP
 from uav_collect.arrays import Row
 from uav_collect.briefing import Briefing
 from uav_collect.compiled import kernel
-from uav_collect.ground import Ground, draw_demand
+from uav_collect.ground import draw_demand, Ground
 from uav_collect.radio import channel_draw, uplink_rate_bps
 from uav_collect.rows import new_row, new_table
 
@@ -90,7 +90,9 @@ class LocalView(NamedTuple):
     cell: int
     energy_left_j: float
     previous_action: int  # NONE at the start
-    region_bit: Row[float]  # (9,) waiting data per cell from the south-west, row first; nan outside
+    region_bit: Row[
+        float
+    ]  # (9,) waiting data per cell from the south-west, row first; nan outside
     n_sensors: int  # of the own cell that have data
     sensor: Row[int]  # (n_sensors,) or longer
     sensor_bit: Row[float]  # their data
@@ -119,12 +121,11 @@ def new_missions(briefing: Briefing, ground: Ground, mission_seeds: Sequence[int
         ('demand_bit', 'waiting_bit', 'gain', 'error_gain', 'rate_bps', 'upload_s'), n_sensors
     )  # fmt: skip
     counts = {'seed', 'phase', 'action', 'n_decisions', 'n_visits'}
-    missions = Missions(
-        **{
-            name: new_table(n_worlds, sizes.get(name, n_uavs), 0 if name in counts else 0.0)
-            for name in Missions._fields
-        }
-    )
+    tables: dict[str, Any] = {
+        name: new_table(n_worlds, sizes.get(name, n_uavs), 0 if name in counts else 0.0)
+        for name in Missions._fields
+    }
+    missions = Missions(**tables)
     for world, seed in enumerate(mission_seeds):
         missions.seed[world][0] = seed
     restart(briefing, ground, missions, n_worlds)

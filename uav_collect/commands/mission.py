@@ -69,9 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
     return report.run(argparse.Namespace(path=folder, pictures=None))
 
 
-def _fly(
-    fleet: Fleet, folder: Path, scenario: 'Scenario', arguments: argparse.Namespace
-) -> None:
+def _fly(fleet: Fleet, folder: Path, scenario: 'Scenario', arguments: argparse.Namespace) -> None:
     scenario_file = folder / report.SCENARIO_FILE
     scenario_file.write_text(scenario.to_yaml(), encoding='utf-8')
     recorder = fleet.start(
