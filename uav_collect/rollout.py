@@ -82,11 +82,13 @@ def fly(
         allocator: how bandwidth is shared, one of `agent.ALLOCATOR_NAMES`.
 
     Raises:
-        PolicyMismatchError: there is no such policy.
-        ConfigError: no UAV has the energy to start.
+        PolicyMismatchError: there is no such policy, or it breaks the rules in flight.
+        AllocationError: there is no such allocator.
+        ConfigError: the fleet has not the energy to start.
     """
     make_policy = partial(policy_named, policy) if isinstance(policy, str) else policy
     pilot = make_policy()
+    allocator_named(allocator)  # raises before anything flies
     if isinstance(pilot, RulePolicy) and allocator != 'cvxpy':
         return _fly_compiled(scenario, site, mission_seeds, pilot, allocator)
     return [_fly_by_agents(scenario, site, seed, make_policy, allocator) for seed in mission_seeds]
