@@ -1,0 +1,303 @@
+"""A recording survives whatever ends its recorder: up to the last chunk it flushed."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+import resource
+import shutil
+import struct
+
+from bags import HandMadeBag
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import pytest
+from rosbags.highlevel import AnyReader
+from uav_collect.bag import BagError
+from uav_collect.bag_repair import Repair, repair
+from uav_collect.bag_writer import RecordingError
+
+PER_CHUNK = 10
+N_CHUNKS = 6
+TOPIC = '/uav_1/radio_rx'
+
+
+def write_radio(bag: HandMadeBag, numbers: range) -> None:
+    for number in numbers:
+        stamp = {'sec': number, 'nanosec': 500_000_000}
+        bag.add(TOPIC, 'RadioMessage', sequence=number, stamp=stamp)
+
+
+def killed(folder: Path) -> list[int]:
+    """Leave a bag as a killed recorder does; where each of its chunks ends in the file."""
+    bag = HandMadeBag(folder.with_name('alive') / folder.name)
+    file = bag.writer.folder / f'{folder.name}.mcap'
+    ends = [file.stat().st_size]
+    for chunk in range(N_CHUNKS):
+        write_radio(bag, range(chunk * PER_CHUNK, (chunk + 1) * PER_CHUNK))
+        bag.writer.flush()
+        ends.append(file.stat().st_size)
+    write_radio(bag, range(1000, 1005))  # waits in memory, and is lost
+    shutil.copytree(bag.writer.folder, folder)
+    bag.writer.close()
+    return ends
+
+
+def sequences(folder: Path) -> list[int]:
+    with AnyReader([folder]) as reader:
+        return [
+            reader.deserialize(content, connection.msgtype).sequence
+            for connection, _, content in reader.messages()
+        ]
+
+
+@pytest.fixture(scope='module')
+def torn(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[int]]:
+    folder = tmp_path_factory.mktemp('torn') / 'bag'
+    return folder, killed(folder)
+
+
+def copy_of(torn: tuple[Path, list[int]], folder: Path, cut_at: int | None = None) -> Path:
+    shutil.copytree(torn[0], folder / 'bag')
+    if cut_at is not None:
+        with (folder / 'bag' / 'bag.mcap').open('r+b') as file:
+            file.truncate(cut_at)
+    return folder / 'bag'
+
+
+def test_all_flushed_messages_of_a_killed_recorder_are_recovered(
+    tmp_path: Path, torn: tuple[Path, list[int]]
+) -> None:
+    bag = copy_of(torn, tmp_path)
+    done = repair(bag)
+    assert sequences(bag) == list(range(N_CHUNKS * PER_CHUNK))
+    assert done == Repair(
+        n_messages=60,
+        last_sim_time_s=59.5,
+        broken_file=bag / 'bag.mcap.broken',
+        n_cut_byte=0,
+    )
+
+
+@settings(max_examples=60, deadline=None)
+@given(share=st.floats(0.0, 1.0))
+def test_a_file_cut_anywhere_keeps_its_whole_chunks(
+    tmp_path_factory: pytest.TempPathFactory, torn: tuple[Path, list[int]], share: float
+) -> None:
+    start, *ends = torn[1]
+    cut_at = int(start + share * (ends[-1] - start))
+    bag = copy_of(torn, tmp_path_factory.mktemp('cut'), cut_at)
+    done = repair(bag)
+    # A chunk's own end lies a little before that of its index, which is not needed.
+    n_whole = done.n_messages // PER_CHUNK
+    assert sum(end <= cut_at for end in ends) <= n_whole <= sum(end < cut_at for end in ends) + 1
+    assert sequences(bag) == list(range(done.n_messages))
+    assert done.n_messages % PER_CHUNK == 0
+
+
+def test_the_broken_file_is_kept_as_it_was(tmp_path: Path, torn: tuple[Path, list[int]]) -> None:
+    bag = copy_of(torn, tmp_path)
+    before = (bag / 'bag.mcap').read_bytes()
+    done = repair(bag)
+    assert done.broken_file is not None
+    assert done.broken_file.read_bytes() == before
+
+
+def test_repairing_again_changes_nothing(tmp_path: Path, torn: tuple[Path, list[int]]) -> None:
+    bag = copy_of(torn, tmp_path)
+    first = repair(bag)
+    before = {file: file.read_bytes() for file in bag.iterdir()}
+    again = repair(bag)
+    assert again.broken_file is None
+    assert again.n_messages == first.n_messages
+    assert again.last_sim_time_s == first.last_sim_time_s
+    assert {file: file.read_bytes() for file in bag.iterdir()} == before
+
+
+def test_a_healthy_bag_is_left_alone(tmp_path: Path) -> None:
+    bag = HandMadeBag(tmp_path / 'bag')
+    write_radio(bag, range(4))
+    bag.writer.close()
+    before = {file: file.read_bytes() for file in (tmp_path / 'bag').iterdir()}
+    done = repair(tmp_path / 'bag')
+    assert (done.n_messages, done.last_sim_time_s, done.broken_file) == (4, 3.5, None)
+    assert {file: file.read_bytes() for file in (tmp_path / 'bag').iterdir()} == before
+
+
+def test_types_hashes_and_qos_survive_a_repair(
+    tmp_path: Path, torn: tuple[Path, list[int]]
+) -> None:
+    healthy = HandMadeBag(tmp_path / 'healthy')
+    write_radio(healthy, range(1))
+    healthy.writer.close()
+    bag = copy_of(torn, tmp_path)
+    repair(bag)
+    with AnyReader([bag]) as repaired, AnyReader([tmp_path / 'healthy']) as expected:
+        one, other = repaired.connections[0], expected.connections[0]
+        assert (one.topic, one.msgtype, one.msgdef) == (other.topic, other.msgtype, other.msgdef)
+        assert one.digest == other.digest
+        assert one.ext == other.ext
+
+
+def test_a_bag_killed_before_its_first_chunk_is_empty_but_readable(
+    tmp_path: Path, torn: tuple[Path, list[int]]
+) -> None:
+    bag = copy_of(torn, tmp_path, cut_at=torn[1][0])
+    assert repair(bag).n_messages == 0
+    assert sequences(bag) == []
+    assert repair(bag).last_sim_time_s is None
+
+
+def test_a_bag_killed_just_before_its_metadata_loses_nothing(tmp_path: Path) -> None:
+    bag = HandMadeBag(tmp_path / 'bag')
+    write_radio(bag, range(4))
+    bag.writer.close()
+    (tmp_path / 'bag' / 'metadata.yaml').unlink()
+    done = repair(tmp_path / 'bag')
+    assert (done.n_messages, done.n_cut_byte) == (4, 0)
+    assert sequences(tmp_path / 'bag') == [0, 1, 2, 3]
+
+
+def test_zeros_left_by_a_power_failure_are_cut_off(
+    tmp_path: Path, torn: tuple[Path, list[int]]
+) -> None:
+    bag = copy_of(torn, tmp_path, cut_at=torn[1][3])
+    with (bag / 'bag.mcap').open('ab') as file:
+        file.write(bytes(5000))
+    done = repair(bag)
+    assert (done.n_messages, done.n_cut_byte) == (3 * PER_CHUNK, 5000)
+
+
+def test_everything_before_a_damage_is_recovered(
+    tmp_path: Path, torn: tuple[Path, list[int]]
+) -> None:
+    bag = copy_of(torn, tmp_path)
+    with (bag / 'bag.mcap').open('r+b') as file:
+        file.seek(torn[1][2] + 9 + 40 + 8)  # the first record of the third chunk
+        file.write(struct.pack('<BQ', 5, 2**40))
+    assert repair(bag).n_messages == 2 * PER_CHUNK
+    assert sequences(bag) == list(range(2 * PER_CHUNK))
+
+
+@pytest.mark.parametrize('n_steps', [0, 1, 2])
+def test_an_interrupted_repair_can_be_repeated(
+    tmp_path: Path,
+    torn: tuple[Path, list[int]],
+    monkeypatch: pytest.MonkeyPatch,
+    n_steps: int,
+) -> None:
+    bag = copy_of(torn, tmp_path)
+    before = (bag / 'bag.mcap').read_bytes()
+    replace, steps = Path.replace, iter(range(n_steps))
+
+    def interrupted(source: Path, target: Path) -> Path:
+        is_own = source.suffix != '.tmp'  # rosbags uses that name
+        if is_own and next(steps, None) is None:
+            raise KeyboardInterrupt
+        return replace(source, target)
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr('uav_collect.bag_repair.Path.replace', interrupted)
+        repair(bag)
+    assert repair(bag).n_messages == N_CHUNKS * PER_CHUNK
+    assert sequences(bag) == list(range(N_CHUNKS * PER_CHUNK))
+    assert (bag / 'bag.mcap.broken').read_bytes() == before
+    assert sorted(p.name for p in bag.iterdir()) == [
+        'bag.mcap',
+        'bag.mcap.broken',
+        'metadata.yaml',
+    ]
+
+
+def test_a_bag_that_is_being_recorded_is_not_touched(tmp_path: Path) -> None:
+    bag = HandMadeBag(tmp_path / 'bag')
+    write_radio(bag, range(4))
+    with pytest.raises(BagError, match='still being recorded'):
+        repair(tmp_path / 'bag')
+    bag.writer.close()
+    assert sequences(tmp_path / 'bag') == [0, 1, 2, 3]
+
+
+@pytest.mark.parametrize(
+    ('files', 'complaint'),
+    [
+        (None, 'no such bag'),
+        ({}, 'must hold one .mcap file to repair, holds 0'),
+        ({'a.mcap': b'', 'b.mcap': b''}, 'holds 2'),
+        ({'a.mcap': b''}, 'a.mcap is not an MCAP file'),
+        ({'a.mcap': b'#!/bin/sh\necho not a bag'}, 'a.mcap is not an MCAP file'),
+    ],
+)
+def test_what_is_no_bag_is_refused_and_left_alone(
+    tmp_path: Path, files: dict[str, bytes] | None, complaint: str
+) -> None:
+    bag = tmp_path / 'bag'
+    if files is not None:
+        bag.mkdir()
+        for name, content in files.items():
+            (bag / name).write_bytes(content)
+    with pytest.raises(BagError, match=complaint):
+        repair(bag)
+    if files is not None:
+        assert {p.name: p.read_bytes() for p in bag.iterdir()} == files
+
+
+@contextmanager
+def full_disk(file_size_byte: int) -> Iterator[None]:
+    """Let no file of this process grow beyond a size, as if the disk were full."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (file_size_byte, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+def test_a_full_disk_costs_only_what_did_not_fit(tmp_path: Path) -> None:
+    folder = tmp_path / 'bag'
+    bag = HandMadeBag(folder)
+    write_radio(bag, range(1000))
+    bag.writer.flush()
+    flushed_byte = (folder / 'bag.mcap').stat().st_size
+    write_radio(bag, range(1000, 3000))
+    with (
+        full_disk(flushed_byte + 50_000),  # enough for the index, not for the messages
+        pytest.raises(RecordingError, match='2000 messages could not be written') as failure,
+    ):
+        bag.writer.flush()
+    assert 'holds the 1000 before' in str(failure.value)
+    assert sequences(folder) == list(range(1000))
+    with AnyReader([folder]) as reader:
+        assert reader.message_count == 1000
+
+
+def test_a_disk_too_full_for_the_index_leaves_what_repair_can_read(tmp_path: Path) -> None:
+    folder = tmp_path / 'bag'
+    bag = HandMadeBag(folder)
+    write_radio(bag, range(1000))
+    bag.writer.flush()
+    flushed_byte = (folder / 'bag.mcap').stat().st_size
+    write_radio(bag, range(1000, 3000))
+    with (
+        full_disk(flushed_byte + 10),
+        pytest.raises(RecordingError, match=f'recorder --repair {folder}'),
+    ):
+        bag.writer.flush()
+    repair(folder)
+    assert sequences(folder) == list(range(1000))
+
+
+def test_closing_a_recording_twice_is_harmless(tmp_path: Path) -> None:
+    bag = HandMadeBag(tmp_path / 'bag')
+    write_radio(bag, range(3))
+    bag.writer.close()
+    bag.writer.close()
+    assert bag.writer.n_messages == 3
+    assert sequences(tmp_path / 'bag') == [0, 1, 2]
+
+
+def test_big_messages_do_not_wait_for_a_flush(tmp_path: Path) -> None:
+    bag = HandMadeBag(tmp_path / 'bag', chunk_byte=1000)
+    write_radio(bag, range(100))
+    assert bag.writer.n_messages > 80
+    bag.writer.close()
+    assert sequences(tmp_path / 'bag') == list(range(100))
