@@ -1,0 +1,118 @@
+"""No UAV ever ends with less than its margin, nor is it ever too far from home for what it has.
+
+Random fleets, areas, homes and budgets; the way home is reckoned here from the paper's formula.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from uav_collect.arrays import Floats
+from uav_collect.metrics import check_log, figures
+from uav_collect.mission_log import ACTION_NAMES, MissionLog, REASON_NAMES
+from uav_collect.rollout import fly
+from uav_collect.scenario import ConfigError, load, Scenario
+from uav_collect.site import build_site
+
+N_SCENARIOS = 25
+N_SEEDS = 20
+POLICIES = ('hert', 'hert-equal', 'sweep', 'random')
+HOME = ACTION_NAMES.index('home')
+ROUNDING = 1e-9  # of the budget
+
+
+def random_scenario(number: int) -> Scenario:
+    rng = np.random.default_rng([2025, number])
+    side, cell_size_m = int(rng.integers(2, 13)), float(rng.uniform(20.0, 120.0))
+    fleet = [
+        {
+            'speed_mps': float(rng.uniform(2.0, 25.0)),
+            'energy_budget_kj': float(rng.uniform(20.0, 400.0)),
+            'energy_margin_kj': float(rng.choice([0.0, 0.5, 1.0, 5.0])),
+            'start': {'cell': rng.integers(0, side, size=2).tolist()},
+            'home': {'position_m': rng.uniform(0.0, side * cell_size_m, size=2).tolist()},
+        }
+        for _ in range(rng.integers(1, 5))
+    ]
+    overrides = {
+        'name': f'random {number}',
+        'area.cells_per_side': side,
+        'area.cell_size_m': cell_size_m,
+        'sensors.seed': number,
+        'demand.cell_share': float(rng.uniform(0.05, 1.0)),
+        'radio.contact_range_m': float(rng.choice([0.0, 100.0, 200.0, np.inf])),
+        'radio.csi_error_variance': float(rng.choice([0.0, 0.05])),
+        'radio.system_bandwidth_mhz': float(rng.choice([0.02, 0.2, 1.0])),  # long hovers, too
+        'fleet.uavs': fleet,
+    }
+    return load('paper_10x10', overrides)
+
+
+def flight_power_w(speed_mps: float) -> float:
+    square = speed_mps**2
+    induced_w = 88.63 * np.sqrt(np.sqrt(1 + square**2 / (4 * 4.03**4)) - square / (2 * 4.03**2))
+    return float(79.86 * (1 + 3 * square / 120**2) + induced_w + 0.009242625 * speed_mps**3)
+
+
+def reserves_j(scenario: Scenario, log: MissionLog) -> Iterator[tuple[Floats, float, float]]:
+    """Of each UAV: energy beyond the way home and the margin at its decisions, and when landed."""
+    for unit, config in enumerate(scenario.uavs):
+        own = log.events[log.events['uav'] == unit + 1]
+        away_m = np.hypot(own['x_m'] - config.home_m[0], own['y_m'] - config.home_m[1])
+        home_j = flight_power_w(config.speed_mps) * away_m / config.speed_mps
+        spare_j = own['energy_left_j'] - home_j - config.energy_margin_j
+        landed_j = own['energy_left_j'][-1] - own['energy_j'][-1] - config.energy_margin_j
+        yield spare_j, landed_j, config.energy_budget_j
+
+
+@pytest.mark.parametrize('policy', POLICIES)
+def test_no_uav_is_ever_short_of_its_reserve(policy: str) -> None:
+    n_reserve = n_missions = 0
+    for number in range(N_SCENARIOS):
+        scenario = random_scenario(number)
+        allocator = ('exact', 'equal')[number % 2]
+        for log in fly(scenario, build_site(scenario), range(N_SEEDS), policy, allocator):
+            for spare_j, landed_j, budget_j in reserves_j(scenario, log):
+                assert spare_j.min() >= -ROUNDING * budget_j
+                assert landed_j >= -ROUNDING * budget_j
+            assert figures(log).is_safe
+            at_home = log.events[log.events['action'] == HOME]
+            assert len(at_home) == scenario.n_uavs
+            n_reserve += (at_home['reason'] == REASON_NAMES.index('energy reserve')).any()
+            n_missions += 1
+    assert n_missions == N_SCENARIOS * N_SEEDS
+    assert n_reserve >= n_missions / 20  # budgets are such that the rule bites
+
+
+@pytest.mark.parametrize('policy', POLICIES)
+def test_the_log_of_a_random_scenario_adds_up(policy: str) -> None:
+    for number in range(N_SCENARIOS):
+        scenario = random_scenario(number)
+        log = fly(scenario, build_site(scenario), [99], policy)[0]
+        check_log(log)
+
+
+@pytest.mark.parametrize('budget_kj', [20.0, 50.0, 100.0, 400.0])
+@pytest.mark.parametrize('policy', POLICIES)
+def test_the_papers_fleet_lands_safely_on_any_budget(policy: str, budget_kj: float) -> None:
+    scenario = load('paper_10x10', {'fleet.default.energy_budget_kj': budget_kj})
+    for log in fly(scenario, build_site(scenario), range(5), policy):
+        assert figures(log).is_safe
+
+
+def test_a_uav_goes_home_for_its_reserve_only_when_nothing_else_is_affordable() -> None:
+    scenario = load('paper_10x10', {'fleet.default.energy_budget_kj': 20.0})
+    moves_j = [flight_power_w(speed_mps) * 50.0 / speed_mps for speed_mps in (5.0, 10.0)]
+    for log in fly(scenario, build_site(scenario), range(20), 'random'):
+        for unit, (spare_j, _, _) in enumerate(reserves_j(scenario, log)):
+            own = log.events[log.events['uav'] == unit + 1]
+            assert own['reason'][-1] == REASON_NAMES.index('energy reserve')
+            # Straight away from home a move and the way back cost twice the move at most.
+            assert spare_j[-1] < 2 * moves_j[unit]
+
+
+@pytest.mark.parametrize('policy', POLICIES)
+def test_a_mission_that_cannot_start_says_why(policy: str) -> None:
+    scenario = load('paper_10x10', {'fleet.default.energy_budget_kj': 1.5})
+    with pytest.raises(ConfigError, match=r'no UAV has the energy for a single move: UAV 1 has'):
+        fly(scenario, build_site(scenario), [0], policy)
