@@ -171,6 +171,11 @@ class Agent:
         self._desk = new_desk(1)
         policy.begin(briefing, uav)
 
+    @property
+    def legal(self) -> Row[int]:
+        """Which actions were legal at the latest decision, (N_ACTIONS,)."""
+        return self._desk.legal
+
     def begin(self) -> None:
         """Forget the last mission."""
         forget(self.belief)

@@ -12,7 +12,7 @@ from uav_collect.mission_log import Events
 from uav_collect.rows import row_of
 from uav_collect.simulation import Event
 from uav_collect.world import LocalView
-from uav_collect_msgs.msg import Command, Epoch, Observation
+from uav_collect_msgs.msg import Command, Epoch, Observation, Transition
 from uav_collect_msgs.msg import RadioMessage as RadioMessageMsg
 
 _NANOSECONDS = 1_000_000_000
@@ -57,11 +57,11 @@ def observation_msg(event: Event, mission_id: str, n_radio_delivered: int) -> Ob
         y_m=view.y_m,
         cell=view.cell,
         energy_left_j=view.energy_left_j,
-        region_demand_bit=list(view.region_bit),  # type: ignore[call-overload]
-        sensor=array('I', view.sensor[:seen]),  # type: ignore[call-overload]
-        sensor_demand_bit=array('d', view.sensor_bit[:seen]),  # type: ignore[call-overload]
-        sensor_gain=array('d', view.sensor_gain[:seen]),  # type: ignore[call-overload]
-        sensor_error_gain=array('d', view.sensor_error_gain[:seen]),  # type: ignore[call-overload]
+        region_demand_bit=list(view.region_bit),
+        sensor=array('I', view.sensor[:seen]),
+        sensor_demand_bit=array('d', view.sensor_bit[:seen]),
+        sensor_gain=array('d', view.sensor_gain[:seen]),
+        sensor_error_gain=array('d', view.sensor_error_gain[:seen]),
         previous_action=view.previous_action,
         n_radio_delivered=n_radio_delivered,
     )
@@ -142,6 +142,37 @@ def radio_from_msg(msg: Any, n_cells: int) -> RadioMessage:
         x_m=msg.x_m,
         y_m=msg.y_m,
         time_s=msg.time_s,
+    )
+
+
+def transition_msg(
+    observation: Any,
+    *,
+    uav: int,
+    layout: str,
+    scenario_fingerprint: str,
+    encoded: Row[float],
+    legal: Row[int],
+    action: int,
+) -> Transition:
+    """What a learner needs of a decision.
+
+    Args:
+        observation: that was answered.
+        uav: index of the deciding UAV.
+        layout: label of the layout of `encoded`.
+    """
+    return Transition(
+        stamp=observation.stamp,
+        mission_id=observation.mission_id,
+        uav=uav + 1,
+        event=observation.event,
+        decision=observation.decision,
+        layout=layout,
+        scenario_fingerprint=scenario_fingerprint,
+        observation=array('f', encoded),
+        legal=[bool(flag) for flag in legal],
+        action=action,
     )
 
 

@@ -172,7 +172,7 @@ class Flight:
         """What a UAV was told so far, and whether its last observation waits for an answer."""
         said = self._said[uav]
         pending = self.pending
-        waits = pending is not None and pending.event.uav + 1 == uav and not pending.decision
+        waits = pending is not None and pending.event.uav + 1 == uav
         return said.observations, said.radio, waits
 
     def figures(self) -> MissionFigures:

@@ -75,6 +75,11 @@ class Roster:
         self.present.discard(uav)
         return self.pilots[uav]
 
+    def regain(self, uav: int) -> None:
+        """Note that the agent of a UAV, thought to be gone, was only too slow to be heard."""
+        if uav in self.pilots:
+            self.present.add(uav)
+
     def missing(self) -> list[int]:
         """Ids of the UAVs without an agent."""
         return [uav for uav in range(1, self.n_uavs + 1) if uav not in self.present]

@@ -2,6 +2,8 @@
 
 import argparse
 from collections.abc import Sequence
+from functools import partial
+import math
 import os
 import socket
 import time
@@ -10,16 +12,21 @@ import uuid
 
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.subscription import Subscription
 from rclpy.task import Future
 from rclpy.utilities import remove_ros_args
-from uav_collect.agent import Agent, ALLOCATOR_NAMES, allocator_named
-from uav_collect.briefing import brief
+from uav_collect.agent import Agent, allocator_named, ALLOCATOR_NAMES
+from uav_collect.briefing import brief, Briefing
 from uav_collect.nodes import convert, topics
+from uav_collect.nodes.cockpit import Cockpit
 from uav_collect.nodes.parameters import declare, help_text, Parameter
 from uav_collect.nodes.spin import MISUSED, NodeError, ProcessNode, run_node
 from uav_collect.nodes.topics import publisher, subscription
+from uav_collect.observation import encode, Layout, observation_size
 from uav_collect.policy import policy_named
-from uav_collect.scenario import ConfigError, fingerprint, from_yaml
+from uav_collect.rows import new_row
+from uav_collect.scenario import ConfigError, fingerprint, from_yaml, Scenario
+from uav_collect.world import LocalView
 from uav_collect_msgs.srv import Join
 
 _DESCRIPTION = """
@@ -28,6 +35,7 @@ bandwidth among the sensors it serves. Learns the scenario from the world; start
 with the world and the other agents.
 """
 _ASK_PERIOD_S = 0.25  # between two requests to join
+_ANSWER_S = 1.5  # a request to a world that died since it was found is never answered
 _PATIENCE_S = 6.0  # how long a UAV's last agent may take to be noticed dead
 _TOLD_PERIOD_S = 10.0  # between two lines that say what the agent waits for
 
@@ -40,6 +48,12 @@ PARAMETERS = (
         name='bandwidth',
         default='exact',
         description='how bandwidth is shared: exact, equal or cvxpy (--bandwidth)',
+    ),
+    Parameter(
+        name='observation_layout',
+        default='',
+        description='layout, paper or egocentric, in which each decision is told to learners on '
+        '/uav_N/transition; empty: not at all',
     ),
 )
 
@@ -63,84 +77,102 @@ class AgentNode(ProcessNode):
         except ValueError as error:
             raise NodeError(str(error)) from error
         self._instance = str(uuid.uuid4())
-        self._cockpit: _Cockpit | None = None
-        self._joining: Future | None = None
+        self._layout = _layout_named(self._value('observation_layout'))
+        self._cockpit: Cockpit | None = None
+        self._reporter: _Reporter | None = None
+        self._asked_s = -math.inf
         self._is_member = False
         self._world = ''  # the instance whose fleet this agent is in, or wants to be in
+        self._published_for = ''  # the instance that the publishers were made for
+        self._must_look = False
         self._since_s = self._told_s = time.monotonic()
-        watch = SubscriptionEventCallbacks(liveliness=self._on_world_liveliness)
         self._own = topics.uav_topics(self._uav)
-        subscription(self, topics.SCENARIO, self._on_scenario, on_event=watch)
+        self._scenarios = self._look_for_world()
         subscription(self, self._own.radio_rx, self._on_radio)
         subscription(self, self._own.observation, self._on_observation)
         self._client = self.create_client(Join, topics.JOIN_SERVICE)
-        self._command: Any = None
+        self._command: Any = None  # publishers, there once the agent flies
         self._radio: Any = None
+        self._transition: Any = None  # None unless wanted
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(_ASK_PERIOD_S, self._ask, clock=steady)
+        self.create_timer(_ASK_PERIOD_S, self._tick, clock=steady)
 
     def _value(self, name: str) -> Any:
         return self.get_parameter(name).value
 
     # Joining a world's fleet.
 
+    def _look_for_world(self) -> Subscription:
+        watch = SubscriptionEventCallbacks(liveliness=self._on_world_liveliness)
+        return subscription(self, topics.SCENARIO, self._on_scenario, on_event=watch)
+
+    def _tick(self) -> None:
+        if self._must_look:
+            self._must_look = False
+            self.destroy_subscription(self._scenarios)
+            self._scenarios = self._look_for_world()
+        self._ask()
+
     def _on_scenario(self, msg: Any) -> None:
         if msg.world_instance == self._world:
             return
         try:
-            scenario = from_yaml(msg.yaml)
+            scenario = self._checked_scenario(msg)
         except ConfigError as error:
-            self._give_up(f'the scenario of the world is not valid here: {error}')
+            self._give_up(str(error))
             return
-        if fingerprint(scenario) != msg.fingerprint:
-            self._give_up(
-                f'scenario {scenario.name} reads as {fingerprint(scenario)} here and as '
-                f'{msg.fingerprint} in the world: the versions of uav_collect differ'
-            )
-            return
-        if self._uav > scenario.n_uavs:
-            self._give_up(
-                f'UAV {self._uav} is unknown: scenario {scenario.name} has UAVs '
-                f'1..{scenario.n_uavs}'
-            )
-            return
-        briefing = brief(scenario)
-        agent = Agent(
-            briefing,
-            self._uav - 1,
-            policy_named(self._policy),
-            allocator_named(self._allocator),
-        )
-        self._cockpit = _Cockpit(agent, scenario.n_cells)
+        briefing, uav = brief(scenario), self._uav - 1
+        agent = Agent(briefing, uav, policy_named(self._policy), allocator_named(self._allocator))
+        self._cockpit = Cockpit(agent, scenario.n_cells, msg.world_instance)
+        if self._layout is not None:
+            self._reporter = _Reporter(self._layout, briefing, uav, msg.fingerprint)
         self._world = msg.world_instance
         self._is_member = False
-        self._joining = None
+        self._asked_s = -math.inf
         self._since_s = time.monotonic()
         self._ask()
 
+    def _checked_scenario(self, msg: Any) -> Scenario:
+        try:
+            scenario = from_yaml(msg.yaml)
+        except ConfigError as error:
+            raise ConfigError(f'the scenario of the world is not valid here: {error}') from error
+        if fingerprint(scenario) != msg.fingerprint:
+            raise ConfigError(
+                f'scenario {scenario.name} reads as {fingerprint(scenario)} here and as '
+                f'{msg.fingerprint} in the world: the versions of uav_collect differ'
+            )
+        if self._uav > scenario.n_uavs:
+            raise ConfigError(
+                f'UAV {self._uav} is unknown: scenario {scenario.name} has UAVs '
+                f'1..{scenario.n_uavs}'
+            )
+        return scenario
+
     def _ask(self) -> None:
-        if self._is_member or self._joining is not None or self.end_status is not None:
+        now_s = time.monotonic()
+        if self._is_member or now_s - self._asked_s < _ANSWER_S or self.end_status is not None:
             return
         if self._cockpit is None or not self._client.service_is_ready():
             self._tell_waiting()
             return
-        self._joining = self._client.call_async(
-            Join.Request(
-                uav=self._uav,
-                agent_instance=self._instance,
-                host=socket.gethostname(),
-                pid=os.getpid(),
-                policy=self._policy,
-                policy_version=self._cockpit.agent.policy.version,
-                allocator=self._allocator,
-            )
+        self._asked_s = now_s
+        request = Join.Request(
+            uav=self._uav,
+            agent_instance=self._instance,
+            host=socket.gethostname(),
+            pid=os.getpid(),
+            policy=self._policy,
+            policy_version=self._cockpit.agent.policy.version,
+            allocator=self._allocator,
         )
-        self._joining.add_done_callback(self._on_answer)
+        answer = self._client.call_async(request)
+        answer.add_done_callback(partial(self._on_answer, self._world))
 
-    def _on_answer(self, future: Future) -> None:
-        if future is not self._joining or self._cockpit is None:
+    def _on_answer(self, world: str, future: Future) -> None:
+        if self._is_member or world != self._world or self._cockpit is None:
             return
-        self._joining = None
+        self._asked_s = -math.inf
         answer = future.result()
         if not answer.accepted:
             if not answer.retry or time.monotonic() - self._since_s > _PATIENCE_S:
@@ -154,16 +186,24 @@ class AgentNode(ProcessNode):
 
     def _renew_publishers(self) -> None:
         """Start without a history: what was latched for a world that is gone confuses the next."""
-        for stale in (self._command, self._radio):
-            if stale is not None:
-                self.destroy_publisher(stale)
+        if self._published_for == self._world:
+            return
+        self._published_for = self._world
+        for stale in filter(None, (self._command, self._radio, self._transition)):
+            self.destroy_publisher(stale)
         self._command = publisher(self, self._own.command)
         self._radio = publisher(self, self._own.radio_tx)
+        if self._reporter is not None:
+            self._transition = publisher(self, self._own.transition)
 
     def _on_world_liveliness(self, event: Any) -> None:
-        if event.alive_count == 0 and self._is_member:
+        """A world is gone, or only too slow to be heard; its instance tells when one is back."""
+        if event.alive_count_change >= 0 or not self._world:
+            return
+        if event.alive_count == 0:
             self.get_logger().info('the world is gone; waiting for the next one')
-            self._cockpit, self._world, self._is_member = None, '', False
+        else:  # of two worlds one is left, perhaps not the one that was heard last
+            self._must_look = True
 
     def _tell_waiting(self) -> None:
         if time.monotonic() - self._told_s > _TOLD_PERIOD_S:
@@ -199,86 +239,51 @@ class AgentNode(ProcessNode):
                     agent.message(view), observation.mission_id, sequence=observation.decision
                 )
             )
-            command = convert.command_msg(agent.decide(view), observation)
+            decision = agent.decide(view)
+            if self._reporter is not None:  # first: no decision is carried out and not told
+                told = self._reporter.transition(observation, view, agent, decision.action)
+                self._transition.publish(told)
+            command = convert.command_msg(decision, observation)
             command.agent_instance = self._instance
             command.policy_version = agent.policy.version
             command.compute_time_s = time.perf_counter() - start_s
             self._command.publish(command)
 
 
-class _Cockpit:
-    """Puts a UAV's messages in the order in which the world meant them.
+class _Reporter:
+    """Tells learners what the agent decided, in the layout they asked for."""
 
-    Two topics are not ordered against each other: an observation says how many radio messages
-    came before it, and waits for them.
-    """
+    def __init__(self, layout: Layout, briefing: Briefing, uav: int, scenario: str) -> None:
+        """Report one UAV, by index, in a scenario, by fingerprint."""
+        self._layout = layout
+        self._briefing = briefing
+        self._uav = uav
+        self._scenario = scenario
+        size = observation_size(layout, briefing.cells_per_side, briefing.n_uavs)
+        self._encoded = new_row(size, 0.0)
 
-    def __init__(self, agent: Agent, n_cells: int) -> None:
-        self.agent = agent
-        self._n_cells = n_cells
-        self._mission_id = ''
-        self._decision = 0  # the next one
-        self._n_heard = 0  # radio messages taken in
-        self._observations: dict[int, Any] = {}  # of this mission, by decision
-        self._radio: dict[str, dict[int, Any]] = {}  # by mission, then number of the delivery
-
-    def rebuild(self, answer: Any) -> None:
-        """Live through the mission in flight again, as far as it was answered."""
-        for message in answer.radio:
-            self.note_radio(message)
-        self._begin(answer.mission_id)
-        answered = len(answer.observations) - (1 if answer.decision_pending else 0)
-        for observation in answer.observations[:answered]:
-            self.agent.decide(self.take_in(observation))
-        for observation in answer.observations[answered:]:
-            self.note_observation(observation)
-
-    def note_radio(self, msg: Any) -> None:
-        """Keep a radio message until the observation that it came before."""
-        if _number(msg.mission_id) >= _number(self._mission_id):
-            self._radio.setdefault(msg.mission_id, {})[msg.delivery] = msg
-
-    def note_observation(self, msg: Any) -> None:
-        """Keep an observation until its turn."""
-        if msg.mission_id != self._mission_id:
-            if _number(msg.mission_id) <= _number(self._mission_id) or msg.decision != 0:
-                return
-            self._begin(msg.mission_id)
-        if not msg.terminated:
-            self._observations[msg.decision] = msg
-
-    def next_observation(self) -> Any | None:
-        """The observation to answer next, if it and all that came before it are here."""
-        msg = self._observations.get(self._decision)
-        if msg is None:
-            return None
-        radio = self._radio.get(self._mission_id, {})
-        waited = range(self._n_heard + 1, msg.n_radio_delivered + 1)
-        return msg if all(number in radio for number in waited) else None
-
-    def take_in(self, observation: Any) -> Any:
-        """Hear what came before an observation, then see it; the local view."""
-        radio = self._radio.get(self._mission_id, {})
-        for number in range(self._n_heard + 1, observation.n_radio_delivered + 1):
-            self.agent.hear(convert.radio_from_msg(radio.pop(number), self._n_cells))
-        self._n_heard = observation.n_radio_delivered
-        self._observations.pop(observation.decision, None)
-        self._decision = observation.decision + 1
-        view = convert.view_from_msg(observation)
-        self.agent.observe(view)
-        return view
-
-    def _begin(self, mission_id: str) -> None:
-        self._mission_id = mission_id
-        self._decision = self._n_heard = 0
-        self._observations = {}
-        self._radio = {key: kept for key, kept in self._radio.items() if key == mission_id}
-        self.agent.begin()
+    def transition(self, observation: Any, view: LocalView, agent: Agent, action: int) -> Any:
+        """The message about a decision just taken."""
+        encode(self._layout, self._briefing, self._uav, agent.belief, view, self._encoded)
+        return convert.transition_msg(
+            observation,
+            uav=self._uav,
+            layout=self._layout.label,
+            scenario_fingerprint=self._scenario,
+            encoded=self._encoded,
+            legal=agent.legal,
+            action=action,
+        )
 
 
-def _number(mission_id: str) -> int:
-    """Running number of a mission in its world; before the first, -1."""
-    return int(mission_id.rpartition('-')[2] or -1)
+def _layout_named(name: str) -> Layout | None:
+    if not name:
+        return None
+    try:
+        return Layout[name.upper()]
+    except KeyError:
+        known = ', '.join(layout.name.lower() for layout in Layout)
+        raise NodeError(f'observation_layout {name!r} is unknown; there are {known}') from None
 
 
 def main(argv: Sequence[str]) -> int:

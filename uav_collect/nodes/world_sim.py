@@ -224,6 +224,7 @@ class WorldNode(ProcessNode):
 
     def _on_liveliness(self, uav: int, event: Any) -> None:
         if event.alive_count > 0:
+            self._roster.regain(uav)
             return
         lost = self._roster.lose(uav)
         if lost is not None:

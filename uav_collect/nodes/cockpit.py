@@ -1,0 +1,102 @@
+"""A UAV's messages in the order in which the world meant them, whatever order they arrive in.
+
+Topics and services are not ordered against each other: an observation says how many radio
+messages came before it, and waits for them; the history that a restarted agent is told may be
+overtaken by what follows it.
+"""
+
+from collections import defaultdict
+from dataclasses import dataclass, field
+from typing import Any
+
+from uav_collect.agent import Agent
+from uav_collect.nodes import convert
+from uav_collect.world import LocalView
+
+_NONE_YET = -1  # number of the mission before the first
+
+
+@dataclass
+class _Inbox:
+    """What came of one mission and was not taken in yet."""
+
+    observations: dict[int, Any] = field(default_factory=dict)  # by decision
+    radio: dict[int, Any] = field(default_factory=dict)  # by delivery
+
+
+class Cockpit:
+    """Where an agent gets one message after the other, mission after mission of one world."""
+
+    def __init__(self, agent: Agent, n_cells: int, world_instance: str) -> None:
+        """Wait for the first mission of a world."""
+        self.agent = agent
+        self._n_cells = n_cells
+        self._world = world_instance
+        self._mission = _NONE_YET  # number of the one that is flown
+        self._decision = 0  # the next one
+        self._n_heard = 0  # radio messages taken in
+        self._inboxes: defaultdict[int, _Inbox] = defaultdict(_Inbox)  # by mission
+
+    def rebuild(self, answer: Any) -> None:
+        """Live through the mission in flight again, as far as it was answered."""
+        mission = self._number(answer.mission_id)
+        if mission < self._mission:  # the next one's first observation overtook the answer
+            return
+        self._begin(mission)
+        for message in answer.radio:
+            self.note_radio(message)
+        answered = len(answer.observations) - (1 if answer.decision_pending else 0)
+        for observation in answer.observations[:answered]:
+            self.agent.decide(self.take_in(observation))
+        for observation in answer.observations[answered:]:
+            self.note_observation(observation)
+
+    def note_radio(self, msg: Any) -> None:
+        """Keep a radio message until the observation that it came before."""
+        mission = self._number(msg.mission_id)
+        if mission > self._mission or (mission == self._mission and msg.delivery > self._n_heard):
+            self._inboxes[mission].radio[msg.delivery] = msg
+
+    def note_observation(self, msg: Any) -> None:
+        """Keep an observation until its turn; the first of a later mission begins that one."""
+        mission = self._number(msg.mission_id)
+        is_late = mission == self._mission and msg.decision < self._decision
+        if msg.terminated or is_late or mission < max(self._mission, 0):
+            return
+        self._inboxes[mission].observations[msg.decision] = msg
+        if mission > self._mission and msg.decision == 0:
+            self._begin(mission)
+
+    def next_observation(self) -> Any | None:
+        """The observation to answer next, if it and all that came before it are here."""
+        inbox = self._inboxes[self._mission]
+        msg = inbox.observations.get(self._decision)
+        if msg is None:
+            return None
+        waited = range(self._n_heard + 1, msg.n_radio_delivered + 1)
+        return msg if all(number in inbox.radio for number in waited) else None
+
+    def take_in(self, observation: Any) -> LocalView:
+        """Hear what came before an observation, then see it."""
+        inbox = self._inboxes[self._mission]
+        for number in range(self._n_heard + 1, observation.n_radio_delivered + 1):
+            self.agent.hear(convert.radio_from_msg(inbox.radio.pop(number), self._n_cells))
+        self._n_heard = observation.n_radio_delivered
+        inbox.observations.pop(observation.decision, None)
+        self._decision = observation.decision + 1
+        view = convert.view_from_msg(observation)
+        self.agent.observe(view)
+        return view
+
+    def _begin(self, mission: int) -> None:
+        self._mission = mission
+        self._decision = self._n_heard = 0
+        for past in [number for number in self._inboxes if number < mission]:
+            del self._inboxes[past]
+        self.agent.begin()
+
+    def _number(self, mission_id: str) -> int:
+        """Running number of a mission of this world; of another world, one before them all."""
+        world, _, number = mission_id.rpartition('-')
+        is_own = bool(world) and self._world.startswith(world) and number.isdecimal()
+        return int(number) if is_own else _NONE_YET - 1
