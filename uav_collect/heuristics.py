@@ -5,6 +5,7 @@ the legal actions. `memory` is what a rule remembers between decisions, zeros at
 """
 
 from enum import IntEnum
+import math
 
 from uav_collect import actions
 from uav_collect.actions import COLUMN_STEP, FORWARD, HOME, HOVER, N_ACTIONS, ROW_STEP
@@ -13,11 +14,21 @@ from uav_collect.belief import Belief
 from uav_collect.briefing import Briefing
 from uav_collect.compiled import kernel
 from uav_collect.philox import draw_uniform, EXPLORATION
-from uav_collect.world import LocalView, VIEW_CELLS
+from uav_collect.world import LocalView
 
-MEMORY_SIZE = 1
+MEMORY_SIZE = 4
+_STOPS_DONE = 0  # HERT: stops of the sector behind it; random: draws made
+
+# The sweep's plan in its memory; places count stops of the tour from its beginning.
+_PLANNED_S = 0  # when all shall be home [s]; 0 before there is a plan
+_ANCHOR = 1  # the place where the UAV begins
+_N_STOPS = 2  # of its piece of the tour
+_DIRECTION = 3  # 1 along the tour, -1 against it
+
 _LANE_WIDTH = 3  # columns that one flight along a lane's middle sees
-_DETOUR_CELLS = 3  # how far the sweep leaves its lane for demand it has seen
+_MOVES_PER_STOP = 2.0  # planned for a stop of the tour with its detours and hovers
+_UNSEEN_CELLS = 2  # further away a cell counts whose demand is not known yet
+_PATIENCE = 1.5  # planned ends after which the sweep no longer waits for the others
 
 
 class Heuristic(IntEnum):
@@ -52,10 +63,10 @@ def choose(
     """
     if heuristic == Heuristic.RANDOM:
         return _choose_random(uav, view, legal, memory)
-    if legal[HOVER] == 1:
-        return HOVER
     if heuristic == Heuristic.SWEEP:
         return _choose_sweep(briefing, uav, belief, view, legal, memory)
+    if legal[HOVER] == 1:
+        return HOVER
     return _choose_hert(heuristic == Heuristic.HERT, briefing, uav, view, legal, memory)
 
 
@@ -145,61 +156,194 @@ def _choose_sweep(
     legal: Row[int],
     memory: Row[int],
 ) -> int:
-    demand = _nearest(briefing, belief, view.cell, True)
-    if demand >= 0 and _distance(briefing, view.cell, demand) <= _DETOUR_CELLS:
-        return step_towards(briefing, view.cell, demand, legal)
-    target = _next_stop(briefing, uav, belief, memory)
+    """Fly a piece of a tour over the area, collect what it shows, then help the others.
+
+    The tour goes up one lane of cells and down the next. The lanes are even in number, so that it
+    ends on the side where it began, and at most as wide as a UAV sees. UAVs share the tour in
+    pairs, the slowest first: one flies from each end of the pair's piece until they meet. From
+    its incomplete cells a UAV picks the nearest, where the way counts as much as the order on the
+    tour. In the others' pieces it goes only where it would be back by the planned end, else home:
+    there they come by and tell what they know. If they do not, it looks for itself.
+    """
+    if memory[_PLANNED_S] == 0:
+        _plan(briefing, uav, memory)
+    target = _next_cell(briefing, uav, belief, view, memory)
+    if legal[HOVER] == 1:
+        # On its way to a far piece it leaves to others what is theirs.
+        is_own = _offset(briefing, view.cell, memory) < memory[_N_STOPS]
+        if is_own or target < 0 or _offset(briefing, target, memory) >= memory[_N_STOPS]:
+            return HOVER
     if target < 0:
-        # Its own sector is known: collect what it has seen, then help the others.
-        target = demand if demand >= 0 else _nearest(briefing, belief, view.cell, False)
-    if target < 0:
-        return HOME
+        target = actions.cell_at(briefing, briefing.home_x_m[uav], briefing.home_y_m[uav])
     return step_towards(briefing, view.cell, target, legal)
 
 
 @kernel
-def _next_stop(briefing: Briefing, uav: int, belief: Belief, memory: Row[int]) -> int:
-    """The first stop of the UAV's lanes from where an unknown cell would be seen; -1 if none."""
+def _next_cell(
+    briefing: Briefing, uav: int, belief: Belief, view: LocalView, memory: Row[int]
+) -> int:
+    """The cell to make for; -1 when there is none but what the others will tell of."""
     side = briefing.cells_per_side
-    n_lanes = (side + _LANE_WIDTH - 1) // _LANE_WIDTH
-    start = sector_start(briefing, uav, n_lanes * side, True)
-    stop = sector_start(briefing, uav + 1, n_lanes * side, True)
-    while start + memory[0] < stop:
-        lane, row = (start + memory[0]) // side, (start + memory[0]) % side
-        if lane % 2 == 1:
-            row = side - 1 - row
-        cell = row * side + (2 * lane + 1) * side // (2 * n_lanes)
-        if _shows_unknown(briefing, belief, cell):
-            return cell
-        memory[0] += 1
-    return -1
-
-
-@kernel
-def _shows_unknown(briefing: Briefing, belief: Belief, cell: int) -> bool:
-    for index in range(VIEW_CELLS):
-        seen = actions.neighbour(briefing, cell, index // 3 - 1, index % 3 - 1)
-        if seen >= 0 and belief.complete[seen] == 0 and belief.seen_bit[seen] <= 0.0:
-            return True
-    return False
-
-
-@kernel
-def _nearest(briefing: Briefing, belief: Belief, cell: int, with_demand: bool) -> int:
-    """The nearest incomplete cell, or only one where demand was seen; -1 if there is none."""
+    n_stops = _n_lanes(briefing) * side
+    own_row, own_column = view.cell // side, view.cell % side
+    waits = view.time_s < _PATIENCE * memory[_PLANNED_S] and _meet_at_home(briefing, uav)
+    left_s = memory[_PLANNED_S] - view.time_s
+    reach = left_s * briefing.speed_mps[uav] / briefing.cell_size_m
+    home_x_m, home_y_m = briefing.home_x_m[uav], briefing.home_y_m[uav]
     nearest = -1
     least = 0
-    for candidate in range(len(belief.complete)):
-        if belief.complete[candidate] == 1 or (with_demand and belief.seen_bit[candidate] <= 0.0):
-            continue
-        distance = _distance(briefing, cell, candidate)
-        if nearest < 0 or distance < least:
-            nearest = candidate
-            least = distance
+    for column in range(side):
+        first, step = _lane_places(briefing, column)
+        first = memory[_DIRECTION] * (first - memory[_ANCHOR])
+        step = memory[_DIRECTION] * step
+        columns = abs(column - own_column)
+        for row in range(side):
+            cell = row * side + column
+            if belief.complete[cell] == 1 or cell == view.cell:
+                continue
+            way = abs(row - own_row) + columns
+            if belief.seen_bit[cell] <= 0.0:
+                # It is seen from the cells around it, and may hold nothing.
+                way += _UNSEEN_CELLS - (row != own_row) - (columns > 0)
+            offset = (first + step * row) % n_stops
+            if nearest >= 0 and way + offset >= least:
+                continue
+            is_far = waits and offset >= memory[_N_STOPS]
+            if is_far and way + _cells_from(briefing, cell, home_x_m, home_y_m) > reach:
+                continue
+            nearest = cell
+            least = way + offset
     return nearest
 
 
 @kernel
-def _distance(briefing: Briefing, cell: int, other: int) -> int:
+def _meet_at_home(briefing: Briefing, uav: int) -> bool:
+    """Whether a UAV that waits at its home hears all the others when they come home."""
+    for other in range(briefing.n_uavs):
+        east_m = briefing.home_x_m[other] - briefing.home_x_m[uav]
+        north_m = briefing.home_y_m[other] - briefing.home_y_m[uav]
+        if math.sqrt(east_m * east_m + north_m * north_m) >= briefing.contact_range_m:
+            return False
+    return True
+
+
+@kernel
+def _cells_from(briefing: Briefing, cell: int, x_m: float, y_m: float) -> float:
+    """The straight way from a point to a cell, in cells."""
+    rows = y_m / briefing.cell_size_m - (cell // briefing.cells_per_side + 0.5)
+    columns = x_m / briefing.cell_size_m - (cell % briefing.cells_per_side + 0.5)
+    return math.sqrt(rows * rows + columns * columns)
+
+
+@kernel
+def _n_lanes(briefing: Briefing) -> int:
+    n_pairs = (briefing.cells_per_side + 2 * _LANE_WIDTH - 1) // (2 * _LANE_WIDTH)
+    return 2 * n_pairs
+
+
+@kernel
+def _lane_places(briefing: Briefing, column: int) -> tuple[int, int]:
+    """The tour's place at a column's southern end, and how it changes from row to row.
+
+    The tour begins at the side of the first UAV's home.
+    """
     side = briefing.cells_per_side
-    return abs(cell // side - other // side) + abs(cell % side - other % side)
+    middle_m = side * briefing.cell_size_m / 2.0
+    if briefing.home_x_m[0] > middle_m:
+        column = side - 1 - column
+    lane = ((column + 1) * _n_lanes(briefing) - 1) // side
+    if (lane % 2 == 0) == (briefing.home_y_m[0] <= middle_m):
+        return lane * side, 1
+    return lane * side + side - 1, -1
+
+
+@kernel
+def _offset(briefing: Briefing, cell: int, memory: Row[int]) -> int:
+    """Stops of the tour between where a UAV begins and a cell, in the UAV's direction."""
+    side = briefing.cells_per_side
+    first, step = _lane_places(briefing, cell % side)
+    place = first + step * (cell // side)
+    return memory[_DIRECTION] * (place - memory[_ANCHOR]) % (_n_lanes(briefing) * side)
+
+
+@kernel
+def _stop_cell(briefing: Briefing, place: int) -> int:
+    """The cell in the middle of a lane at a place of the tour."""
+    side = briefing.cells_per_side
+    column = (2 * (place // side) + 1) * side // (2 * _n_lanes(briefing))
+    if 2.0 * briefing.home_x_m[0] > side * briefing.cell_size_m:
+        column = side - 1 - column
+    first, step = _lane_places(briefing, column)
+    return (place - first) * step * side + column
+
+
+@kernel
+def _plan(briefing: Briefing, uav: int, memory: Row[int]) -> None:
+    """Find the shortest time in which all could be home, and the UAV's piece of the tour."""
+    n_stops = _n_lanes(briefing) * briefing.cells_per_side
+    long_s = 1
+    while _share_tour(briefing, uav, long_s, memory) < n_stops:
+        long_s *= 2
+    short_s = long_s // 2
+    while long_s - short_s > 1:
+        middle_s = (short_s + long_s) // 2
+        if _share_tour(briefing, uav, middle_s, memory) < n_stops:
+            short_s = middle_s
+        else:
+            long_s = middle_s
+    _share_tour(briefing, uav, long_s, memory)
+    memory[_PLANNED_S] = long_s
+
+
+@kernel
+def _share_tour(briefing: Briefing, uav: int, planned_s: int, memory: Row[int]) -> int:
+    """Give each pair the stops it can serve in a time, and note the UAV's piece.
+
+    Returns:
+        How many stops all serve together.
+    """
+    n_stops = _n_lanes(briefing) * briefing.cells_per_side
+    begin = 0
+    first = _next_faster(briefing, -1)
+    while first >= 0:
+        second = _next_faster(briefing, first)
+        stops_left = _stops_served(briefing, first, planned_s, begin)
+        end = begin
+        while end < n_stops and end + 1 - begin <= stops_left + _stops_served(
+            briefing, second, planned_s, end
+        ):
+            end += 1
+        if uav in (first, second):
+            memory[_ANCHOR] = begin if uav == first else end - 1
+            memory[_DIRECTION] = 1 if uav == first else -1
+            memory[_N_STOPS] = end - begin
+        begin = end
+        first = _next_faster(briefing, second) if second >= 0 else -1
+    return begin
+
+
+@kernel
+def _next_faster(briefing: Briefing, uav: int) -> int:
+    """The UAV next to another by speed, then index; -1 is before the first and after the last."""
+    found = -1
+    for other in range(briefing.n_uavs):
+        speed_mps = briefing.speed_mps[other]
+        if uav >= 0:
+            ahead_mps = speed_mps - briefing.speed_mps[uav]
+            if ahead_mps < 0.0 or (ahead_mps == 0.0 and other <= uav):
+                continue
+        if found < 0 or speed_mps < briefing.speed_mps[found]:
+            found = other
+    return found
+
+
+@kernel
+def _stops_served(briefing: Briefing, uav: int, planned_s: int, place: int) -> float:
+    """How many stops about a place of the tour a UAV serves, if it is to be home in a time."""
+    if uav < 0:
+        return 0.0
+    cell = _stop_cell(briefing, min(place, _n_lanes(briefing) * briefing.cells_per_side - 1))
+    way = planned_s * briefing.speed_mps[uav] / briefing.cell_size_m
+    way -= _cells_from(briefing, cell, briefing.start_x_m[uav], briefing.start_y_m[uav])
+    way -= _cells_from(briefing, cell, briefing.home_x_m[uav], briefing.home_y_m[uav])
+    return max(way / _MOVES_PER_STOP, 0.0)
