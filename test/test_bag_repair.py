@@ -286,6 +286,14 @@ def test_a_disk_too_full_for_the_index_leaves_what_repair_can_read(tmp_path: Pat
     assert sequences(folder) == list(range(1000))
 
 
+def test_room_for_the_index_is_held_until_the_recording_closes(tmp_path: Path) -> None:
+    bag = HandMadeBag(tmp_path / 'bag')
+    (reserve,) = (file for file in bag.writer.folder.iterdir() if file.suffix != '.mcap')
+    assert reserve.stat().st_blocks * 512 >= 1 << 20
+    bag.writer.close()
+    assert not reserve.exists()
+
+
 def test_closing_a_recording_twice_is_harmless(tmp_path: Path) -> None:
     bag = HandMadeBag(tmp_path / 'bag')
     write_radio(bag, range(3))

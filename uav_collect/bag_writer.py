@@ -19,6 +19,8 @@ from rosbags.rosbag2.storage_mcap import PendingChunk
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 
 _SEPARATOR = '=' * 80
+RESERVE = '.reserve'  # a file that keeps room for index and metadata, should the disk get full
+_RESERVE_BYTE = 1 << 20
 
 
 class RecordingError(Exception):
@@ -138,6 +140,7 @@ class BagWriter:
             return
         self.flush()
         try:
+            (self.folder / RESERVE).unlink(missing_ok=True)
             self._writer.close()
         except OSError as error:
             with suppress(OSError):
@@ -195,6 +198,7 @@ def _opened(folder: Path) -> tuple[Writer, Any]:
     try:
         writer = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
         writer.open()
+        (folder / RESERVE).write_bytes(bytes(_RESERVE_BYTE))
         storage: Any = writer.storage
         # A repair must not touch a bag that is being written.
         fcntl.flock(storage.bio, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -2,9 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from textwrap import wrap
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.node import Node
+
+_WIDTH = 80  # of a description in `--help`
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,11 +36,12 @@ class Parameter:
 
     @property
     def help(self) -> str:
-        """One line about it."""
+        """What `--help` says of it."""
         default = str(self.default).lower() if isinstance(self.default, bool) else self.default
-        shown = f"'{default}'" if isinstance(default, str) else f'{default:g}'
-        bounds = '' if self.low is None else f', {self.low:g} to {self.high:g}'
-        return f'  {self.name}:={shown}  {self.description}{bounds}'
+        shown = f"'{default}'" if isinstance(self.default, str) else str(default)
+        bounds = '' if self.low is None else f' ({self.low:,} to {self.high:,})'
+        lines = wrap(self.description + bounds, _WIDTH)
+        return '\n'.join([f'  {self.name}:={shown}', *(f'      {line}' for line in lines)])
 
 
 def declare(node: Node, parameters: Sequence[Parameter]) -> None:

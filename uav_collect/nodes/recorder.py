@@ -16,7 +16,6 @@ from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
-from rclpy.utilities import remove_ros_args
 from rosbags.interfaces import (
     Connection,
     Qos,
@@ -28,7 +27,14 @@ from rosbags.interfaces import (
 )
 from uav_collect.bag_writer import BagWriter, MessageTypes, RecordingError
 from uav_collect.nodes.parameters import declare, help_text, Parameter
-from uav_collect.nodes.spin import FAILED, MISUSED, NodeError, ProcessNode, run_node
+from uav_collect.nodes.spin import (
+    FAILED,
+    MISUSED,
+    NodeError,
+    parse_arguments,
+    ProcessNode,
+    run_node,
+)
 from uav_collect.nodes.topics import CLOCK, FLEET_WIDE, MISSION, Topic, topics_of_uav
 from uav_collect_msgs.msg import Mission
 
@@ -180,7 +186,7 @@ def main(argv: Sequence[str]) -> int:
     Args:
         argv: what follows the program's name on the command line.
     """
-    arguments = _parser().parse_args(remove_ros_args(list(argv)))
+    arguments = parse_arguments(_parser(), argv)
     if arguments.repair is not None:
         return _repair(arguments.repair)
     return run_node(lambda: RecorderNode(arguments.output), argv)
@@ -216,7 +222,9 @@ def _repair(bag: Path) -> int:
     if done.broken_file is None:
         sys.stdout.write('nothing to repair\n')
     else:
-        sys.stdout.write(f'cut off {done.n_cut_byte} bytes; kept {done.broken_file}\n')
+        sys.stdout.write(
+            f'left out {done.n_cut_byte} bytes of a broken chunk; kept {done.broken_file}\n'
+        )
     return 0
 
 

@@ -4,6 +4,7 @@ rclpy's own signal handlers shut the context down at once, so a node could neith
 message nor log that it stops. Here signals only raise a flag that the loop looks at.
 """
 
+from argparse import ArgumentParser, Namespace
 from collections.abc import Callable, Sequence
 import signal
 import sys
@@ -18,6 +19,7 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
 from uav_collect.nodes.middleware import find_each_other_quickly
 
 FAILED = 1  # exit status of a node that could not go on
@@ -68,6 +70,20 @@ class _Stop:
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
         self.asked = True
+
+
+def parse_arguments(parser: ArgumentParser, argv: Sequence[str]) -> Namespace:
+    """Parse what is not for ROS; whatever is wrong ends the process with status 2.
+
+    Args:
+        parser: of the program's own arguments.
+        argv: what follows the program's name on the command line.
+    """
+    try:
+        own = remove_ros_args(list(argv))
+    except _rclpy.RCLInvalidROSArgsError as error:
+        parser.error(' '.join(str(error).split()))
+    return parser.parse_args(own)
 
 
 def run_node(make_node: Callable[[], ProcessNode], argv: Sequence[str]) -> int:
