@@ -5,7 +5,7 @@ import hashlib
 from interpreted import interpreted
 import numpy as np
 import pytest
-from tiny import Script, tiny, TOTAL_BIT
+from tiny import Script, tiny, TOTAL_BIT, uav
 from uav_collect.actions import FORWARD, HOVER, LEFT, RIGHT
 from uav_collect.arrays import Row
 from uav_collect.bandwidth import AllocationError
@@ -156,6 +156,17 @@ def digests_of_varied() -> str:
 
 def test_compiled_and_interpreted_kernels_leave_the_same_bytes() -> None:
     assert interpreted(digests_of_varied) == digests_of_varied()
+
+
+def digests_of_sixty_four() -> str:
+    scenario = tiny(*[uav(5.0, energy_budget_kj=12.0)] * 64, sensors=[(175.0, 175.0, 1.0)])
+    return ' '.join(digest(logs(scenario, [0], policy)) for policy in ('hert', by_agents('hert')))
+
+
+def test_the_largest_fleet_flies_alike_in_every_way() -> None:
+    batch, step_by_step = digests_of_sixty_four().split()
+    assert batch == step_by_step
+    assert interpreted(digests_of_sixty_four).split() == [batch] * 2
 
 
 # What a log tells

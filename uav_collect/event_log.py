@@ -1,5 +1,6 @@
 """Rows that kernels log events to, one column per field of the mission log."""
 
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,6 +13,8 @@ from uav_collect.mission_log import EVENT_DTYPE, Events
 from uav_collect.reward import interval_reward, terminal_reward
 from uav_collect.rows import grow_table, new_table
 from uav_collect.world import LocalView, Mission
+
+_ALL_BITS = 2**64 - 1
 
 
 class EventLog(NamedTuple):
@@ -56,8 +59,18 @@ def logged_events(log: EventLog, world: int, n_events: int, first: int = 0) -> E
     """The events of one mission as the mission log keeps them, from one of them on."""
     events = np.zeros(n_events - first, dtype=EVENT_DTYPE)
     for name in EVENT_DTYPE.names or ():
-        events[name] = getattr(log, name)[world][first:n_events]
+        column = getattr(log, name)[world][first:n_events]
+        # The bits of 64 UAVs stand in signed integers: an array wraps them back, a list does not.
+        if name == 'heard' and isinstance(column, list):
+            column = [bits & _ALL_BITS for bits in column]
+        events[name] = column
     return events
+
+
+def signed_bits(places: Iterable[int]) -> int:
+    """The 64-bit integer with these bits set; the last of them is the sign, as in a kernel."""
+    bits: int = sum(1 << place for place in places)
+    return bits - (bits >> 63 << 64)
 
 
 @kernel
@@ -78,7 +91,7 @@ def log_event(
     Args:
         index: running number of the event.
         belief_complete: completed cells in the UAV's map.
-        heard: bit mask of the UAVs in contact.
+        heard: bits of the UAVs in contact, as a signed 64-bit integer.
     """
     started = 0 if mission.action[uav] == HOME else 1
     log.event[world][index] = index

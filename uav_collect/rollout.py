@@ -34,9 +34,10 @@ from uav_collect.ground import Ground, lay_out
 from uav_collect.heuristics import choose, MEMORY_SIZE
 from uav_collect.mission_log import MissionLog
 from uav_collect.policy import Policy, policy_named, PolicyMismatchError, RulePolicy
+from uav_collect.preflight import check_can_start
 from uav_collect.rows import new_table
 from uav_collect.scenario import Scenario
-from uav_collect.simulation import check_can_start, mission_header, Simulation
+from uav_collect.simulation import mission_header, Simulation
 from uav_collect.site import Site
 from uav_collect.world import (
     end_s,

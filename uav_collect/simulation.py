@@ -14,12 +14,20 @@ from uav_collect.agent import Decision, RadioMessage
 from uav_collect.arrays import Row
 from uav_collect.bandwidth import hover_time_s
 from uav_collect.belief import Belief, belief_of, merge, new_beliefs
-from uav_collect.briefing import brief, Briefing
-from uav_collect.event_log import grown_log, log_event, log_interval, logged_events, new_log
+from uav_collect.briefing import brief
+from uav_collect.event_log import (
+    grown_log,
+    log_event,
+    log_interval,
+    logged_events,
+    new_log,
+    signed_bits,
+)
 from uav_collect.ground import lay_out
 from uav_collect.mission_log import Events, MissionHeader, MissionLog, UavHeader
+from uav_collect.preflight import check_can_start
 from uav_collect.rows import new_row, row_of
-from uav_collect.scenario import ConfigError, fingerprint, Scenario
+from uav_collect.scenario import fingerprint, Scenario
 from uav_collect.site import Site
 from uav_collect.world import (
     end_s,
@@ -80,43 +88,6 @@ def mission_header(
         cell_size_m=scenario.area.cell_size_m,
         total_bit=math.fsum(demand_bit),
         uavs=uavs,
-    )
-
-
-def check_can_start(scenario: Scenario, briefing: Briefing) -> None:
-    """Raise ConfigError unless every UAV can land with its margin and one of them can do more."""
-    uavs = range(briefing.n_uavs)
-    stranded = [uav for uav in uavs if briefing.energy_budget_j[uav] < _to_land_j(briefing, uav)]
-    if stranded:
-        needs = '; '.join(_start_needs(briefing, uav) for uav in stranded)
-        raise ConfigError(f'scenario {scenario.name}: too little energy for the way home: {needs}')
-    # In an area of one cell there is nowhere to move to; a UAV hovers there, or lands.
-    if briefing.cells_per_side == 1 or any(_can_move(briefing, uav) for uav in uavs):
-        return
-    needs = '; '.join(_start_needs(briefing, uav) for uav in uavs)
-    raise ConfigError(
-        f'scenario {scenario.name}: no UAV has the energy for a single move: {needs}'
-    )
-
-
-def _to_land_j(briefing: Briefing, uav: int) -> float:
-    x_m, y_m = briefing.start_x_m[uav], briefing.start_y_m[uav]
-    return actions.home_energy_j(briefing, uav, x_m, y_m) + briefing.energy_margin_j[uav]
-
-
-def _can_move(briefing: Briefing, uav: int) -> bool:
-    x_m, y_m = briefing.start_x_m[uav], briefing.start_y_m[uav]
-    budget_j, legal = briefing.energy_budget_j[uav], new_row(N_ACTIONS, 0)
-    return actions.mark_legal(briefing, uav, x_m, y_m, budget_j, actions.NONE, 0.0, legal) > 0
-
-
-def _start_needs(briefing: Briefing, uav: int) -> str:
-    margin_j = briefing.energy_margin_j[uav]
-    move_j = briefing.flight_power_w[uav] * actions.move_duration_s(briefing, uav)
-    return (
-        f'UAV {uav + 1} has {briefing.energy_budget_j[uav] / 1e3:.4g} kJ; the way home from its '
-        f'start costs {(_to_land_j(briefing, uav) - margin_j) / 1e3:.4g} kJ, a move '
-        f'{move_j / 1e3:.4g} kJ, and {margin_j / 1e3:.4g} kJ must be left when it lands'
     )
 
 
@@ -240,7 +211,7 @@ class Simulation:
             event.view,
             decision.reason,
             collected_bit,
-            sum(1 << message.sender for message in event.heard),
+            signed_bits(message.sender for message in event.heard),
         )
         self.n_events += 1
         if next_uav(self._mission) < 0:
