@@ -11,13 +11,15 @@ from processes import DEADLINE_S, Processes, RunningProcess
 import pytest
 from rosbags.highlevel import AnyReader
 
-rclpy = pytest.importorskip('rclpy')
-messages = pytest.importorskip('uav_collect_msgs.msg')
+for needed in ('rclpy', 'uav_collect_msgs'):
+    pytest.importorskip(needed)
 
+import rclpy  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.serialization import deserialize_message  # noqa: E402
 from uav_collect.nodes import topics  # noqa: E402
 from uav_collect.nodes.middleware import find_each_other_quickly  # noqa: E402
+from uav_collect_msgs.msg import Epoch, Mission  # noqa: E402
 
 pytestmark = pytest.mark.ros
 
@@ -52,12 +54,12 @@ class FakeFleet:
             message.stamp.sec = number
             message.mission_id = 'm'
             self.send(name, message)
-        epoch = messages.Epoch(event=number, mission_id='m', uav_x_m=[1.0, 2.0])
+        epoch = Epoch(event=number, mission_id='m', uav_x_m=[1.0, 2.0])
         epoch.stamp.sec = number
         self.send('/world/epoch', epoch)
 
     def send_phase(self, phase: int) -> None:
-        self.send('/world/mission', messages.Mission(mission_id='m', phase=phase))
+        self.send('/world/mission', Mission(mission_id='m', phase=phase))
 
     def wait_until(self, condition: Callable[[], bool]) -> None:
         deadline_s = time.monotonic() + DEADLINE_S
@@ -143,10 +145,10 @@ def test_types_are_recorded_with_the_hash_and_qos_of_the_running_system(
 def test_a_recorder_that_starts_late_gets_what_was_said_before(
     processes: Processes, fleet: FakeFleet, tmp_path: Path
 ) -> None:
-    fleet.send_phase(messages.Mission.STARTED)
+    fleet.send_phase(Mission.STARTED)
     for number in range(500):
         fleet.send_event(number)
-    fleet.send_phase(messages.Mission.ENDED)
+    fleet.send_phase(Mission.ENDED)
     recorder = start(processes, tmp_path / 'bag', 'stop_after_missions:=1')
     assert recorder.wait_for_exit() == 0
     assert recorded(tmp_path / 'bag') == sent_by(fleet)
@@ -157,11 +159,11 @@ def test_a_recorder_stops_by_itself_when_the_missions_have_ended(
 ) -> None:
     recorder = start(processes, tmp_path / 'bag', 'stop_after_missions:=2')
     fleet.wait_for_recorder()
-    for phase in (messages.Mission.STARTED, messages.Mission.ENDED, messages.Mission.STARTED):
+    for phase in (Mission.STARTED, Mission.ENDED, Mission.STARTED):
         fleet.send_phase(phase)
         fleet.send_event(phase)
     assert recorder.is_running
-    fleet.send_phase(messages.Mission.ABORTED)
+    fleet.send_phase(Mission.ABORTED)
     fleet.send_event(7)  # topics are not ordered against each other
     assert recorder.wait_for_exit() == 0
     assert recorded(tmp_path / 'bag') == sent_by(fleet)

@@ -1,0 +1,51 @@
+"""The table of topics: nothing that a mission needs may be lost."""
+
+import pytest
+
+for needed in ('rclpy', 'uav_collect_msgs'):
+    pytest.importorskip(needed)
+
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy  # noqa: E402
+from uav_collect.nodes import topics  # noqa: E402
+
+pytestmark = pytest.mark.ros
+
+
+def test_a_fleet_has_five_topics_per_uav_and_seven_of_its_own() -> None:
+    names = [topic.name for topic in topics.fleet_topics(16)]
+    assert len(set(names)) == len(names) == 7 + 16 * 5
+    assert '/uav_16/radio_rx' in names
+
+
+def test_only_the_clock_may_lose_messages() -> None:
+    unreliable = [
+        topic.name
+        for topic in topics.fleet_topics(1)
+        if topic.qos.reliability != ReliabilityPolicy.RELIABLE
+    ]
+    assert unreliable == ['/clock']
+
+
+def test_who_starts_late_gets_all_but_clock_and_diagnostics() -> None:
+    forgotten = [
+        topic.name
+        for topic in topics.fleet_topics(1)
+        if topic.qos.durability != DurabilityPolicy.TRANSIENT_LOCAL
+    ]
+    assert forgotten == ['/clock', '/diagnostics']
+
+
+def test_a_uav_of_a_whole_mission_fits_its_history() -> None:
+    for topic in topics.topics_of_uav(1):
+        assert topic.qos.depth >= 1000
+    assert topics.EPOCH.qos.depth >= 10_000
+
+
+def test_the_death_of_an_agent_and_of_the_world_is_noticed() -> None:
+    for topic in (topics.uav_topics(1).command, topics.SCENARIO):
+        assert topic.qos.liveliness_lease_duration.nanoseconds == 2_000_000_000
+
+
+def test_types_are_named_as_ros_names_them() -> None:
+    assert topics.EPOCH.type_name == 'uav_collect_msgs/msg/Epoch'
+    assert topics.CLOCK.type_name == 'rosgraph_msgs/msg/Clock'
