@@ -237,8 +237,7 @@ def _cells_from(briefing: Briefing, cell: int, x_m: float, y_m: float) -> float:
 
 @kernel
 def _n_lanes(briefing: Briefing) -> int:
-    n_pairs = (briefing.cells_per_side + 2 * _LANE_WIDTH - 1) // (2 * _LANE_WIDTH)
-    return 2 * n_pairs
+    return 2 * ((briefing.cells_per_side + 2 * _LANE_WIDTH - 1) // (2 * _LANE_WIDTH))
 
 
 @kernel
@@ -302,17 +301,18 @@ def _share_tour(briefing: Briefing, uav: int, planned_s: int, memory: Row[int]) 
     Returns:
         How many stops all serve together.
     """
-    n_stops = _n_lanes(briefing) * briefing.cells_per_side
-    begin = 0
+    begin, n_stops = 0, _n_lanes(briefing) * briefing.cells_per_side
     first = _next_faster(briefing, -1)
     while first >= 0:
         second = _next_faster(briefing, first)
-        stops_left = _stops_served(briefing, first, planned_s, begin)
+        served = _stops_served(briefing, first, planned_s, begin)
         end = begin
-        while end < n_stops and end + 1 - begin <= stops_left + _stops_served(
-            briefing, second, planned_s, end
-        ):
-            end += 1
+        while end < n_stops:
+            room = served + _stops_served(briefing, second, planned_s, end) - (end - begin)
+            if room < 1.0:
+                break
+            # The place itself costs a stop and, further away, hardly more than three others.
+            end = min(end + max(int(room / 4.0), 1), n_stops)
         if uav in (first, second):
             memory[_ANCHOR] = begin if uav == first else end - 1
             memory[_DIRECTION] = 1 if uav == first else -1
