@@ -15,6 +15,7 @@ import itertools
 import os
 from pathlib import Path
 import re
+import select
 import signal
 import socket
 import subprocess
@@ -200,4 +201,14 @@ class Processes:
             process.close()
         for pid in self.survivors():
             with suppress(ProcessLookupError):
-                os.kill(pid, signal.SIGKILL)
+                _kill_other(pid)
+
+
+def _kill_other(pid: int) -> None:
+    """Kill a process that is no child of ours and wait for its end."""
+    handle = os.pidfd_open(pid)
+    try:
+        signal.pidfd_send_signal(handle, signal.SIGKILL)
+        select.select([handle], [], [], DEADLINE_S)
+    finally:
+        os.close(handle)
