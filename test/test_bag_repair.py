@@ -309,3 +309,8 @@ def test_big_messages_do_not_wait_for_a_flush(tmp_path: Path) -> None:
     assert bag.writer.n_messages > 80
     bag.writer.close()
     assert sequences(tmp_path / 'bag') == list(range(100))
+
+
+def test_a_name_that_readers_take_for_a_bag_of_ros_1_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match=r'mission\.bag: readers take a name'):
+        HandMadeBag(tmp_path / 'mission.bag')

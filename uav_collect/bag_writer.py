@@ -195,6 +195,10 @@ class BagWriter:
 
 def _opened(folder: Path) -> tuple[Writer, Any]:
     """A new bag and its storage, where rosbags lets a chunk be ended at will."""
+    if folder.suffix == '.bag':
+        raise RecordingError(
+            f'output folder {folder}: readers take a name that ends in .bag for a bag of ROS 1'
+        )
     try:
         writer = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
         writer.open()

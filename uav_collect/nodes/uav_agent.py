@@ -85,7 +85,8 @@ class AgentNode(ProcessNode):
         self._world = ''  # the instance whose fleet this agent is in, or wants to be in
         self._published_for = ''  # the instance that the publishers were made for
         self._must_look = False
-        self._since_s = self._told_s = time.monotonic()
+        self._since_s = time.monotonic()
+        self._told_s = -math.inf
         self._own = topics.uav_topics(self._uav)
         self._scenarios = self._look_for_world()
         subscription(self, self._own.radio_rx, self._on_radio)
@@ -96,6 +97,7 @@ class AgentNode(ProcessNode):
         self._transition: Any = None  # None unless wanted
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_ASK_PERIOD_S, self._tick, clock=steady)
+        self._tell_waiting()
 
     def _value(self, name: str) -> Any:
         return self.get_parameter(name).value
@@ -209,7 +211,9 @@ class AgentNode(ProcessNode):
         if time.monotonic() - self._told_s > _TOLD_PERIOD_S:
             self._told_s = time.monotonic()
             domain = os.environ.get('ROS_DOMAIN_ID', '0')
-            self.get_logger().info(f'waiting for a world_sim in ROS domain {domain}')
+            self.get_logger().info(
+                f'UAV {self._uav}: waiting for a world_sim in ROS domain {domain}'
+            )
 
     def _give_up(self, why: str) -> None:
         self.get_logger().error(why)

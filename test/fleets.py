@@ -1,0 +1,159 @@
+"""Flies missions by processes as users start them, and the same missions in this process.
+
+The processes must leave the very bytes that the function `logs` gives.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+import time
+from typing import Any
+
+from processes import DEADLINE_S, Processes, RunningProcess
+from uav_collect.rollout import fly
+from uav_collect.scenario import load, Scenario
+from uav_collect.site import build_site
+
+_SPEEDS_MPS = (5.0, 10.0, 7.5, 12.5)
+_POLL_S = 0.002
+
+
+def scenario_of(n_uavs: int = 2, **overrides: object) -> Scenario:
+    """The paper's scenario with so many UAVs; a double underscore stands for a dot of a path."""
+    fleet = [{'speed_mps': speed_mps} for speed_mps in _SPEEDS_MPS[:n_uavs]]
+    dotted = {name.replace('__', '.'): value for name, value in overrides.items()}
+    return load('paper_10x10', {'fleet.uavs': fleet, **dotted})
+
+
+def logs(
+    scenario: Scenario, seeds: Sequence[int], policy: str = 'sweep', allocator: str = 'exact'
+) -> list[bytes]:
+    """The logs of missions flown in this process."""
+    flown = fly(scenario, build_site(scenario), seeds, policy, allocator)
+    return [log.to_jsonl() for log in flown]
+
+
+def parameters(**values: object) -> list[str]:
+    """ROS parameters as command line arguments."""
+    told = {
+        name: str(value).lower() if isinstance(value, bool) else value
+        for name, value in values.items()
+    }
+    return ['--ros-args', *(word for each in told for word in ('-p', f'{each}:={told[each]}'))]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fleet:
+    """The processes that fly one scenario; logs go to the folder."""
+
+    processes: Processes
+    scenario: Scenario
+    folder: Path
+
+    def start_world(self, **values: object) -> RunningProcess:
+        """Start the world with parameters."""
+        file = self.folder.with_suffix('.yaml')
+        file.write_text(self.scenario.to_yaml())
+        values = {'scenario': file, 'output_dir': self.folder, **values}
+        return self.processes.start('world_sim', *parameters(**values))
+
+    def start_agent(
+        self, uav: int, policy: str = 'sweep', allocator: str = 'exact', **values: object
+    ) -> RunningProcess:
+        """Start the agent of a UAV with flags and parameters."""
+        flags = ['--id', str(uav), '--policy', policy, '--bandwidth', allocator]
+        return self.processes.start('uav_agent', *flags, *parameters(**values))
+
+    def start_agents(
+        self, policy: str = 'sweep', allocator: str = 'exact'
+    ) -> list[RunningProcess]:
+        """Start the agents of all UAVs."""
+        uavs = range(1, self.scenario.n_uavs + 1)
+        return [self.start_agent(uav, policy, allocator) for uav in uavs]
+
+    def start_recorder(self, **values: object) -> RunningProcess:
+        """Start the recorder and wait until it records."""
+        flags = ['--output', str(self.bag)]
+        recorder = self.processes.start('recorder', *flags, *parameters(**values))
+        recorder.wait_for('recording .* topics')
+        return recorder
+
+    @property
+    def bag(self) -> Path:
+        """What the recorder writes."""
+        return self.folder.with_name(f'{self.folder.name}_bag')
+
+    def log_file(self, seed: int) -> Path:
+        """The log of a mission."""
+        return self.folder / f'mission_{seed}.jsonl'
+
+    def log(self, seed: int) -> bytes:
+        """What the world has written of a mission."""
+        return self.log_file(seed).read_bytes()
+
+    def logs(self, seeds: Sequence[int]) -> list[bytes]:
+        """What the world has written of missions."""
+        return [self.log(seed) for seed in seeds]
+
+    def n_events(self, seed: int) -> int:
+        """How many events of a mission the world has logged."""
+        file = self.log_file(seed)
+        return max(0, file.read_bytes().count(b'\n') - 1) if file.exists() else 0
+
+    def wait_for_events(self, seed: int, n_events: int) -> None:
+        """Wait until so many events of a mission are logged."""
+        wait_until(lambda: self.n_events(seed) >= n_events)
+
+
+def wait_until(condition: Callable[[], bool]) -> None:
+    """Wait until something holds.
+
+    Raises:
+        AssertionError: it did not in `DEADLINE_S`.
+    """
+    end_s = time.monotonic() + DEADLINE_S
+    while not condition():
+        assert time.monotonic() < end_s, f'not within {DEADLINE_S} s'
+        time.sleep(_POLL_S)
+
+
+class Listener:
+    """A node of the test that keeps what it hears."""
+
+    def __init__(self, node: Any, executor: Any, heard: dict[str, list[Any]]) -> None:  # noqa: ANN401
+        self._node = node
+        self._executor = executor
+        self.heard = heard  # messages by topic, in order
+
+    def wait_until(self, condition: Callable[[], bool]) -> None:
+        """Listen until something holds."""
+
+        def spun() -> bool:
+            self._executor.spin_once(timeout_sec=_POLL_S)
+            return condition()
+
+        wait_until(spun)
+
+
+@contextmanager
+def listener(*topics: Any) -> Iterator[Listener]:  # noqa: ANN401
+    """Listen to topics of the table in the ROS domain of the test."""
+    import rclpy
+    from rclpy.executors import SingleThreadedExecutor
+    from uav_collect.nodes.middleware import find_each_other_quickly
+    from uav_collect.nodes.topics import subscription
+
+    find_each_other_quickly()
+    context = rclpy.Context()
+    rclpy.init(context=context)
+    node = rclpy.create_node('listener', context=context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    heard: dict[str, list[Any]] = {topic.name: [] for topic in topics}
+    for topic in topics:
+        subscription(node, topic, heard[topic.name].append)
+    yield Listener(node, executor, heard)
+    executor.shutdown()
+    node.destroy_node()
+    context.try_shutdown()
