@@ -52,7 +52,7 @@ def encode(
     """Write the observation of the deciding UAV.
 
     Args:
-        out: written, all numbers about 0..1, shape (observation_size,).
+        out: written, demand in Mbit, all else within -1..1, shape (observation_size,).
     """
     if layout == Layout.PAPER:
         filled = _encode_paper(briefing, uav, belief, view, out)
