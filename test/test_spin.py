@@ -157,6 +157,25 @@ def test_last_words_reach_who_listens(processes: Processes, spinner: Spinner) ->
     assert process.wait_for_exit() == 0
 
 
+def test_what_a_short_lived_node_said_reaches_who_listens(
+    processes: Processes, spinner: Spinner
+) -> None:
+    heard: list[str] = []
+    spinner.node.create_subscription(
+        String, 'facts', lambda message: heard.append(message.data), LATCHED
+    )
+    latched = 'durability=DurabilityPolicy.TRANSIENT_LOCAL'
+    process = speaker(
+        processes,
+        at_start='from rclpy.qos import DurabilityPolicy, QoSProfile; '
+        f'facts = self.create_publisher(String, "facts", QoSProfile(depth=9, {latched})); '
+        '[facts.publish(String(data=fact)) for fact in "abc"]; self.end()',
+    )
+    spinner.spin_until(lambda: len(heard) == 3)
+    assert heard == ['a', 'b', 'c']
+    assert process.wait_for_exit() == 0
+
+
 def test_the_events_executor_is_used_here(spinner: Spinner) -> None:
     assert not isinstance(spinner.executor, SingleThreadedExecutor)
 

@@ -27,6 +27,7 @@ MISUSED = 2  # exit status of a node that was given wrong arguments, parameters 
 
 _WAIT_S = 0.1  # longest time until a signal is noticed by an idle node
 _LAST_WORDS_S = 0.5  # longest wait, when a node ends, for readers of what it published
+_FOUND_S = 1.0  # within this, listeners find a new node: one that ends by itself lives as long
 
 
 class NodeError(Exception):
@@ -145,6 +146,7 @@ def _delivers(executor: Any) -> bool:
 
 
 def _run(node: ProcessNode, stop: _Stop) -> int:
+    born_s = time.monotonic()
     executor = make_executor()
     executor.add_node(node)
     try:
@@ -154,10 +156,18 @@ def _run(node: ProcessNode, stop: _Stop) -> int:
         pass
     finally:
         node.on_stop()
+        if node.end_status == 0:
+            _let_listeners_find(born_s, stop)
         _deliver_last_words(node)
         executor.shutdown()
         node.destroy_node()
     return node.end_status or 0
+
+
+def _let_listeners_find(born_s: float, stop: _Stop) -> None:
+    """Keep what a short-lived node has published until those who wait for it know the node."""
+    while not stop.asked and time.monotonic() < born_s + _FOUND_S:
+        time.sleep(_WAIT_S / 10)
 
 
 def _deliver_last_words(node: ProcessNode) -> None:
