@@ -145,9 +145,7 @@ class Flight:
                 uav + 1,
                 self._delivered(
                     uav + 1,
-                    convert.radio_msg(
-                        heard, self.mission_id, sequence=pending.event.decision
-                    ),
+                    convert.radio_msg(heard, self.mission_id, sequence=pending.event.decision),
                 ),
             )
             for uav in hearers
@@ -178,6 +176,12 @@ class Flight:
     def figures(self) -> MissionFigures:
         """The figures of merit so far."""
         return figures(self.simulation.log(self.header))
+
+    @property
+    def failsafe_note(self) -> str:
+        """Which UAVs the failsafe flew home, for people; empty if none."""
+        names = ', '.join(f'UAV {uav}' for uav in sorted(self.unflown))
+        return f'the failsafe flew home: {names}' if names else ''
 
     def _mismatch(self, decision: int) -> str | None:
         if self.pending is None:

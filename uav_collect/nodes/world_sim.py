@@ -343,7 +343,7 @@ class WorldNode(ProcessNode):
             event = flight.next_event()
             if event is None:
                 self._publish_epoch(flight)
-                self._end_mission(Mission.ENDED, '')
+                self._end_mission(Mission.ENDED, flight.failsafe_note)
                 return
             if event.uav + 1 not in flight.unflown:
                 self._offer(flight, event)
