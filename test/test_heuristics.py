@@ -1,0 +1,231 @@
+"""What the rules promise: HERT's order, the sweep's margin over it, an end to every mission."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+import hashlib
+
+from interpreted import interpreted
+import numpy as np
+import pytest
+from uav_collect.actions import HOME, N_ACTIONS
+from uav_collect.arrays import Row
+from uav_collect.belief import Belief
+from uav_collect.briefing import brief, Briefing
+from uav_collect.heuristics import Heuristic, sector_start
+from uav_collect.metrics import figures
+from uav_collect.mission_log import MissionLog, REASON_NAMES
+from uav_collect.policy import Policy, policy_named
+from uav_collect.rollout import fly
+from uav_collect.scenario import load, Scenario
+from uav_collect.site import build_site
+from uav_collect.world import LocalView
+
+SPEEDS_MPS = ([5.0], [5.0, 10.0], [10.0, 5.0], [5.0, 5.0, 5.0], [5.0, 10.0, 7.5, 12.0, 3.0])
+RULES = tuple(rule.label for rule in Heuristic)
+
+
+def scenario_of(
+    speeds_mps: Sequence[float], name: str = 'paper_10x10', **overrides: object
+) -> Scenario:
+    fleet = [{'speed_mps': speed_mps} for speed_mps in speeds_mps]
+    dotted = {key.replace('__', '.'): value for key, value in overrides.items()}
+    return load(name, {'fleet.uavs': fleet, **dotted})
+
+
+def logs(
+    scenario: Scenario,
+    policy: str | Callable[[], Policy],
+    n_missions: int,
+    allocator: str = 'equal',
+) -> list[MissionLog]:
+    return fly(scenario, build_site(scenario), range(n_missions), policy, allocator)
+
+
+def mean_efficiency(flown: Sequence[MissionLog]) -> float:
+    return float(np.mean([figures(log).efficiency_kbit_per_j for log in flown]))
+
+
+def mean_time_s(flown: Sequence[MissionLog]) -> float:
+    return float(np.mean([figures(log).completion_s for log in flown]))
+
+
+def way(log: MissionLog, uav: int) -> list[int]:
+    """The cells that a UAV comes to, from its start on."""
+    head = log.header
+    own = log.events[log.events['uav'] == uav + 1]
+    rows = (own['y_m'] / head.cell_size_m).astype(int)
+    columns = (own['x_m'] / head.cell_size_m).astype(int)
+    cells: list[int] = (rows * head.cells_per_side + columns).tolist()
+    return [cell for cell, before in zip(cells, [-1, *cells], strict=False) if cell != before]
+
+
+def up_one_column_and_down_the_next(side: int) -> list[int]:
+    upwards = range(side)
+    return [
+        row * side + column
+        for column in range(side)
+        for row in (upwards if column % 2 == 0 else reversed(upwards))
+    ]
+
+
+@pytest.mark.parametrize('speeds_mps', SPEEDS_MPS)
+@pytest.mark.parametrize('rule', [Heuristic.HERT, Heuristic.HERT_EQUAL])
+def test_hert_comes_to_every_cell_of_its_sector_once_in_boustrophedon_order(
+    rule: Heuristic, speeds_mps: list[float]
+) -> None:
+    # Without a radio no UAV learns early that nothing is left.
+    scenario = scenario_of(speeds_mps, radio__contact_range_m=0.0)
+    briefing, path = brief(scenario), up_one_column_and_down_the_next(10)
+    for log in logs(scenario, rule.label, 3):
+        for uav in range(len(speeds_mps)):
+            start = sector_start(briefing, uav, 100, rule == Heuristic.HERT)
+            stop = sector_start(briefing, uav + 1, 100, rule == Heuristic.HERT)
+            flown, sector = way(log, uav), path[start:stop]
+            if len(speeds_mps) == 1:
+                sector = sector[: len(flown)]  # alone it sees the last cells from their neighbours
+            assert flown[-len(sector) :] == sector
+            assert not set(flown[: -len(sector)]) & set(sector)
+
+
+@pytest.mark.parametrize('by_speed', [True, False])
+@pytest.mark.parametrize('speeds_mps', SPEEDS_MPS)
+def test_sectors_join_and_are_in_proportion(speeds_mps: list[float], by_speed: bool) -> None:
+    briefing = brief(scenario_of(speeds_mps))
+    weights = np.array(speeds_mps) if by_speed else np.ones(len(speeds_mps))
+    for n_stops in (1, 7, 100, 400):
+        bounds = [
+            sector_start(briefing, uav, n_stops, by_speed) for uav in range(len(speeds_mps) + 1)
+        ]
+        assert bounds[0] == 0
+        assert bounds[-1] == n_stops
+        assert bounds == sorted(bounds)
+        assert np.abs(np.diff(bounds) - n_stops * weights / weights.sum()).max() <= 1.0
+
+
+@pytest.mark.parametrize(
+    ('name', 'speeds_mps', 'gain'),
+    [
+        ('paper_10x10', [5.0, 10.0], 1.4),
+        ('paper_8x8', [5.0, 10.0], 1.35),
+        ('paper_10x10', [5.0], 1.4),
+        ('paper_10x10', [10.0, 5.0, 10.0, 5.0], 1.15),
+    ],
+)
+def test_the_sweep_is_more_efficient_and_faster_than_hert(
+    name: str, speeds_mps: list[float], gain: float
+) -> None:
+    scenario = scenario_of(speeds_mps, name)
+    sweep, hert = logs(scenario, 'sweep', 200), logs(scenario, 'hert', 200)
+    assert mean_efficiency(sweep) > gain * mean_efficiency(hert)
+    assert mean_time_s(sweep) < 0.75 * mean_time_s(hert)
+
+
+def test_the_sweep_uses_what_it_hears() -> None:
+    deaf, hearing = (
+        logs(scenario_of([5.0, 10.0], radio__contact_range_m=range_m), 'sweep', 200)
+        for range_m in (0.0, np.inf)
+    )
+    assert mean_efficiency(hearing) > 1.3 * mean_efficiency(deaf)
+
+
+def test_the_sweep_flies_as_well_whichever_uav_is_the_slow_one() -> None:
+    first, second = (
+        mean_efficiency(logs(scenario_of(speeds_mps), 'sweep', 200))
+        for speeds_mps in ([5.0, 10.0], [10.0, 5.0])
+    )
+    assert first == pytest.approx(second, rel=0.02)
+
+
+def test_the_sweep_flies_as_well_from_every_corner() -> None:
+    here, *others = (
+        mean_time_s(
+            logs(
+                scenario_of([5.0, 10.0], fleet__default__start=at, fleet__default__home=at),
+                'sweep',
+                200,
+            )
+        )
+        for at in ({'cell': [row, column]} for row in (0, 9) for column in (0, 9))
+    )
+    assert others == pytest.approx([here] * 3, rel=0.03)
+
+
+@pytest.mark.parametrize('range_m', [0.0, 50.0, 200.0])
+@pytest.mark.parametrize('n_uavs', [1, 2, 3, 6])
+def test_with_energy_to_spare_the_sweep_ends_with_all_collected_and_each_map_complete(
+    n_uavs: int, range_m: float
+) -> None:
+    scenario = scenario_of(
+        [5.0, 10.0, 8.0, 5.0, 10.0, 8.0][:n_uavs], radio__contact_range_m=range_m
+    )
+    for log in logs(scenario, 'sweep', 50):
+        turns = log.events[log.events['action'] == HOME]
+        assert {REASON_NAMES[reason] for reason in turns['reason']} == {'map complete'}
+        assert figures(log).collected_share == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize('rule', RULES)
+@pytest.mark.parametrize('budget_kj', [15.0, 60.0, 1000.0])
+def test_every_rule_ends_every_mission(rule: str, budget_kj: float) -> None:
+    for speeds_mps in SPEEDS_MPS:
+        for range_m in (0.0, 200.0):
+            scenario = scenario_of(
+                speeds_mps,
+                radio__contact_range_m=range_m,
+                fleet__default__energy_budget_kj=budget_kj,
+            )
+            for log in logs(scenario, rule, 10):
+                assert (log.events['action'] == HOME).sum() == len(speeds_mps)
+                if rule != 'random':
+                    assert np.bincount(log.events['uav']).max() < 350
+
+
+@pytest.mark.parametrize('overrides', [{'area__cells_per_side': 1}, {'area__cells_per_side': 2}])
+def test_the_sweep_copes_with_areas_narrower_than_a_lane(overrides: dict[str, object]) -> None:
+    for speeds_mps in SPEEDS_MPS:
+        for log in logs(scenario_of(speeds_mps, **overrides), 'sweep', 10):
+            assert figures(log).collected_share == pytest.approx(1.0)
+
+
+@dataclass
+class Watched:
+    """A rule that fails where it chooses what is not legal."""
+
+    rule: Policy
+    name: str = 'watched'
+    version: str = '1'
+
+    def begin(self, briefing: Briefing, uav: int) -> None:
+        self.rule.begin(briefing, uav)
+
+    def choose(self, belief: Belief, view: LocalView, legal: Row[int]) -> int:
+        action = self.rule.choose(belief, view, legal)
+        assert action == HOME or (0 <= action < N_ACTIONS and legal[action] == 1)
+        return action
+
+
+@pytest.mark.parametrize('rule', RULES)
+def test_rules_choose_legal_actions_only(rule: str) -> None:
+    for budget_kj in (20.0, 60.0):
+        scenario = scenario_of([5.0, 10.0, 7.5], fleet__default__energy_budget_kj=budget_kj)
+        logs(scenario, lambda: Watched(policy_named(rule)), 10)
+
+
+def flown_by_rules() -> str:
+    """A digest of missions by all rules and several fleets."""
+    digest = hashlib.sha256()
+    for speeds_mps in SPEEDS_MPS:
+        for rule in RULES:
+            for range_m in (0.0, 200.0):
+                scenario = scenario_of(
+                    speeds_mps,
+                    radio__contact_range_m=range_m,
+                    fleet__default__energy_budget_kj=80.0,
+                )
+                for log in logs(scenario, rule, 3):
+                    digest.update(log.to_jsonl())
+    return digest.hexdigest()
+
+
+def test_rules_decide_the_same_compiled_and_interpreted() -> None:
+    assert flown_by_rules() == interpreted(flown_by_rules)
