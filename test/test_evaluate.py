@@ -261,6 +261,7 @@ def run(*arguments: str, **options: object) -> subprocess.CompletedProcess[str]:
         text=True,
         check=False,
         cwd=Path(__file__).parents[1],
+        env={key: value for key, value in os.environ.items() if key != 'PYTHONUNBUFFERED'},
         stderr=subprocess.PIPE,
         **options,
     )

@@ -2,7 +2,10 @@
 
 import argparse
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+import io
+import os
 import sys
 from typing import NoReturn
 
@@ -85,8 +88,15 @@ def _run(name: str, argv: Sequence[str], *, prog: str) -> int:
         if not _is_the_users(error):
             raise
         sys.stderr.write(''.join(f'error: {line}\n' for line in _text(error).splitlines()))
+        _drop_output()
         return _MISUSE
     return status
+
+
+def _drop_output() -> None:
+    """What a full disk did not take must not be tried, and complained about, again at exit."""
+    with suppress(io.UnsupportedOperation), open(os.devnull, 'wb') as nowhere:
+        os.dup2(nowhere.fileno(), sys.stdout.fileno())
 
 
 def _command(name: str) -> _Command:

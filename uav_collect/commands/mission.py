@@ -123,12 +123,11 @@ def _progress(world: FleetProcess, log: Path) -> Iterator[tuple[float, str]]:
     total_bit = collected_bit = 0.0
     n_events = 0
     with log.open(encoding='utf-8') as lines:
-        pending = ''
+        pending, time_s = '', 0.0
         while True:
             has_ended = world.popen.poll() is not None
             pending += lines.read()
             *whole, pending = pending.split('\n')
-            time_s = 0.0
             for record in map(json.loads, whole):
                 total_bit = record.get('total_bit', total_bit)
                 collected_bit += record.get('collected_bit', 0.0)
