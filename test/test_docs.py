@@ -1,0 +1,137 @@
+"""What README.md, CONTRIBUTING.md and docs/ name is there, and what they show works."""
+
+import argparse
+import ast
+from collections.abc import Iterator
+from contextlib import redirect_stdout
+from io import StringIO
+from pathlib import Path
+import re
+import shlex
+
+from interpreted import interpreted
+import pytest
+from uav_collect.__main__ import SUMMARIES
+from uav_collect.commands import evaluate, mission, report
+from uav_collect.scenario import load, scenario_names
+from uav_collect.site import build_site
+
+ROOT = Path(__file__).parent.parent
+DOCUMENTS = [
+    *(ROOT / name for name in ('README.md', 'CONTRIBUTING.md', 'CHANGELOG.md')),
+    *sorted((ROOT / 'docs').glob('*.md')),
+]
+README = (ROOT / 'README.md').read_text()
+PAPER_MAP = (ROOT / 'docs' / 'paper_map.md').read_text()
+COMMANDS = {'evaluate': evaluate, 'mission': mission, 'report': report}
+ABROAD = {'ros2', 'rviz2', 'colcon', 'source', 'export'}  # programs that are not ours
+
+
+def blocks(text: str, language: str) -> list[str]:
+    return re.findall(rf'^```{language}\n(.*?)^```', text, re.MULTILINE | re.DOTALL)
+
+
+def command_lines() -> Iterator[list[str]]:
+    """The commands that the documents show, without leading variables."""
+    for document in DOCUMENTS:
+        for block in blocks(document.read_text(), 'sh'):
+            for line in filter(None, block.splitlines()):
+                yield shlex.split(line, comments=True)
+
+
+def defined_names(path: Path) -> set[str]:
+    """Functions and classes of a source, methods with their class."""
+    names = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            names.add(node.name)
+        if isinstance(node, ast.ClassDef):
+            inside = [item for item in node.body if isinstance(item, ast.FunctionDef)]
+            names.update(f'{node.name}.{method.name}' for method in inside)
+    return names
+
+
+def executables() -> set[str]:
+    return set(re.findall(r"'(\w+) = uav_collect\.", (ROOT / 'setup.py').read_text()))
+
+
+@pytest.mark.parametrize('path', DOCUMENTS, ids=lambda path: path.name)
+def test_every_file_that_a_document_links_is_there(path: Path) -> None:
+    targets = re.findall(r'\]\(([^)#]+)[^)]*\)', path.read_text())
+    local = [target for target in targets if '://' not in target]
+    assert [target for target in local if not (path.parent / target).exists()] == []
+
+
+def test_every_function_and_test_in_the_paper_map_is_there() -> None:
+    named = re.findall(r'`([\w/]+\.py)::([\w.]+)`', PAPER_MAP)
+    folders = {True: ROOT / 'test', False: ROOT / 'uav_collect'}
+    missing = [
+        f'{file}::{name}'
+        for file, name in named
+        if name not in defined_names(folders[file.startswith('test_')] / file)
+    ]
+    assert len(named) > 100
+    assert missing == []
+
+
+def test_every_option_in_the_paper_map_is_a_key_of_a_scenario() -> None:
+    values = load('paper_10x10').model_dump()
+    values['fleet']['uavs'] = values['fleet']['uavs'][0]
+    for path in re.findall(rf'`((?:{"|".join(values)})\.[\w.]+)`', PAPER_MAP.replace('.py', '#')):
+        found = values
+        for key in path.split('.'):
+            assert key in found, path
+            found = found[key]
+
+
+@pytest.mark.parametrize('words', [*command_lines()], ids=' '.join)
+def test_every_command_shown_can_be_given(words: list[str]) -> None:
+    program, *arguments = words
+    targets = set(re.findall(r'^(\w+):.*##', (ROOT / 'Makefile').read_text(), re.MULTILINE))
+    if program == 'make':
+        assert {word for word in arguments if '=' not in word} <= targets
+    elif program == '.venv/bin/python' and arguments[:2] == ['-m', 'uav_collect']:
+        name, *options = arguments[2:]
+        assert name in SUMMARIES
+        if name in COMMANDS:
+            parser = argparse.ArgumentParser(exit_on_error=False)
+            COMMANDS[name].add_arguments(parser)
+            parser.parse_args(options)
+    elif program == 'ros2' and arguments[0] == 'run':
+        assert arguments[1] == 'uav_collect'
+        assert arguments[2] in executables()
+    else:
+        assert program in executables() | ABROAD
+
+
+@pytest.mark.parametrize('name', scenario_names())
+def test_every_shipped_scenario_is_in_the_readme(name: str) -> None:
+    assert re.search(rf'^\| .*`{name}`.* \|', README, re.MULTILINE)
+
+
+def test_every_topic_is_in_the_readme_with_its_type() -> None:
+    topics = pytest.importorskip('uav_collect.nodes.topics', reason='needs the messages of ROS')
+    for topic in topics.fleet_topics(1):
+        name = topic.name.replace('uav_1', 'uav_N')
+        assert f'| `{name}` | `{topic.type_name}` |' in README
+
+
+def test_the_scenario_in_the_readme_is_valid(tmp_path: Path) -> None:
+    [yaml], [csv] = blocks(README, 'yaml'), blocks(README, 'csv')
+    (tmp_path / 'my_field.yaml').write_text(yaml)
+    (tmp_path / 'my_field.csv').write_text(csv)
+    scenario = load(tmp_path / 'my_field.yaml')
+    assert build_site(scenario).n_sensors == csv.count('\n') - 1
+    assert scenario.uavs[1].home_m == (450.0, 30.0)
+
+
+def flown_policy() -> str:
+    """What the program in the README prints."""
+    [program] = blocks(README, 'python')
+    with redirect_stdout(StringIO()) as printed:
+        exec(program, {'__name__': 'readme'})
+    return printed.getvalue()
+
+
+def test_the_policy_in_the_readme_flies() -> None:
+    assert re.fullmatch(r'\d\.\d{3} kbit/J\n', interpreted(flown_policy))
