@@ -71,27 +71,45 @@ class Fleet:
                 )
 
     def stop(self) -> None:
-        """End what still runs: SIGINT, and SIGKILL for what does not listen."""
-        for process in self._running:
-            if process.popen.poll() is None:
-                process.popen.send_signal(signal.SIGINT)
-        deadline_s = time.monotonic() + _STOP_S
-        for process in self._running:
-            try:
-                process.popen.wait(max(0.0, deadline_s - time.monotonic()))
-            except subprocess.TimeoutExpired:
-                process.popen.kill()
-                process.popen.wait()
+        """End what still runs: SIGINT, and SIGKILL for what does not listen.
+
+        What was started first, the recorder, ends last: it hears the last words of the others.
+        """
+        _end(self._running[1:])
+        _end(self._running[:1])
+
+
+def _end(processes: Sequence[FleetProcess]) -> None:
+    for process in processes:
+        if process.popen.poll() is None:
+            process.popen.send_signal(signal.SIGINT)
+    deadline_s = time.monotonic() + _STOP_S
+    for process in processes:
+        try:
+            process.popen.wait(max(0.0, deadline_s - time.monotonic()))
+        except subprocess.TimeoutExpired:
+            process.popen.kill()
+            process.popen.wait()
 
 
 @contextmanager
 def running_fleet(folder: Path, n_processes: int) -> Iterator[Fleet]:
-    """A fleet whose processes end with the context, however it is left."""
+    """A fleet whose processes end with the context, however it is left.
+
+    Raises:
+        KeyboardInterrupt: SIGINT came, or SIGTERM.
+    """
     fleet = Fleet(folder, n_processes)
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         yield fleet
     finally:
+        for number in before:  # impatience must not leave a process behind
+            signal.signal(number, signal.SIG_IGN)
         fleet.stop()
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _find(executable: str) -> str:

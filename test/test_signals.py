@@ -1,0 +1,103 @@
+"""Whoever is told to stop does: cleanly, soon, with nothing left running and nothing lost."""
+
+from pathlib import Path
+import signal
+import sys
+
+from fleets import Fleet, logs, scenario_of
+from processes import Processes, RunningProcess
+import pytest
+from rosbags.highlevel import AnyReader
+from uav_collect.bag import read_missions
+from uav_collect.mission_log import read
+
+pytestmark = pytest.mark.ros
+
+SEED = 5
+PACED = 50.0  # simulated over wall-clock time: the mission takes some 6 s
+PROMPT_S = 10.0  # five times what an idle machine may need
+ABORTED = 2  # Mission.ABORTED
+
+every_signal = pytest.mark.parametrize(
+    'signals',
+    [[signal.SIGINT], [signal.SIGINT, signal.SIGINT], [signal.SIGTERM]],
+    ids=['Ctrl-C', 'Ctrl-C twice', 'SIGTERM'],
+)
+
+
+@pytest.fixture
+def fleet(processes: Processes, tmp_path: Path) -> Fleet:
+    return Fleet(processes=processes, scenario=scenario_of(), folder=tmp_path / 'run')
+
+
+def stop(process: RunningProcess, signals: list[signal.Signals]) -> None:
+    """Send signals; the process must end well."""
+    for number in signals:
+        process.send(number)
+    assert process.wait_for_exit(PROMPT_S) == 0, process.output
+    assert 'Traceback' not in process.output
+
+
+def phases(bag: Path) -> list[int]:
+    """The phases of missions that a bag tells, in order."""
+    with AnyReader([bag]) as reader:
+        wanted = [each for each in reader.connections if each.topic == '/world/mission']
+        messages = reader.messages(wanted)
+        return [reader.deserialize(content, c.msgtype).phase for c, _, content in messages]
+
+
+@every_signal
+def test_nodes_that_wait_for_others_stop_when_told(
+    signals: list[signal.Signals], fleet: Fleet
+) -> None:
+    agent = fleet.start_agent(1)
+    agent.wait_for('waiting for a world_sim')
+    stop(agent, signals)
+    world = fleet.start_world()
+    world.wait_for('waiting for UAV 1, UAV 2')
+    stop(world, signals)
+    assert fleet.processes.survivors() == []
+
+
+@every_signal
+def test_a_mission_in_flight_stops_node_by_node_and_what_was_flown_is_kept(
+    signals: list[signal.Signals], fleet: Fleet
+) -> None:
+    recorder = fleet.start_recorder()
+    flying, waiting = fleet.start_agents()
+    world = fleet.start_world(seed=SEED, real_time_factor=PACED)
+    fleet.wait_for_events(SEED, 10)
+    stop(flying, signals)
+    assert 'ended' not in world.output
+    stop(world, signals)
+    world.wait_for('was aborted, the world was stopped')
+    waiting.wait_for('the world is gone')
+    stop(waiting, signals)
+    stop(recorder, signals)
+    assert fleet.processes.survivors() == []
+    (expected,) = logs(fleet.scenario, [SEED])
+    assert expected.startswith(fleet.log(SEED))
+    assert 10 <= len(read(fleet.log_file(SEED)).events) < expected.count(b'\n') - 1
+    (recorded,) = read_missions(fleet.bag)
+    assert not recorded.is_complete
+    assert recorded.log.to_jsonl() == fleet.log(SEED)
+    assert phases(fleet.bag) == [0, ABORTED]
+
+
+@every_signal
+def test_an_interrupted_mission_command_takes_its_processes_along_and_keeps_the_run_folder(
+    signals: list[signal.Signals], processes: Processes, tmp_path: Path
+) -> None:
+    folder = tmp_path / 'run'
+    options = ['--real-time-factor', str(PACED), '--seed', str(SEED), '--output', str(folder)]
+    command = processes.run('mission', sys.executable, '-m', 'uav_collect', 'mission', *options)
+    fleet = Fleet(processes=processes, scenario=scenario_of(), folder=folder)
+    fleet.wait_for_events(SEED, 10)
+    for number in signals:
+        command.send(number)
+    assert command.wait_for_exit(PROMPT_S) == 130
+    assert 'Traceback' not in command.output
+    assert processes.survivors() == []
+    assert f'interrupted; what was flown is in {folder}' in command.output
+    (recorded,) = read_missions(folder / 'bag')
+    assert recorded.log.to_jsonl() == fleet.log(SEED)
