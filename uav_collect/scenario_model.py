@@ -9,13 +9,12 @@ from typing import Annotated, Literal
 from pydantic import Field
 from uav_collect import sensors_csv, yaml_text
 from uav_collect.config_rules import number, pair, Section, text, whole
+from uav_collect.limits import MAX_UAVS
 
 _LIGHT_SPEED_MPS = 299792458.0
-_MAX_UAVS = 64  # UAV ids travel as bits of one 64-bit word
 _MAX_CELLS_PER_SIDE = 64
 _MAX_LENGTH_M = 10_000.0
 _MAX_SIDE_M = _MAX_CELLS_PER_SIDE * _MAX_LENGTH_M
-
 
 Point = tuple[float, float]  # x, y [m]: east and north of the area's south-west corner
 _Share = Annotated[float, number(0, 1)]
@@ -190,7 +189,7 @@ class UavConfig(Section):
 class FleetConfig(Section):
     """The UAVs, in the order of their ids."""
 
-    uavs: Annotated[tuple[UavConfig, ...], Field(min_length=1, max_length=_MAX_UAVS)]
+    uavs: Annotated[tuple[UavConfig, ...], Field(min_length=1, max_length=MAX_UAVS)]
 
 
 class Scenario(Section):

@@ -5,11 +5,11 @@ from collections.abc import Callable
 from itertools import cycle, islice
 from typing import TYPE_CHECKING
 
+from uav_collect.limits import MAX_SEED, MAX_UAVS
+
 if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
     from uav_collect.scenario import Scenario
 
-MAX_SEED = 2**62  # mission seeds count up from here and stay inside 63 bits
-MAX_UAVS = 64  # UAV ids travel as bits of one 64-bit word
 ALLOCATORS = ('exact', 'equal', 'cvxpy')
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from uav_collect.agent import Decision, RadioMessage
 from uav_collect.arrays import Row
 from uav_collect.mission_log import Events
+from uav_collect.nodes.roster import Pilot
 from uav_collect.rows import row_of
 from uav_collect.simulation import Event
 from uav_collect.world import LocalView
@@ -105,6 +106,19 @@ def decision_from_msg(msg: Any) -> Decision:
         reason=msg.reason,
         sensor=tuple(msg.sensor),
         share_hz=tuple(msg.bandwidth_hz),
+    )
+
+
+def pilot_from_request(request: Any) -> Pilot:
+    """The agent process that asks to join."""
+    return Pilot(
+        uav=request.uav,
+        instance=request.agent_instance,
+        host=request.host,
+        pid=request.pid,
+        policy=request.policy,
+        policy_version=request.policy_version,
+        allocator=request.allocator,
     )
 
 

@@ -3,11 +3,12 @@
 import time
 
 from rclpy.node import Node
+from uav_collect.agent import Decision
 from uav_collect.nodes import convert, topics
 from uav_collect.nodes.topics import publisher
 from uav_collect.nodes.viewers import Viewers
 from uav_collect.scenario import Scenario
-from uav_collect.simulation import Simulation
+from uav_collect.simulation import Event, Simulation
 from uav_collect.site import Site
 
 
@@ -18,14 +19,19 @@ class Display:
         """Advertise both topics; a rate of 0 publishes nothing."""
         self._period_s = 1.0 / rate_hz if rate_hz > 0.0 else None
         self._shown_s = 0.0
-        self.viewers = Viewers(scenario, site)
+        self._viewers = Viewers(scenario, site)
         self._markers = publisher(node, topics.MARKERS)
         self._grid = publisher(node, topics.COMPLETED_CELLS)
 
     def begin(self, simulation: Simulation) -> None:
         """Show a mission from its start."""
-        self.viewers.begin(simulation)
+        self._viewers.begin(simulation)
         self.show(0.0, now=True)
+
+    def note_event(self, event: Event, decision: Decision | None) -> None:
+        """Take note of an event, right after its decision was carried out."""
+        if decision is not None:
+            self._viewers.note_event(event, decision)
 
     def show(self, time_s: float, *, now: bool = False) -> None:
         """Publish the picture at a simulated time, if it is time to, or now."""
@@ -35,5 +41,5 @@ class Display:
         if now or wall_s - self._shown_s > self._period_s:
             self._shown_s = wall_s
             stamp = convert.stamp(time_s)
-            self._markers.publish(self.viewers.markers(time_s, stamp))
-            self._grid.publish(self.viewers.completed_cells(stamp))
+            self._markers.publish(self._viewers.markers(time_s, stamp))
+            self._grid.publish(self._viewers.completed_cells(stamp))

@@ -78,11 +78,20 @@ class Flight:
         self._n_cells = scenario.n_cells
         self._said: dict[int, _Said] = defaultdict(_Said)  # by id
         self._sequences = [0] * scenario.n_uavs  # decision of each UAV's latest transmission
-        self._epoch: Epoch | None = None  # of the latest event, its interval still open
+        self._event: Event | None = None  # the next one, once known
+        self._open: tuple[float, str] | None = None  # time and policy of the event told last
 
     def next_event(self) -> Event | None:
-        """The next event, after which the last epoch is complete; None when all fly home."""
-        return self.simulation.next_event()
+        """The event that nobody was asked about yet; None when all fly home."""
+        if self._event is None:
+            self._event = self.simulation.next_event()
+        return self._event
+
+    @property
+    def next_time_s(self) -> float:
+        """Time of that event, or of the mission's end."""
+        event = self._event
+        return self.simulation.end_s if event is None else event.view.time_s
 
     def deliver(self, event: Event) -> list[RadioMessageMsg]:
         """What the deciding UAV hears of the others, to be published to it."""
@@ -104,9 +113,9 @@ class Flight:
         self.pending = Pending(event=event, observation=observation)
         return observation
 
-    def take_command(self, msg: Any) -> str | None:
-        """Note a command; why it is refused, or None."""
-        refusal = self._mismatch(msg.decision)
+    def take_command(self, uav: int, msg: Any) -> str | None:
+        """Note a command for a UAV, by id; why it is refused, or None."""
+        refusal = self._mismatch(uav, msg.decision)
         pending = self.pending
         if refusal or pending is None:
             return refusal
@@ -117,11 +126,13 @@ class Flight:
             pending.policy_version = msg.policy_version
         return refusal
 
-    def take_radio(self, msg: Any) -> str | None:
-        """Note what the deciding UAV transmits; why it is refused, or None."""
-        refusal = self._mismatch(msg.sequence)
+    def take_radio(self, uav: int, msg: Any) -> str | None:
+        """Note what a UAV, by id, transmits; why it is refused, or None."""
+        refusal = self._mismatch(uav, msg.sequence)
         if refusal or self.pending is None:
             return refusal
+        if msg.sender != uav:
+            return f'it names UAV {msg.sender} as its sender'
         try:
             self.pending.complete = convert.radio_from_msg(msg, self._n_cells).complete
         except ValueError as error:
@@ -159,11 +170,18 @@ class Flight:
         self._start(event, FAILSAFE, 'failsafe')
 
     def closed_epoch(self) -> Epoch | None:
-        """The latest event's epoch, once its interval is known; each is returned once."""
-        epoch, self._epoch = self._epoch, None
-        if epoch is not None:
-            convert.fill_epoch(epoch, self.simulation.last_event())
-            epoch.terminal = self.simulation.is_over
+        """The epoch of the latest event, once the next one is known; each is returned once.
+
+        The fleet's state is read here, not when the event's action starts: until the next action
+        starts it is the same, and by now the next UAV already decides.
+        """
+        if self._open is None:
+            return None
+        (time_s, policy_version), self._open = self._open, None
+        epoch = self._fleet_state(time_s)
+        epoch.policy_version = policy_version
+        epoch.terminal = self.simulation.is_over
+        convert.fill_epoch(epoch, self.simulation.last_event())
         return epoch
 
     def history(self, uav: int) -> tuple[list[Observation], list[RadioMessageMsg], bool]:
@@ -172,6 +190,13 @@ class Flight:
         pending = self.pending
         waits = pending is not None and pending.event.uav + 1 == uav
         return said.observations, said.radio, waits
+
+    def terminated(self, event: Event) -> Observation:
+        """Tells a UAV that the failsafe flies it home."""
+        n_radio = len(self._said[event.uav + 1].radio)
+        observation = convert.observation_msg(event, self.mission_id, n_radio)
+        observation.terminated = True
+        return observation
 
     def figures(self) -> MissionFigures:
         """The figures of merit so far."""
@@ -183,9 +208,9 @@ class Flight:
         names = ', '.join(f'UAV {uav}' for uav in sorted(self.unflown))
         return f'the failsafe flew home: {names}' if names else ''
 
-    def _mismatch(self, decision: int) -> str | None:
-        if self.pending is None:
-            return 'no decision is awaited'
+    def _mismatch(self, uav: int, decision: int) -> str | None:
+        if self.pending is None or self.pending.event.uav + 1 != uav:
+            return f'decision {decision} is not awaited'
         expected = self.pending.event.decision
         if decision == expected:
             return None
@@ -200,23 +225,23 @@ class Flight:
         return message
 
     def _start(self, event: Event, decision: Decision, policy_version: str) -> None:
-        self.pending = None
+        self.pending = self._event = None
         self.simulation.start(event, decision)
+        self._open = (event.view.time_s, policy_version)
+
+    def _fleet_state(self, time_s: float) -> Epoch:
         simulation, uavs = self.simulation, range(self.simulation.briefing.n_uavs)
-        time_s = event.view.time_s
         places_m = [simulation.position_m(uav, time_s) for uav in uavs]
-        self._epoch = Epoch(
+        served = row_of([int(bit <= 0.0) for bit in simulation.waiting_bit()])
+        return Epoch(
             stamp=convert.stamp(time_s),
             mission_id=self.mission_id,
-            policy_version=policy_version,
             uav_x_m=array('d', [x_m for x_m, _ in places_m]),
             uav_y_m=array('d', [y_m for _, y_m in places_m]),
             uav_energy_left_j=array('d', [simulation.energy_left_j(uav) for uav in uavs]),
             uav_phase=array('B', [simulation.phase(uav, time_s) for uav in uavs]),
             uav_complete=convert.joined_maps([simulation.known_complete(uav) for uav in uavs]),
-            true_complete=convert.joined_maps(
-                [row_of([int(bit <= 0.0) for bit in simulation.waiting_bit()])]
-            ),
+            true_complete=convert.joined_maps([served]),
         )
 
 
@@ -238,6 +263,17 @@ def mission_msg(flight: Flight, world_instance: str, index: int, phase: int) -> 
     if phase != Mission.STARTED:
         _add_figures(message, flight, result)
     return message
+
+
+def summary(message: Mission) -> str:
+    """The end of a mission in one line."""
+    word = 'ended' if message.phase == Mission.ENDED else f'was aborted, {message.note},'
+    return (
+        f'mission {message.mission_id} {word} after {message.n_decisions} decisions: '
+        f'{message.collected_bit / 1e6:.2f} of {message.total_bit / 1e6:.2f} Mbit, '
+        f'{message.energy_j / 1e3:.2f} kJ, {message.completion_s:.1f} s, '
+        f'{message.efficiency_bit_per_j / 1e3:.4f} kbit/J'
+    )
 
 
 def _add_figures(message: Mission, flight: Flight, result: MissionFigures) -> None:

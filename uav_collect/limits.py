@@ -1,0 +1,4 @@
+"""Bounds that messages, files and kernels share."""
+
+MAX_UAVS = 64  # the UAVs that one has heard travel as bits of a 64-bit word
+MAX_SEED = 2**62  # mission seeds count up from here and stay inside 63 bits

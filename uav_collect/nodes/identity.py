@@ -1,0 +1,59 @@
+"""Which world is which: of two in one ROS domain, the later one gives way."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from uav_collect.nodes.convert import stamp
+from uav_collect.scenario import fingerprint, Scenario
+from uav_collect.site import Site
+from uav_collect_msgs.msg import Scenario as ScenarioMsg
+
+_SHORT = 8  # characters of an instance that the ids of its missions begin with
+
+
+@dataclass(frozen=True, kw_only=True)
+class Identity:
+    """One process of the world node."""
+
+    born_s: float  # wall-clock time of its start
+    instance: str  # UUID
+
+    def gives_way_to(self, other: 'Identity') -> bool:
+        """Whether this is the later one; the instance breaks ties."""
+        return (self.born_s, self.instance) > (other.born_s, other.instance)
+
+    def mission_id(self, index: int) -> str:
+        """Names the mission with a running number."""
+        return f'{self.instance[:_SHORT]}-{index}'
+
+    def names(self, mission_id: str) -> bool:
+        """Whether an id is that of a mission of this world."""
+        return mission_id.startswith(f'{self.instance[:_SHORT]}-')
+
+
+def identity_of(msg: Any) -> Identity:
+    """Who sent a scenario."""
+    born_s = msg.stamp.sec + msg.stamp.nanosec * 1e-9
+    return Identity(born_s=born_s, instance=msg.world_instance)
+
+
+def rivalry(msg: Any, *, gives_way: bool) -> str:
+    """What to say when another world's scenario is heard."""
+    name = str(msg.yaml).partition('\n')[0].removeprefix('name:').strip()
+    text = f'another world_sim flies scenario {name} in this ROS domain'
+    if gives_way:
+        return f'{text}: this one gives way; set another ROS_DOMAIN_ID'
+    return f'{text}; it came later and has to give way'
+
+
+def scenario_msg(identity: Identity, scenario: Scenario, site: Site) -> ScenarioMsg:
+    """What a world tells the fleet."""
+    return ScenarioMsg(
+        stamp=stamp(identity.born_s),
+        world_instance=identity.instance,
+        yaml=scenario.to_yaml(),
+        fingerprint=fingerprint(scenario),
+        sensor_id=list(site.sensor_ids),
+        sensor_x_m=site.position_m[:, 0].tolist(),
+        sensor_y_m=site.position_m[:, 1].tolist(),
+    )

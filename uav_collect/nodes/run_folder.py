@@ -1,0 +1,67 @@
+"""The files that a world writes: the resolved scenario, and a log per mission."""
+
+from contextlib import suppress
+import os
+from pathlib import Path
+
+from uav_collect.mission_log import Events, LogWriter, MissionHeader
+
+
+class RunFolder:
+    """Writes them as long as the disk takes them; a mission goes on without.
+
+    Each method says what went wrong, or None; the first failure of a mission ends its log.
+    """
+
+    def __init__(self, name: str) -> None:
+        """Create the folder; with an empty name nothing is written.
+
+        Raises:
+            OSError: it cannot be created, or written to.
+        """
+        self._folder = Path(name) if name else None
+        self._log: LogWriter | None = None
+        if self._folder is not None:
+            self._folder.mkdir(parents=True, exist_ok=True)
+            if not os.access(self._folder, os.W_OK):
+                raise PermissionError(f'{name} cannot be written to')
+
+    def keep_scenario(self, text: str) -> str | None:
+        """Write the resolved scenario."""
+        if self._folder is None:
+            return None
+        try:
+            (self._folder / 'scenario.yaml').write_text(text, encoding='utf-8')
+        except OSError as error:
+            return f'the scenario cannot be written: {error}'
+        return None
+
+    def begin(self, header: MissionHeader) -> str | None:
+        """Start a mission's log."""
+        self.end()
+        if self._folder is None:
+            return None
+        try:
+            path = self._folder / f'mission_{header.mission_seed}.jsonl'
+            self._log = LogWriter(path, header)
+        except OSError as error:
+            return f'the mission log cannot be written: {error}'
+        return None
+
+    def append(self, events: Events) -> str | None:
+        """Add events to the mission's log."""
+        if self._log is None:
+            return None
+        try:
+            self._log.append(events)
+        except OSError as error:
+            self.end()
+            return f'the mission log cannot be written: {error}'
+        return None
+
+    def end(self) -> None:
+        """Close the mission's log."""
+        log, self._log = self._log, None
+        if log is not None:
+            with suppress(OSError):  # what could not be written was said before
+                log.close()

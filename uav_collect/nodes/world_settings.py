@@ -1,0 +1,85 @@
+"""What users set of the world node."""
+
+from dataclasses import dataclass
+
+from rclpy.node import Node
+from uav_collect.limits import MAX_SEED
+from uav_collect.nodes.parameters import declare, Parameter
+
+PARAMETERS = (
+    Parameter(
+        name='scenario',
+        default='paper_10x10',
+        description='name of a shipped scenario, or path of a YAML file',
+    ),
+    Parameter(
+        name='seed',
+        default=0,
+        description='seed of the first mission; each further one adds 1',
+        low=0,
+        high=MAX_SEED,
+    ),
+    Parameter(
+        name='missions',
+        default=1,
+        description='missions to fly in a row before the world exits; 0: only those that '
+        '/world/control starts, without end',
+        low=0,
+        high=1_000_000,
+    ),
+    Parameter(
+        name='real_time_factor',
+        default=0.0,
+        description='simulated over wall-clock time; 0: as fast as the fleet decides',
+        low=0.0,
+        high=1000.0,
+    ),
+    Parameter(
+        name='wait_for_agents',
+        default=True,
+        description='wait for the whole fleet; if false, a few seconds at most: UAVs without an '
+        'agent by then fly home at once',
+    ),
+    Parameter(
+        name='decision_timeout_s',
+        default=10.0,
+        description='wall-clock time [s] that an agent has to answer before the failsafe flies '
+        'its UAV home',
+        low=0.1,
+        high=3600.0,
+    ),
+    Parameter(
+        name='output_dir',
+        default='',
+        description='folder for the mission logs and the resolved scenario; empty: none',
+    ),
+    Parameter(
+        name='viewer_rate_hz',
+        default=5.0,
+        description='how often [Hz, wall clock] markers and grid are published; 0: never',
+        low=0.0,
+        high=60.0,
+    ),
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class WorldSettings:
+    """The values of PARAMETERS."""
+
+    scenario: str
+    seed: int
+    missions: int
+    real_time_factor: float
+    wait_for_agents: bool
+    decision_timeout_s: float
+    output_dir: str
+    viewer_rate_hz: float
+
+
+def read_settings(node: Node) -> WorldSettings:
+    """Declare the parameters and read them, once: they do not change while the node runs."""
+    declare(node, PARAMETERS)
+    return WorldSettings(
+        **{parameter.name: node.get_parameter(parameter.name).value for parameter in PARAMETERS}
+    )
