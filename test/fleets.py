@@ -5,14 +5,17 @@ The processes must leave the very bytes that the function `logs` gives.
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 import time
 from typing import Any
 
 from processes import DEADLINE_S, Processes, RunningProcess
+from uav_collect.agent import Agent, allocator_named, Decision, RadioMessage
+from uav_collect.policy import policy_named
 from uav_collect.rollout import fly
 from uav_collect.scenario import load, Scenario
+from uav_collect.simulation import Event, Simulation
 from uav_collect.site import build_site
 
 _SPEEDS_MPS = (5.0, 10.0, 7.5, 12.5)
@@ -32,6 +35,32 @@ def logs(
     """The logs of missions flown in this process."""
     flown = fly(scenario, build_site(scenario), seeds, policy, allocator)
     return [log.to_jsonl() for log in flown]
+
+
+class Pilots:
+    """The agents of one mission in this process."""
+
+    def __init__(self, scenario: Scenario, seed: int, policy: str) -> None:
+        self.simulation = Simulation(scenario, build_site(scenario), seed)
+        briefing, allocator = self.simulation.briefing, allocator_named('exact')
+        self.agents = [
+            Agent(briefing, uav, policy_named(policy), allocator) for uav in range(scenario.n_uavs)
+        ]
+        self.radio: list[list[RadioMessage]] = [[] for _ in self.agents]  # heard, by UAV
+
+    def decide(self, event: Event) -> Decision:
+        """What the deciding UAV does after it has seen and exchanged; it does not start it."""
+        agent, simulation = self.agents[event.uav], self.simulation
+        for message in event.heard:
+            self._hear(event.uav, message)
+        agent.observe(event.view)
+        for hearer in simulation.transmit(event.uav, agent.belief.complete):
+            self._hear(hearer, simulation.radio(event.uav))
+        return agent.decide(event.view)
+
+    def _hear(self, uav: int, message: RadioMessage) -> None:
+        self.agents[uav].hear(message)
+        self.radio[uav].append(replace(message, complete=list(message.complete)))  # type: ignore[call-overload]
 
 
 def parameters(**values: object) -> list[str]:

@@ -3,18 +3,16 @@
 from pathlib import Path
 import signal
 
-from fleets import Fleet, listener, logs, scenario_of
+from fleets import Fleet, listener, logs, Pilots, scenario_of
 import numpy as np
 from processes import Processes
 import pytest
 from uav_collect import actions
-from uav_collect.agent import Agent, allocator_named, Decision
+from uav_collect.agent import Decision
 from uav_collect.metrics import figures
 from uav_collect.mission_log import read
-from uav_collect.policy import policy_named
 from uav_collect.scenario import Scenario
-from uav_collect.simulation import mission_header, Simulation
-from uav_collect.site import build_site
+from uav_collect.simulation import mission_header
 from uav_collect.tables import mission_warnings
 
 pytest.importorskip('rclpy')
@@ -25,6 +23,7 @@ from uav_collect.nodes import topics  # noqa: E402
 pytestmark = pytest.mark.ros
 
 SEED = 3
+FAILSAFE = Decision(action=actions.HOME, reason=actions.FAILSAFE)
 ENOUGH_S = 100.0  # no failsafe, however busy the machine is
 
 
@@ -96,21 +95,12 @@ def test_a_node_that_falls_silent_for_a_while_goes_on_where_it_was(
 
 def flown_with_failsafe(scenario: Scenario, seed: int, uav: int, decision: int) -> bytes:
     """The log of random flights in which a UAV, by id, has no agent from a decision on."""
-    simulation = Simulation(scenario, build_site(scenario), seed)
-    allocator, uavs = allocator_named('exact'), range(scenario.n_uavs)
-    agents = [Agent(simulation.briefing, i, policy_named('random'), allocator) for i in uavs]
+    pilots = Pilots(scenario, seed, 'random')
+    simulation = pilots.simulation
     while (event := simulation.next_event()) is not None:
-        if (event.uav + 1, event.decision) == (uav, decision):
-            simulation.start(event, Decision(action=actions.HOME, reason=actions.FAILSAFE))
-            continue
-        agent = agents[event.uav]
-        for message in event.heard:
-            agent.hear(message)
-        agent.observe(event.view)
-        for hearer in simulation.transmit(event.uav, agent.belief.complete):
-            agents[hearer].hear(simulation.radio(event.uav))
-        simulation.start(event, agent.decide(event.view))
-    policies, allocators = ['random'] * len(uavs), ['exact'] * len(uavs)
+        is_lost = (event.uav + 1, event.decision) == (uav, decision)
+        simulation.start(event, FAILSAFE if is_lost else pilots.decide(event))
+    policies, allocators = ['random'] * scenario.n_uavs, ['exact'] * scenario.n_uavs
     header = mission_header(scenario, seed, simulation.demand_bit, policies, allocators)
     return simulation.log(header).to_jsonl()
 
