@@ -1,7 +1,7 @@
 from dataclasses import dataclass, field
 
 import pytest
-from tiny import MOVE_5_J, rate_bps, tiny, uav
+from tiny import fly_scripts, MOVE_5_J, rate_bps, tiny, uav
 from uav_collect.actions import (
     BY_POLICY,
     ENERGY_RESERVE,
@@ -160,6 +160,17 @@ def test_cvxpy_shares_as_the_exact_allocator_does() -> None:
     exact, _ = decided(scenario, Noting(HOVER))
     solved, _ = decided(scenario, Noting(HOVER), allocator='cvxpy')
     assert solved.share_hz == pytest.approx(exact.share_hz, rel=1e-5)
+
+
+@pytest.mark.parametrize('allocator', ALLOCATOR_NAMES)
+@pytest.mark.parametrize('error_variance', [0.0, 0.3])
+def test_a_hover_takes_as_long_as_its_allocator_reckoned(
+    allocator: str, error_variance: float
+) -> None:
+    scenario = tiny(uav(5.0, start=(2, 2)), radio__csi_error_variance=error_variance)
+    reckoned_s = allocator_named(allocator)(brief(scenario), first_view(scenario), new_desk(2))
+    flown = fly_scripts(scenario, [HOVER], allocator=allocator)
+    assert flown.events['duration_s'][0] == pytest.approx(reckoned_s, rel=1e-12)
 
 
 @pytest.mark.parametrize('allocator', ALLOCATOR_NAMES)

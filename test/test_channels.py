@@ -1,7 +1,7 @@
 import math
 
 import pytest
-from tiny import CELL_A, Flight, tiny, uav
+from tiny import CELL_A, Flight, GAIN, tiny, uav
 from uav_collect.actions import BACKWARD, FORWARD, HOVER, LEFT, RIGHT
 
 # Fading as strong as it gets, so that channels differ.
@@ -90,3 +90,11 @@ def test_the_estimation_error_is_relative_to_the_large_scale_gain() -> None:
     cn0_hz = 1e16 * view.sensor_gain[0]
     rate = 1e6 * math.log2(1.0 + cn0_hz / (0.01 * cn0_hz + 1e6))
     assert flight.simulation.events()['duration_s'][-1] == pytest.approx(1e6 / rate, rel=1e-6)
+
+
+def test_fading_does_not_change_the_estimation_error() -> None:
+    for seed in range(3):
+        scenario = tiny(uav(5.0, start=(0, 1)), radio__csi_error_variance=0.5, **FADING)
+        view = Flight(scenario, seed=seed).look().view
+        assert view.sensor_error_gain[0] == pytest.approx(0.5 * GAIN, rel=1e-6)
+        assert view.sensor_gain[0] != pytest.approx(GAIN, rel=1e-3)

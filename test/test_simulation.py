@@ -25,6 +25,7 @@ from uav_collect.briefing import Briefing
 from uav_collect.metrics import check_log, figures
 from uav_collect.mission_log import from_jsonl
 from uav_collect.rollout import fly
+from uav_collect.rows import row_of
 from uav_collect.scenario import ConfigError, load, Scenario
 from uav_collect.simulation import Simulation
 from uav_collect.site import build_site
@@ -280,6 +281,19 @@ def test_a_mission_tells_how_far_it_is() -> None:
     assert [simulation.phase(0, time_s) for time_s in (end_s - 1e-6, end_s)] == [1, 2]
     assert simulation.n_events == len(simulation.events()) == 2
     assert simulation.last_event().tolist() == simulation.events()[-1:].tolist()
+
+
+def test_a_radio_answers_with_all_its_uav_sent_and_it_heard() -> None:
+    simulation = Flight(tiny(uav(5.0), uav(5.0), uav(5.0, start=(3, 3)))).simulation
+    simulation.next_event()
+    assert simulation.transmit(0, row_of([1] * 3 + [0] * 13)) == [1]  # the third is out of range
+    assert [[*simulation.known_complete(unit)][:4] for unit in range(3)] == [
+        [1, 1, 1, 0],
+        [1, 1, 1, 0],
+        [0, 0, 0, 0],
+    ]
+    simulation.transmit(0, row_of([0, 0, 0, 1] + [0] * 12))
+    assert [*simulation.radio(0).complete][:4] == [1, 1, 1, 1]
 
 
 def test_the_log_of_a_mission_in_flight_is_the_log_so_far() -> None:
