@@ -7,9 +7,11 @@ import signal
 import time
 from typing import Any
 
+from fleets import Fleet, scenario_of, wait_until
 from processes import DEADLINE_S, Processes, RunningProcess
 import pytest
 from rosbags.highlevel import AnyReader
+from uav_collect.bag import BagError, read_missions
 
 for needed in ('rclpy', 'uav_collect_msgs'):
     pytest.importorskip(needed)
@@ -46,7 +48,7 @@ class FakeFleet:
         self.sent[name].append(message)
         self.publishers[name].publish(message)
 
-    def send_event(self, number: int) -> None:
+    def send_event(self, number: int, *, terminal: bool = False) -> None:
         """One message on each topic of a decision."""
         uav = number % N_UAVS + 1
         for name in (f'/uav_{uav}/observation', f'/uav_{uav}/command', f'/uav_{uav}/radio_tx'):
@@ -54,7 +56,7 @@ class FakeFleet:
             message.stamp.sec = number
             message.mission_id = 'm'
             self.send(name, message)
-        epoch = Epoch(event=number, mission_id='m', uav_x_m=[1.0, 2.0])
+        epoch = Epoch(event=number, mission_id='m', uav_x_m=[1.0, 2.0], terminal=terminal)
         epoch.stamp.sec = number
         self.send('/world/epoch', epoch)
 
@@ -147,7 +149,7 @@ def test_a_recorder_that_starts_late_gets_what_was_said_before(
 ) -> None:
     fleet.send_phase(Mission.STARTED)
     for number in range(500):
-        fleet.send_event(number)
+        fleet.send_event(number, terminal=number == 499)
     fleet.send_phase(Mission.ENDED)
     recorder = start(processes, tmp_path / 'bag', 'stop_after_missions:=1')
     assert recorder.wait_for_exit() == 0
@@ -159,12 +161,22 @@ def test_a_recorder_stops_by_itself_when_the_missions_have_ended(
 ) -> None:
     recorder = start(processes, tmp_path / 'bag', 'stop_after_missions:=2')
     fleet.wait_for_recorder()
-    for phase in (Mission.STARTED, Mission.ENDED, Mission.STARTED):
+    for phase in (Mission.STARTED, Mission.ABORTED, Mission.STARTED):
         fleet.send_phase(phase)
         fleet.send_event(phase)
     assert recorder.is_running
+    fleet.send_phase(Mission.ENDED)
+    fleet.send_event(7, terminal=True)  # topics are not ordered against each other
+    assert recorder.wait_for_exit() == 0
+    assert recorded(tmp_path / 'bag') == sent_by(fleet)
+
+
+def test_a_recorder_whose_last_mission_was_aborted_awaits_no_event(
+    processes: Processes, fleet: FakeFleet, tmp_path: Path
+) -> None:
+    recorder = start(processes, tmp_path / 'bag', 'stop_after_missions:=1')
+    fleet.wait_for_recorder()
     fleet.send_phase(Mission.ABORTED)
-    fleet.send_event(7)  # topics are not ordered against each other
     assert recorder.wait_for_exit() == 0
     assert recorded(tmp_path / 'bag') == sent_by(fleet)
 
@@ -195,14 +207,13 @@ def test_a_killed_recorder_loses_only_what_it_had_not_flushed(
     bag = tmp_path / 'bag'
     recorder = start(processes, bag, 'flush_period_s:=0.05')
     fleet.wait_for_recorder()
-    fleet.send_event(0)
-    fleet.wait_until(lambda: (bag / 'bag.mcap').stat().st_size > 1000)
-    flushed_byte = (bag / 'bag.mcap').stat().st_size
-    number = 1
-    while (bag / 'bag.mcap').stat().st_size < flushed_byte + 100_000:
+    sizes_byte: set[int] = set()
+    number = 0
+    while len(sizes_byte) < 20:  # so many chunks, or parts of them, are in the file
         fleet.send_event(number)
         number += 1
         fleet.executor.spin_once(timeout_sec=0.001)
+        sizes_byte.add((bag / 'bag.mcap').stat().st_size)
     recorder.kill()
     with pytest.raises(FileNotFoundError):
         recorded(bag)
@@ -211,13 +222,41 @@ def test_a_killed_recorder_loses_only_what_it_had_not_flushed(
     n_told = int(repair.wait_for(r'holds (\d+) messages up to [\d.]+ s of simulated time')[1])
     found = recorded(bag)
     assert sum(map(len, found.values())) == n_told
-    assert len(found['/world/epoch']) > 100
+    assert 1 < len(found['/world/epoch']) <= number
     for name, contents in found.items():
         assert contents == fleet.sent[name][: len(contents)]
     again = processes.start('recorder', '--repair', str(bag))
     assert again.wait_for_exit() == 0
     again.wait_for('nothing to repair')
     assert recorded(bag) == found
+
+
+def test_of_a_mission_a_killed_recorder_keeps_the_start_and_a_late_one_records_it_all(
+    processes: Processes, tmp_path: Path
+) -> None:
+    scenario = scenario_of(fleet__default__energy_budget_kj=2000.0)  # some two thousand events
+    fleet = Fleet(processes=processes, scenario=scenario, folder=tmp_path / 'run')
+    killed = fleet.start_recorder(flush_period_s=0.05)
+    agents = fleet.start_agents('random')
+    world = fleet.start_world(decision_timeout_s=1000.0)
+    fleet.wait_for_events(0, 300)
+    agents[0].kill()  # the mission waits for another one
+    killed.kill()
+    late = start(processes, tmp_path / 'late', 'stop_after_missions:=1')
+    wait_until(lambda: (tmp_path / 'late' / 'late.mcap').stat().st_size > 100_000)
+    fleet.start_agent(1, 'random')
+    assert world.wait_for_exit() == 0
+    assert late.wait_for_exit() == 0
+    with pytest.raises(BagError, match='recorder --repair'):
+        read_missions(fleet.bag)
+    assert processes.start('recorder', '--repair', str(fleet.bag)).wait_for_exit() == 0
+    (start_of_it,) = read_missions(fleet.bag)
+    assert not start_of_it.is_complete
+    assert len(start_of_it.log.events) > 0
+    assert fleet.log(0).startswith(start_of_it.log.to_jsonl())
+    (whole,) = read_missions(tmp_path / 'late')
+    assert whole.is_complete
+    assert whole.log.to_jsonl() == fleet.log(0)
 
 
 def test_a_full_disk_ends_the_recorder_alone_and_leaves_a_readable_bag(

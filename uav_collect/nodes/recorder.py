@@ -35,8 +35,8 @@ from uav_collect.nodes.spin import (
     ProcessNode,
     run_node,
 )
-from uav_collect.nodes.topics import CLOCK, FLEET_WIDE, MISSION, Topic, topics_of_uav
-from uav_collect_msgs.msg import Mission
+from uav_collect.nodes.topics import CLOCK, EPOCH, FLEET_WIDE, MISSION, Topic, topics_of_uav
+from uav_collect_msgs.msg import Epoch, Mission
 
 _DESCRIPTION = """
 Records every topic of a mission, as received, into one bag (rosbag2 layout, MCAP). Start it in any
@@ -46,7 +46,7 @@ the bag; after anything worse, --repair makes it readable up to the last flushed
 _READER_DEPTH = 10_000  # messages of a topic that wait while a chunk is written
 _LOOK_PERIOD_S = 0.05  # between looks for new UAVs; latched histories bridge it
 _QUIET_S = 0.3  # without any message, when the last mission has ended, it was the last
-_WAIT_S = 2.0  # longest wait for that
+_WAIT_S = 5.0  # longest wait for that: DDS repeats lost packets every 3 s
 _UAV_TOPIC = re.compile(r'/uav_([1-9]\d?)/\w+')
 
 PARAMETERS = (
@@ -93,6 +93,8 @@ class RecorderNode(ProcessNode):
         self._bag = self._open(output)
         self._missions_left = self._value('stop_after_missions') or math.inf
         self._ended_s = math.inf  # when the last mission to record has ended
+        self._unfinished = ''  # that mission, while its last event is not here
+        self._last_epoch = b''
         self._heard_s = 0.0  # when the last message came that is not just the clock
         self._uavs: set[int] = set()
         self._n_lost: Counter[str] = Counter()
@@ -125,9 +127,8 @@ class RecorderNode(ProcessNode):
 
     def _listen(self, topic: Topic) -> None:
         stored = self._bag.add_topic(topic.name, topic.type_name, _rosbag_qos(topic.qos))
-        on_message = self._keep if topic is CLOCK else self._on_message
-        if topic is MISSION:
-            on_message = self._on_mission
+        own = {CLOCK.name: self._keep, MISSION.name: self._on_mission, EPOCH.name: self._on_epoch}
+        on_message = own.get(topic.name, self._on_message)
         told = SubscriptionEventCallbacks(message_lost=partial(self._on_lost, topic))
         self.create_subscription(
             topic.message,
@@ -146,12 +147,18 @@ class RecorderNode(ProcessNode):
         self._heard_s = time.monotonic()
         self._keep(stored, message)
 
+    def _on_epoch(self, stored: Connection, message: bytes) -> None:
+        self._last_epoch = message
+        self._on_message(stored, message)
+
     def _on_mission(self, stored: Connection, message: bytes) -> None:
         self._on_message(stored, message)
-        if deserialize_message(message, Mission).phase != Mission.STARTED:
+        mission = deserialize_message(message, Mission)
+        if mission.phase != Mission.STARTED:
             self._missions_left -= 1
             if self._missions_left == 0:
                 self._ended_s = time.monotonic()
+                self._unfinished = mission.mission_id if mission.phase == Mission.ENDED else ''
 
     def _on_lost(self, topic: Topic, event: Any) -> None:
         self._n_lost[topic.name] = event.total_count
@@ -167,8 +174,18 @@ class RecorderNode(ProcessNode):
             for topic in topics_of_uav(uav):
                 self._listen(topic)
             self.get_logger().info(f'recording UAV {uav}')
+        if self._ended_s < math.inf:
+            self._stop_when_quiet()
+
+    def _stop_when_quiet(self) -> None:
+        """The end of a mission may overtake its events; each topic by itself is in order."""
+        if self._unfinished and self._last_epoch:
+            epoch = deserialize_message(self._last_epoch, Epoch)
+            if epoch.terminal and epoch.mission_id == self._unfinished:
+                self._unfinished = ''
         now_s = time.monotonic()
-        if now_s - max(self._heard_s, self._ended_s) > _QUIET_S or now_s - self._ended_s > _WAIT_S:
+        is_quiet = now_s - max(self._heard_s, self._ended_s) > _QUIET_S
+        if (is_quiet and not self._unfinished) or now_s - self._ended_s > _WAIT_S:
             self.end()
 
     def _guarded(self, write: Callable[[], None]) -> None:

@@ -26,7 +26,8 @@ FAILED = 1  # exit status of a node that could not go on
 MISUSED = 2  # exit status of a node that was given wrong arguments, parameters or files
 
 _WAIT_S = 0.1  # longest time until a signal is noticed by an idle node
-_LAST_WORDS_S = 0.5  # longest wait, when a node ends, for readers of what it published
+_LAST_WORDS_S = 0.5  # longest wait of a stopped node for the readers of what it published
+_HANDOVER_S = 4.0  # the same of a node that ends by itself: DDS repeats lost packets every 3 s
 _FOUND_S = 1.0  # within this, listeners find a new node: one that ends by itself lives as long
 
 
@@ -158,7 +159,7 @@ def _run(node: ProcessNode, stop: _Stop) -> int:
         node.on_stop()
         if node.end_status == 0:
             _let_listeners_find(born_s, stop)
-        _deliver_last_words(node)
+        _deliver_last_words(node, stop)
         executor.shutdown()
         node.destroy_node()
     return node.end_status or 0
@@ -170,12 +171,14 @@ def _let_listeners_find(born_s: float, stop: _Stop) -> None:
         time.sleep(_WAIT_S / 10)
 
 
-def _deliver_last_words(node: ProcessNode) -> None:
-    """Give the readers a moment to get what was just published; a dead one must not hold us."""
-    deadline_s = time.monotonic() + _LAST_WORDS_S
+def _deliver_last_words(node: ProcessNode, stop: _Stop) -> None:
+    """Give the readers time to get what was published; a dead one must not hold us for ever."""
+    begun_s = time.monotonic()
     for publisher in node.publishers:
-        left_s = max(0.0, deadline_s - time.monotonic())
-        publisher.wait_for_all_acked(Duration(seconds=left_s))
+        while not publisher.wait_for_all_acked(Duration(seconds=_WAIT_S / 10)):
+            is_leisurely = node.end_status == 0 and not stop.asked
+            if time.monotonic() > begun_s + (_HANDOVER_S if is_leisurely else _LAST_WORDS_S):
+                return
 
 
 def _refuse(message: str, status: int) -> int:
