@@ -4,7 +4,7 @@ from pathlib import Path
 import signal
 import sys
 
-from fleets import Fleet, logs, scenario_of
+from fleets import Fleet, logs, scenario_of, wait_until
 from processes import Processes, RunningProcess
 import pytest
 from rosbags.highlevel import AnyReader
@@ -57,6 +57,17 @@ def test_nodes_that_wait_for_others_stop_when_told(
     world.wait_for('waiting for UAV 1, UAV 2')
     stop(world, signals)
     assert fleet.processes.survivors() == []
+
+
+@every_signal
+@pytest.mark.parametrize('name', ['world_sim', 'uav_agent', 'recorder'])
+def test_a_node_that_is_still_loading_stops_when_told(
+    name: str, signals: list[signal.Signals], processes: Processes
+) -> None:
+    node = processes.start(name, *(['--id', '1'] if name == 'uav_agent' else []))
+    libraries = Path(f'/proc/{node.pid}/maps')
+    wait_until(lambda: '_multiarray_umath' in libraries.read_text())  # numpy; much is to come
+    stop(node, signals)
 
 
 @every_signal

@@ -4,6 +4,10 @@ A node handles one event at a time: it interprets the kernels, starts at once an
 must be said before any of them is imported.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+import os
+import signal
 import sys
 
 from uav_collect.compiled import interpret_kernels
@@ -11,23 +15,34 @@ from uav_collect.compiled import interpret_kernels
 
 def world_sim() -> int:
     """Simulate the world of a mission."""
-    interpret_kernels()
-    from uav_collect.nodes.world_sim import main
+    with _loading():
+        from uav_collect.nodes.world_sim import main
 
     return main(sys.argv[1:])
 
 
 def uav_agent() -> int:
     """Fly one UAV."""
-    interpret_kernels()
-    from uav_collect.nodes.uav_agent import main
+    with _loading():
+        from uav_collect.nodes.uav_agent import main
 
     return main(sys.argv[1:])
 
 
 def recorder() -> int:
     """Record every topic of a mission."""
-    interpret_kernels()
-    from uav_collect.nodes.recorder import main
+    with _loading():
+        from uav_collect.nodes.recorder import main
 
     return main(sys.argv[1:])
+
+
+@contextmanager
+def _loading() -> Iterator[None]:
+    """Interpret kernels; end without a word if told to stop before there is a node to stop."""
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = [signal.signal(number, lambda *_: os._exit(0)) for number in numbers]
+    interpret_kernels()
+    yield
+    for number, handler in zip(numbers, before, strict=True):
+        signal.signal(number, handler)
