@@ -107,6 +107,8 @@ class _TornFile:
             fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
         except BlockingIOError:
             raise BagError(f'{folder}: is still being recorded, stop the recorder first') from None
+        except OSError:
+            pass  # a file system without locks cannot tell
         if file.read(len(_MAGIC)) != _MAGIC:
             raise BagError(f'{folder}: {Path(file.name).name} is not an MCAP file')
         self.good_end = file.tell()  # behind the last whole record

@@ -204,8 +204,8 @@ def _opened(folder: Path) -> tuple[Writer, Any]:
         writer.open()
         (folder / RESERVE).write_bytes(bytes(_RESERVE_BYTE))
         storage: Any = writer.storage
-        # A repair must not touch a bag that is being written.
-        fcntl.flock(storage.bio, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        with suppress(OSError):  # not every network file system has locks
+            fcntl.flock(storage.bio, fcntl.LOCK_EX | fcntl.LOCK_NB)  # no repair, please
         storage.bio.flush()
     except WriterError:
         raise RecordingError(f'output folder {folder} exists already') from None
