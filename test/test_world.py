@@ -213,3 +213,9 @@ def test_a_hover_stays_where_it_is() -> None:
     flight.step(HOVER)
     view = flight.look().view
     assert (view.x_m, view.y_m, view.previous_action) == (125.0, 125.0, HOVER)
+
+
+def test_an_action_that_collects_nothing_serves_no_sensor() -> None:
+    events = fly_scripts(tiny(uav(5.0, start=(2, 2))), [RIGHT, FORWARD]).events
+    assert events['n_sensors'].tolist() == [0, 0, 0]
+    assert events['collected_bit'].tolist() == [0.0, 0.0, 0.0]

@@ -136,7 +136,8 @@ def solve_program(program: Program, s: Floats, e: Floats, c: Floats) -> Floats:
     with warnings.catch_warnings():
         # The certified gap says how inaccurate a solution is.
         warnings.filterwarnings('ignore', message='Solution may be inaccurate')
-        program.problem.solve(solver=cp.CLARABEL)
+        # A warm start would make the shares depend on what was solved before.
+        program.problem.solve(solver=cp.CLARABEL, warm_start=False)
     if program.x.value is None:
         raise cp.SolverError(program.problem.status)
     x = np.maximum(program.x.value, _SMALLEST_SHARE)
