@@ -66,7 +66,7 @@ format: $(DEVELOPED)  ## let ruff mend what it can
 	@$(VENV)/bin/ruff check --fix
 	@$(VENV)/bin/ruff format
 
-bench: $(BUILT)  ## measure, each figure beside its peer or limit; BENCHES=bench/radio.py for one
+bench: $(BUILT)  ## measure, each figure beside its peer or limit; BENCHES=bench/bandwidth.py for one
 	@. install/setup.sh && for bench in $(BENCHES); do $(VENV)/bin/python $$bench $(ARGS) || exit; done
 
 clean:  ## remove what was built

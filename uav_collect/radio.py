@@ -2,7 +2,7 @@
 
 Every formula is a scalar kernel with a name in the singular; its plural is the same kernel over
 broadcast arrays (`path_gain`, `path_gains`). Gains are power gains, linear. Source: the paper's
-Sec. II-B; where it is unclear (degrees or radians, what N_0 is per) docs/paper_map.md says how it
+Sec. III-B; where it is unclear (degrees or radians, what N_0 is per) docs/paper_map.md says how it
 was read.
 """
 
@@ -37,7 +37,7 @@ def line_of_sight_probability(elevation_rad: float, los_a: float, los_b: float) 
     Returns:
         Probability, 0..1.
 
-    Source: paper Sec. II-B, P_LoS, after Al-Hourani et al. 2014.
+    Source: paper Sec. III-B, P_LoS, after Al-Hourani et al. 2014.
     """
     exponent = -los_b * (elevation_rad * _DEGREES_PER_RADIAN - los_a)
     return 1.0 / (1.0 + los_a * math.exp(min(exponent, _EXPONENT_LIMIT)))

@@ -220,7 +220,7 @@ class Scenario(Section):
 
     @property
     def bandwidth_hz(self) -> float:
-        """Bandwidth of each UAV [Hz]: an equal part of the system's, paper Sec. II-B."""
+        """Bandwidth of each UAV [Hz]: an equal part of the system's, paper Sec. III-B."""
         return self.radio.system_bandwidth_hz / self.n_uavs
 
     def to_yaml(self) -> str:
