@@ -251,10 +251,14 @@ def test_cvxpy_flies_the_mission_of_the_exact_allocator() -> None:
         assert solved.events[field] == pytest.approx(exact.events[field], rel=1e-6, abs=1e-9)
 
 
-def test_cvxpy_flies_alike_whatever_was_flown_before() -> None:
+def digests_of_cvxpy() -> str:
     scenario = load('paper_8x8', {'demand.cell_share': 0.15})
-    _, third = logs(scenario, [5, 3], 'sweep', 'cvxpy')
-    assert text(logs(scenario, [3], 'sweep', 'cvxpy')[0]) == text(third)
+    return ' '.join(digest([logs(scenario, [3], 'sweep', 'cvxpy')[0]]) for _ in range(2))
+
+
+def test_cvxpy_flies_alike_whatever_was_flown_before() -> None:
+    first, again = interpreted(digests_of_cvxpy).split()  # in a process that has solved nothing
+    assert first == again
 
 
 # What cannot be flown
