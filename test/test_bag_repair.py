@@ -123,6 +123,14 @@ def test_a_healthy_bag_is_left_alone(tmp_path: Path) -> None:
     assert {file: file.read_bytes() for file in (tmp_path / 'bag').iterdir()} == before
 
 
+def test_the_wall_clock_time_of_a_scenario_is_no_simulated_time(tmp_path: Path) -> None:
+    bag = HandMadeBag(tmp_path / 'bag')
+    write_radio(bag, range(4))
+    bag.add('/world/scenario', 'Scenario', stamp={'sec': 1_795_378_184})
+    bag.writer.close()
+    assert repair(tmp_path / 'bag').last_sim_time_s == 3.5
+
+
 def test_types_hashes_and_qos_survive_a_repair(
     tmp_path: Path, torn: tuple[Path, list[int]]
 ) -> None:

@@ -28,6 +28,7 @@ _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK = 0x02, 0x03, 0x04, 0x05, 0x06
 _HEAD = struct.Struct('<BQ')  # operation and length of a record
 _CLOCK = 'rosgraph_msgs/msg/Clock'
 _OWN_TYPES = 'uav_collect_msgs/'
+_SCENARIO = 'uav_collect_msgs/msg/Scenario'
 _BROKEN = '.broken'
 _WORK = 'repairing'
 
@@ -221,6 +222,8 @@ def _copy(torn: _TornFile, bag: Path) -> _Tally:
 
 
 def _tells_time(type_name: str) -> bool:
+    if type_name == _SCENARIO:  # says when its world started, in wall-clock time
+        return False
     return type_name == _CLOCK or type_name.startswith(_OWN_TYPES)
 
 
