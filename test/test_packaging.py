@@ -31,7 +31,7 @@ UNITS = {
 # A module imports from its own line and the lines above. nodes/ and commands/ import from all, but
 # not from each other.
 LAYERS = (
-    'arrays compiled philox rows mission_log',
+    'arrays compiled limits philox rows mission_log',
     'yaml_text config_files config_rules sensors_csv scenario_model scenario site',
     'radio energy bandwidth_newton bandwidth_reference bandwidth',
     'actions briefing ground world belief observation reward event_log',
