@@ -13,7 +13,7 @@ from above, and the shares themselves bound it from below.
 import math
 
 from uav_collect.arrays import Row
-from uav_collect.compiled import kernel
+from uav_collect.compiled import allocating_kernel, kernel
 from uav_collect.radio import log_of_1_plus
 
 _GAP_WANTED = 1e-12
@@ -72,7 +72,7 @@ def certified_gap(
     return 0.0 if gap < 0.0 else gap
 
 
-@kernel
+@allocating_kernel
 def _survey(
     signal_w: Row[float],
     error_w: Row[float],
@@ -109,7 +109,7 @@ def _survey(
     return (weighted + (1.0 - used)) / cost, slowest / max(1.0, used), slack
 
 
-@kernel
+@allocating_kernel
 def _balance(demand_bit: Row[float], n: int, x: Row[float], tangents: Row[float]) -> None:
     # Shares by demand over spectral efficiency: from here Newton needs fewer iterations.
     total = 0.0
@@ -121,7 +121,7 @@ def _balance(demand_bit: Row[float], n: int, x: Row[float], tangents: Row[float]
         x[i] = x[i] / total
 
 
-@kernel
+@allocating_kernel
 def _newton_step(
     demand_bit: Row[float], n: int, x: Row[float], tangents: Row[float], u: float, slack: int
 ) -> None:
@@ -137,7 +137,7 @@ def _newton_step(
     x[slack] = max(left, _SMALLEST_STEP * x[slack])
 
 
-@kernel
+@allocating_kernel
 def solve(
     signal_w: Row[float],
     error_w: Row[float],

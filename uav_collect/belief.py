@@ -9,7 +9,7 @@ from typing import NamedTuple
 from uav_collect import actions
 from uav_collect.arrays import Row
 from uav_collect.briefing import Briefing
-from uav_collect.compiled import kernel
+from uav_collect.compiled import kernel, row_kernel
 from uav_collect.rows import new_map_table, new_table
 from uav_collect.world import LocalView, VIEW_CELLS
 
@@ -51,7 +51,7 @@ def new_beliefs(briefing: Briefing, n_beliefs: int) -> Beliefs:
     )
 
 
-@kernel
+@row_kernel
 def belief_of(beliefs: Beliefs, index: int) -> Belief:
     """One belief of many."""
     return Belief(

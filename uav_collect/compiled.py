@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 _Kernel = TypeVar('_Kernel', bound=Callable[..., object])
 
 _SWITCH = 'UAV_COLLECT_KERNELS'
+_OPTIONS = {'error_model': 'numpy', 'forceinline': True, 'no_cfunc_wrapper': True}
 
 
 def interpret_kernels() -> None:
@@ -30,12 +31,33 @@ def kernels_are_compiled() -> bool:
 
 
 def kernel(function: _Kernel) -> _Kernel:
-    """Mark a function as a kernel: numba compiles it unless this process interprets."""
+    """Mark a function as a kernel: numba compiles it unless this process interprets.
+
+    Kernels own no memory, so rows need no reference counts: counting, an atomic operation each
+    time that a row is named, took nine tenths of a mission. Passed by value, a mission's rows are
+    a kilobyte, so a kernel becomes part of those that call it.
+    """
+    return _compiled(function, counts=False)
+
+
+def allocating_kernel(function: _Kernel) -> _Kernel:
+    """Mark a kernel that makes lists, or that is handed some."""
+    return _compiled(function, counts=True)
+
+
+def row_kernel(function: _Kernel) -> _Kernel:
+    """Mark a kernel that returns rows of tables: compiled within kernels alone.
+
+    Without reference counts numba could not hand a part of a table to Python, where the function
+    runs as it stands.
+    """
     if not kernels_are_compiled():
         return function
-    numba = _numba()
-    compiled: _Kernel = numba.njit(cache=True, error_model='numpy')(function)
-    return compiled
+    from numba.extending import register_jitable
+
+    _numba()
+    part: _Kernel = register_jitable(**_OPTIONS, _nrt=False)(function)
+    return part
 
 
 def cache_folder() -> Path:
@@ -49,6 +71,13 @@ def cache_folder() -> Path:
         digest.update(source.read_bytes())
     root = Path(os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache')
     return root / 'uav_collect' / digest.hexdigest()[:16]
+
+
+def _compiled(function: _Kernel, *, counts: bool) -> _Kernel:
+    if not kernels_are_compiled():
+        return function
+    compiled: _Kernel = _numba().njit(cache=True, _nrt=counts, **_OPTIONS)(function)
+    return compiled
 
 
 def _numba() -> Any:  # noqa: ANN401 - the module itself

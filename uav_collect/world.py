@@ -13,7 +13,7 @@ from uav_collect import actions
 from uav_collect.actions import COLUMN_STEP, HOME, HOVER, NONE, ROW_STEP
 from uav_collect.arrays import Row
 from uav_collect.briefing import Briefing
-from uav_collect.compiled import kernel
+from uav_collect.compiled import kernel, row_kernel
 from uav_collect.ground import draw_demand, Ground
 from uav_collect.radio import channel_draw, uplink_rate_bps
 from uav_collect.rows import new_row, new_table
@@ -145,7 +145,7 @@ def new_view_rows(ground: Ground) -> ViewRows:
     )
 
 
-@kernel
+@row_kernel
 def mission_of(missions: Missions, world: int) -> Mission:
     """One mission of a batch."""
     return Mission(
