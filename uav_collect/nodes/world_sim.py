@@ -38,7 +38,7 @@ _TICK_S = 0.005
 _TOLD_PERIOD_S = 5.0  # between two lines that say for whom the world waits
 _DIAGNOSTICS_PERIOD_S = 1.0
 _OTHER_WORLD_S = 0.5  # how long a starting world listens for one that is there already
-_GATHER_S = 3.0  # how long agents have to join a world that does not wait for all of them
+_GATHER_S = 3.5  # from the start, for agents to join a world that does not wait for all of them
 
 
 class WorldNode(ProcessNode):
@@ -48,8 +48,15 @@ class WorldNode(ProcessNode):
         """Read the scenario; the world opens when no other one answers."""
         super().__init__('world_sim')
         self._settings = settings = read_settings(self)
-        self._scenario, self._site = _load(settings.scenario)
-        self._folder = _run_folder(settings.output_dir)
+        try:
+            self._scenario: Scenario = load(settings.scenario)
+            self._site: Site = build_site(self._scenario)
+            check_can_start(self._scenario, brief(self._scenario))
+            self._folder = RunFolder(settings.output_dir)
+        except ConfigError as error:
+            raise NodeError(str(error)) from error
+        except OSError as error:
+            raise NodeError(f'output_dir: {error}') from error
         self._identity = Identity(born_s=time.time(), instance=str(uuid.uuid4()))
         self._roster = Roster(self._scenario.n_uavs)
         self._incidents = Incidents()
@@ -59,9 +66,10 @@ class WorldNode(ProcessNode):
         self._flight: Flight | None = None
         self._asked_s = self._begun_s = time.monotonic()
         self._told_s = self._reported_s = 0.0
+        self._told_missing: list[int] = []
         self._reports = publisher(self, topics.DIAGNOSTICS)
         self._other = subscription(self, topics.SCENARIO, self._on_scenario)
-        self._is_open = False
+        self._is_open = self._gives_way = False
         self.create_timer(_TICK_S, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def on_stop(self) -> None:
@@ -106,9 +114,7 @@ class WorldNode(ProcessNode):
             return
         gives_way = not self._is_open or self._identity.gives_way_to(other)
         self._note('second world', rivalry(msg, gives_way=gives_way))
-        if gives_way:
-            self._report()
-            self.end(FAILED)
+        self._gives_way |= gives_way
 
     def _on_join(self, request: Any, response: Any) -> Any:
         pilot = convert.pilot_from_request(request)
@@ -176,10 +182,14 @@ class WorldNode(ProcessNode):
 
     def _tick(self) -> None:
         now_s = time.monotonic()
+        if now_s - self._begun_s < _OTHER_WORLD_S:
+            return
+        if self._gives_way:
+            self._report()
+            self.end(FAILED)
+            return
         if not self._is_open:
-            if now_s - self._begun_s > _OTHER_WORLD_S and self.end_status is None:
-                self._begun_s = now_s
-                self._open()
+            self._open()
             return
         if self._flight is not None:
             self._watch(self._flight, now_s)
@@ -194,8 +204,8 @@ class WorldNode(ProcessNode):
             return True
         if not self._settings.wait_for_agents and now_s - self._begun_s > _GATHER_S:
             return True
-        if now_s - self._told_s > _TOLD_PERIOD_S:
-            self._told_s = now_s
+        if missing != self._told_missing or now_s - self._told_s > _TOLD_PERIOD_S:
+            self._told_missing, self._told_s = missing, now_s
             self.get_logger().info(f'waiting for {", ".join(f"UAV {uav}" for uav in missing)}')
         return False
 
@@ -323,22 +333,6 @@ class WorldNode(ProcessNode):
             () if flight is None else flight.unflown,
         )
         self._reports.publish(message)
-
-
-def _load(scenario_name: str) -> tuple[Scenario, Site]:
-    try:
-        scenario = load(scenario_name)
-        check_can_start(scenario, brief(scenario))
-        return scenario, build_site(scenario)
-    except ConfigError as error:
-        raise NodeError(str(error)) from error
-
-
-def _run_folder(name: str) -> RunFolder:
-    try:
-        return RunFolder(name)
-    except OSError as error:
-        raise NodeError(f'output_dir: {error}') from error
 
 
 def main(argv: Sequence[str]) -> int:

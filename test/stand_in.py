@@ -1,0 +1,224 @@
+"""A node of the test that flies UAVs: it decides as agents do and says what and when it likes."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+import time
+from typing import Any
+
+from fleets import Pilots
+import numpy as np
+from processes import DEADLINE_S
+import rclpy
+from uav_collect.agent import Agent, allocator_named, Decision, RadioMessage
+from uav_collect.briefing import brief
+from uav_collect.nodes import convert, topics
+from uav_collect.nodes.cockpit import Cockpit
+from uav_collect.nodes.middleware import find_each_other_quickly
+from uav_collect.nodes.topics import publisher, subscription
+from uav_collect.policy import policy_named
+from uav_collect.scenario import from_yaml, Scenario
+from uav_collect.world import LocalView
+from uav_collect_msgs.srv import ControlMission, Join
+
+INSTANCE = 'stand-in'
+_WAIT_S = 0.002
+
+
+@dataclass(frozen=True, kw_only=True)
+class Turn:
+    """A decision that the world waits for, and the answer that an agent would give."""
+
+    uav: int  # id
+    observation: Any
+    view: LocalView
+    legal: list[int]
+    radio: Any
+    command: Any
+
+
+class _Agent(Agent):
+    """Hands kernels the types that they are compiled for anyway; compiling others takes long."""
+
+    def hear(self, message: RadioMessage) -> None:
+        super().hear(replace(message, complete=np.array(message.complete, dtype=np.uint8)))
+
+    def observe(self, view: LocalView) -> None:
+        super().observe(_typed(view))
+
+    def decide(self, view: LocalView) -> Decision:
+        return super().decide(_typed(view))
+
+
+def _typed(view: LocalView) -> LocalView:
+    return view._replace(sensor=np.array(view.sensor, dtype=np.int64))
+
+
+def _compile(scenario: Scenario, policy: str) -> None:
+    """Compile what an agent needs before the world waits for its answers."""
+    pilots = Pilots(scenario, 0, policy)
+    for _ in range(scenario.n_uavs):
+        event = pilots.simulation.next_event()
+        assert event is not None
+        pilots.simulation.start(event, pilots.decide(event))
+
+
+class StandIn:
+    """Hears what the world says; plays the agents of the UAVs that joined."""
+
+    def __init__(self, node: Any, executor: Any) -> None:  # noqa: ANN401
+        self.node = node
+        self._executor = executor
+        self.heard: dict[str, list[Any]] = {}  # messages by topic, in order
+        self._cockpits: dict[int, Cockpit] = {}
+        self.commands: dict[int, Any] = {}  # publishers
+        self.radio: dict[int, Any] = {}
+        self._join = node.create_client(Join, topics.JOIN_SERVICE)
+        self._control = node.create_client(ControlMission, topics.CONTROL_SERVICE)
+        for topic in (*topics.FLEET_WIDE[:4], topics.DIAGNOSTICS):
+            self.listen(topic)
+
+    def listen(self, topic: Any) -> None:  # noqa: ANN401
+        """Keep what comes on a topic of the table."""
+        self.heard[topic.name] = []
+        subscription(self.node, topic, self.heard[topic.name].append)
+
+    def wait_until(self, condition: Callable[[], bool]) -> None:
+        """Listen until something holds."""
+        end_s = time.monotonic() + DEADLINE_S
+        while not condition():
+            assert time.monotonic() < end_s, f'not within {DEADLINE_S} s'
+            self._executor.spin_once(timeout_sec=_WAIT_S)
+
+    def call(self, client: Any, request: Any) -> Any:  # noqa: ANN401
+        """The answer of a service."""
+        self.wait_until(client.service_is_ready)
+        future = client.call_async(request)
+        self.wait_until(future.done)
+        return future.result()
+
+    def control(self, command: int, seed: int = 0) -> Any:  # noqa: ANN401
+        """Ask the world to start or abort a mission."""
+        return self.call(self._control, ControlMission.Request(command=command, seed=seed))
+
+    def ask_to_join(self, uav: int, policy: str = 'sweep', instance: str = INSTANCE) -> Any:  # noqa: ANN401
+        """What the world answers to an agent."""
+        request = Join.Request(
+            uav=uav,
+            agent_instance=instance,
+            host='test',
+            pid=1,
+            policy=policy,
+            policy_version='1',
+            allocator='exact',
+        )
+        return self.call(self._join, request)
+
+    def join(self, uav: int, policy: str = 'sweep') -> None:
+        """Fly a UAV from now on."""
+        scenarios = self.heard[topics.SCENARIO.name]
+        self.wait_until(lambda: bool(scenarios))
+        scenario, own = from_yaml(scenarios[0].yaml), topics.uav_topics(uav)
+        _compile(scenario, policy)
+        agent = _Agent(brief(scenario), uav - 1, policy_named(policy), allocator_named('exact'))
+        cockpit = Cockpit(agent, scenario.n_cells, scenarios[0].world_instance)
+        for topic, note in (
+            (own.radio_rx, cockpit.note_radio),
+            (own.observation, cockpit.note_observation),
+        ):
+            self.heard[topic.name] = []
+            subscription(self.node, topic, _both(self.heard[topic.name].append, note))
+        self.commands[uav] = publisher(self.node, own.command)
+        self.radio[uav] = publisher(self.node, own.radio_tx)
+        self._cockpits[uav] = cockpit
+        answer = self.ask_to_join(uav, policy)
+        assert answer.accepted, answer.reason
+        cockpit.rebuild(answer)
+
+    def next_turn(self) -> Turn | None:
+        """The next decision to take; None once the latest mission that started is over."""
+        found: list[tuple[int, Any]] = []
+        missions = self.heard[topics.MISSION.name]
+
+        def is_asked() -> bool:
+            for uav, cockpit in self._cockpits.items():
+                observation = cockpit.next_observation()
+                if observation is not None:
+                    found.append((uav, observation))
+            return bool(found)
+
+        self.wait_until(lambda: is_asked() or bool(missions and missions[-1].phase))
+        if not found:
+            return None
+        uav, observation = found[0]
+        cockpit = self._cockpits[uav]
+        view = cockpit.take_in(observation)
+        decision = cockpit.agent.decide(view)
+        command = convert.command_msg(decision, observation)
+        command.agent_instance, command.policy_version = INSTANCE, '1'
+        message = cockpit.agent.message(view)
+        return Turn(
+            uav=uav,
+            observation=observation,
+            view=view,
+            legal=[int(flag) for flag in cockpit.agent.legal],  # type: ignore[attr-defined]
+            radio=convert.radio_msg(
+                message, observation.mission_id, sequence=observation.decision
+            ),
+            command=command,
+        )
+
+    def answer(self, turn: Turn) -> None:
+        """Say what an agent says."""
+        self.radio[turn.uav].publish(turn.radio)
+        self.commands[turn.uav].publish(turn.command)
+
+    def fly_on(self) -> Any:  # noqa: ANN401
+        """Answer until the mission is over; what the world says of it."""
+        while (turn := self.next_turn()) is not None:
+            self.answer(turn)
+        return self.heard[topics.MISSION.name][-1]
+
+    def told(self, key: str) -> str:
+        """The latest value that the world's diagnostics give for a key; empty if none."""
+        for message in reversed(self.heard[topics.DIAGNOSTICS.name]):
+            for status in message.status:
+                for value in status.values:
+                    if value.key == key:
+                        return str(value.value)
+        return ''
+
+    def has_told(self, text: str) -> bool:
+        """Whether diagnostics have warned of an incident that reads so."""
+        return any(
+            status.level == status.WARN and text in value.value
+            for message in self.heard[topics.DIAGNOSTICS.name]
+            for status in message.status
+            for value in status.values
+        )
+
+
+def _both(first: Callable[[Any], None], second: Callable[[Any], None]) -> Callable[[Any], None]:
+    def call(message: Any) -> None:  # noqa: ANN401
+        first(message)
+        second(message)
+
+    return call
+
+
+@contextmanager
+def stand_in() -> Iterator[StandIn]:
+    """A node in the ROS domain of the test."""
+    from uav_collect.nodes.spin import make_executor
+
+    find_each_other_quickly()
+    rclpy.init()
+    try:
+        node = rclpy.create_node('stand_in')
+        executor = make_executor()
+        executor.add_node(node)
+        yield StandIn(node, executor)
+        executor.shutdown()
+        node.destroy_node()
+    finally:
+        rclpy.try_shutdown()
