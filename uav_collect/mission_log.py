@@ -5,6 +5,7 @@ enters, and floats are written with the fewest digits that read back to the same
 over ROS and the same mission in one process leave the same file.
 """
 
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 import json
 from pathlib import Path
@@ -95,8 +96,13 @@ class LogWriter:
             OSError: the file cannot be written.
         """
         self._file = path.open('w', encoding='utf-8')
-        self._file.write(header_line(header) + '\n')
-        self._file.flush()
+        try:
+            self._file.write(header_line(header) + '\n')
+            self._file.flush()
+        except OSError:
+            with suppress(OSError):  # closing writes what is left
+                self._file.close()
+            raise
 
     def append(self, events: Events) -> None:
         """Add events whose intervals are known.
