@@ -26,6 +26,7 @@ _RECORDER_S = 15.0  # how long the recorder may take to close the bag
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
+    parser.description = DESCRIPTION
     options.add_scenario_options(parser)
     parser.add_argument(
         '--policy',
