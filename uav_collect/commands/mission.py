@@ -14,7 +14,7 @@ from uav_collect.commands.fleet import Fleet, FleetError, FleetProcess, running_
 if TYPE_CHECKING:  # loaded when flying, so that --help answers at once
     from uav_collect.scenario import Scenario
 
-DESCRIPTION = """
+_DESCRIPTION = """
 Starts recorder, world_sim and one uav_agent per UAV as processes that talk over DDS, shows the
 progress of the mission, then its figures, and leaves a run folder with the bag, the mission log,
 the resolved scenario, a picture of the trajectories and what every process said.
@@ -26,7 +26,7 @@ _RECORDER_S = 15.0  # how long the recorder may take to close the bag
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
-    parser.description = DESCRIPTION
+    parser.description = _DESCRIPTION
     options.add_scenario_options(parser)
     parser.add_argument(
         '--policy',
