@@ -36,7 +36,7 @@ LAYERS = (
     'radio energy bandwidth_newton bandwidth_reference bandwidth',
     'actions briefing ground world belief observation reward event_log',
     'heuristics policy agent',
-    'preflight simulation rollout',
+    'preflight simulation rollout stepping',
     'metrics evaluation lanes plots tables bag bag_writer bag_repair',
 )
 LAYER_OF = {module: rank for rank, line in enumerate(LAYERS) for module in line.split()}

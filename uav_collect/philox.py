@@ -68,7 +68,14 @@ def draw_words(
     seed: int, stream: int, index_0: int, index_1: int, index_2: int
 ) -> tuple[int, int, int, int]:
     """Four random 32-bit words for what (stream, indices) names; seed in 0..2^63-1."""
-    return philox(seed & _MASK_32, seed >> 32, stream, index_0, index_1, index_2)
+    return philox(
+        seed & _MASK_32,
+        seed >> 32,
+        stream & _MASK_32,
+        index_0 & _MASK_32,
+        index_1 & _MASK_32,
+        index_2 & _MASK_32,
+    )
 
 
 @kernel

@@ -46,8 +46,13 @@ def terminal_reward(briefing: Briefing, ground: Ground, mission: Mission, start_
     if energy_j <= 0.0:
         return 0.0
     collected = mission.collected_bit[0] / ground.reward_scale_bit
-    discount = math.exp(math.log(ground.discount_per_s) * (end_s(mission) - start_s))
-    return discount * ground.bonus_j * collected / energy_j
+    return discount(ground, end_s(mission) - start_s) * ground.bonus_j * collected / energy_j
+
+
+@kernel
+def discount(ground: Ground, duration_s: float) -> float:
+    """What a reward is worth that comes so much later."""
+    return math.exp(math.log(ground.discount_per_s) * duration_s)
 
 
 @kernel

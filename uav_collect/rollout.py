@@ -21,7 +21,7 @@ from uav_collect.agent import (
 from uav_collect.arrays import Row
 from uav_collect.belief import belief_of, Beliefs, hear, new_beliefs, observe
 from uav_collect.briefing import brief, Briefing
-from uav_collect.compiled import kernel
+from uav_collect.compiled import kernel, row_kernel
 from uav_collect.event_log import (
     EventLog,
     grown_log,
@@ -42,6 +42,7 @@ from uav_collect.site import Site
 from uav_collect.world import (
     end_s,
     in_contact,
+    LocalView,
     look,
     mission_of,
     Missions,
@@ -211,22 +212,37 @@ def _fly_event(
     index = batch.n_events[world][0]
     if index > 0:
         log_interval(log, world, index - 1, briefing, ground, mission, mission.leg_end_s[uav])
-    view = look(briefing, ground, mission, uav, batch.view_rows)
-    own = world * briefing.n_uavs + uav
-    belief = belief_of(batch.beliefs, own)
-    observe(belief, briefing, view)
-    heard = _exchange(briefing, batch, world, uav, view.time_s)
-    hover_s = allocate(allocator, briefing, view, batch.desk)
-    reason = must_go_home(briefing, uav, belief.n_complete[0], view, hover_s, batch.desk.legal)
+    view, reason, heard = arrive(allocator, briefing, ground, batch, world, uav)
+    belief = belief_of(batch.beliefs, world * briefing.n_uavs + uav)
     action = HOME
     if reason == NONE:
         reason = actions.BY_POLICY
-        action = choose(
-            heuristic, briefing, uav, belief, view, batch.desk.legal, batch.memory[own]
-        )
+        memory = batch.memory[world * briefing.n_uavs + uav]
+        action = choose(heuristic, briefing, uav, belief, view, batch.desk.legal, memory)
     bit = start_action(briefing, mission, uav, view, action, batch.desk.share_hz)
     log_event(log, world, index, mission, belief.n_complete[0], uav, view, reason, bit, heard)
     batch.n_events[world][0] = index + 1
+
+
+@row_kernel
+def arrive(
+    allocator: int, briefing: Briefing, ground: Ground, batch: Batch, world: int, uav: int
+) -> tuple[LocalView, int, int]:
+    """Let a UAV do what it does at its action's end before it chooses: look, talk, allocate.
+
+    The bandwidth shares and the legal actions lie on the batch's desk.
+
+    Returns:
+        What it sees; why it must go home, or NONE; the UAVs in contact, as bits.
+    """
+    mission = mission_of(batch.missions, world)
+    view = look(briefing, ground, mission, uav, batch.view_rows)
+    belief = belief_of(batch.beliefs, world * briefing.n_uavs + uav)
+    observe(belief, briefing, view)
+    heard = _exchange(briefing, batch, world, uav, view.time_s)
+    hover_s = allocate(allocator, briefing, view, batch.desk)
+    legal = batch.desk.legal
+    return view, must_go_home(briefing, uav, belief.n_complete[0], view, hover_s, legal), heard
 
 
 @kernel
