@@ -127,10 +127,11 @@ def header_line(header: MissionHeader) -> str:
 
 def event_line(event: np.void) -> str:
     """One event as one line of JSON."""
-    fields = {name: event[name].item() for name in EVENT_DTYPE.names or ()}
+    fields = dict(zip(EVENT_DTYPE.names or (), event.item(), strict=True))
     fields['action'] = ACTION_NAMES[fields['action']]
     fields['reason'] = REASON_NAMES[fields['reason']]
-    fields['heard'] = [bit + 1 for bit in range(64) if fields['heard'] >> bit & 1]
+    heard = fields['heard']
+    fields['heard'] = [bit + 1 for bit in range(heard.bit_length()) if heard >> bit & 1]
     return json.dumps(fields, separators=(', ', ': '))
 
 

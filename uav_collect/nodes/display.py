@@ -24,9 +24,8 @@ class Display:
         self._grid = publisher(node, topics.COMPLETED_CELLS)
 
     def begin(self, simulation: Simulation) -> None:
-        """Show a mission from its start."""
+        """Show a mission from now on, in the next picture."""
         self._viewers.begin(simulation)
-        self.show(0.0, now=True)
 
     def note_event(self, event: Event, decision: Decision | None) -> None:
         """Take note of an event, right after its decision was carried out."""

@@ -10,7 +10,7 @@ from uav_collect import actions
 from uav_collect.agent import Decision
 from uav_collect.arrays import Row
 from uav_collect.metrics import figures, MissionFigures
-from uav_collect.mission_log import header_line, MissionHeader, REASON_NAMES
+from uav_collect.mission_log import Events, header_line, MissionHeader, REASON_NAMES
 from uav_collect.nodes import convert
 from uav_collect.nodes.roster import Pilot
 from uav_collect.rows import row_of
@@ -79,7 +79,7 @@ class Flight:
         self._said: dict[int, _Said] = defaultdict(_Said)  # by id
         self._sequences = [0] * scenario.n_uavs  # decision of each UAV's latest transmission
         self._event: Event | None = None  # the next one, once known
-        self._open: tuple[float, str] | None = None  # time and policy of the event told last
+        self._open: tuple[float, str] | None = None  # time and policy of the latest event
 
     def next_event(self) -> Event | None:
         """The event that nobody was asked about yet; None when all fly home."""
@@ -169,8 +169,8 @@ class Flight:
         self.unflown.add(event.uav + 1)
         self._start(event, FAILSAFE, 'failsafe')
 
-    def closed_epoch(self) -> Epoch | None:
-        """The epoch of the latest event, once the next one is known; each is returned once.
+    def closed_event(self) -> tuple[Epoch, Events] | None:
+        """The latest event's epoch and log, once the next one is known; each is returned once.
 
         The fleet's state is read here, not when the event's action starts: until the next action
         starts it is the same, and by now the next UAV already decides.
@@ -181,8 +181,9 @@ class Flight:
         epoch = self._fleet_state(time_s)
         epoch.policy_version = policy_version
         epoch.terminal = self.simulation.is_over
-        convert.fill_epoch(epoch, self.simulation.last_event())
-        return epoch
+        event = self.simulation.last_event()
+        convert.fill_epoch(epoch, event)
+        return epoch, event
 
     def history(self, uav: int) -> tuple[list[Observation], list[RadioMessageMsg], bool]:
         """What a UAV was told so far, and whether its last observation waits for an answer."""

@@ -285,10 +285,11 @@ class WorldNode(ProcessNode):
         self._advance()
 
     def _publish_epoch(self, flight: Flight) -> None:
-        epoch = flight.closed_epoch()
-        if epoch is not None:
+        closed = flight.closed_event()
+        if closed is not None:
+            epoch, event = closed
             self._epochs.publish(epoch)
-            self._note_lost(self._folder.append(flight.simulation.last_event()))
+            self._note_lost(self._folder.append(event))
 
     def _publish_mission(self, flight: Flight, phase: int, note: str = '') -> Mission:
         index = self._schedule.n_started - 1
