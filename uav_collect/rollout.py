@@ -4,7 +4,9 @@ Both ways, and the ROS nodes, leave the same log of the same mission, to the byt
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
+import math
 from typing import NamedTuple
 
 from uav_collect import actions
@@ -145,14 +147,15 @@ def _fly_compiled(
         log = grown_log(log, n_worlds)
         flown = fly_batch(rule, share, briefing, ground, batch, log, flown)
     names, allocators = [policy.name] * briefing.n_uavs, [allocator] * briefing.n_uavs
+    header = mission_header(scenario, 0, (), names, allocators)
     return [
         MissionLog(
-            header=mission_header(
-                scenario, seed, batch.missions.demand_bit[world], names, allocators
-            ),
+            header=replace(header, mission_seed=seed, total_bit=math.fsum(demand_bit)),
             events=logged_events(log, world, batch.n_events[world][0]),
         )
-        for world, seed in enumerate(mission_seeds)
+        for world, (seed, demand_bit) in enumerate(
+            zip(mission_seeds, batch.missions.demand_bit, strict=True)
+        )
     ]
 
 
