@@ -10,7 +10,6 @@ Both end with the previous action and the UAV's index, one-hot.
 from enum import IntEnum
 import math
 
-from uav_collect import actions
 from uav_collect.actions import N_ACTIONS
 from uav_collect.arrays import Row
 from uav_collect.belief import Belief, NEVER
@@ -110,20 +109,18 @@ def _encode_egocentric(
 def _encode_patch(
     briefing: Briefing, belief: Belief, centre: int, filled: int, out: Row[float]
 ) -> int:
-    n_patch = PATCH_SIDE * PATCH_SIDE
+    side, n_patch = briefing.cells_per_side, PATCH_SIDE * PATCH_SIDE
+    south, west = centre // side - PATCH_SIDE // 2, centre % side - PATCH_SIDE // 2
     for index in range(n_patch):
-        cell = actions.neighbour(
-            briefing,
-            centre,
-            index // PATCH_SIDE - PATCH_SIDE // 2,
-            index % PATCH_SIDE - PATCH_SIDE // 2,
-        )
-        is_open = cell >= 0 and belief.complete[cell] == 0
+        row, column = south + index // PATCH_SIDE, west + index % PATCH_SIDE
+        is_inside = 0 <= row < side and 0 <= column < side
+        cell = row * side + column
+        is_open = is_inside and belief.complete[cell] == 0
         out[filled + index] = 1.0 if is_open else 0.0
         out[filled + n_patch + index] = (
             belief.seen_bit[cell] / _DEMAND_SCALE_BIT if is_open else 0.0
         )
-        out[filled + 2 * n_patch + index] = 1.0 if cell < 0 else 0.0
+        out[filled + 2 * n_patch + index] = 0.0 if is_inside else 1.0
     return filled + 3 * n_patch
 
 
@@ -131,19 +128,19 @@ def _encode_patch(
 def _encode_blocks(
     briefing: Briefing, belief: Belief, centre: int, filled: int, out: Row[float]
 ) -> int:
-    n_blocks = BLOCKS_SIDE * BLOCKS_SIDE
+    side, n_blocks = briefing.cells_per_side, BLOCKS_SIDE * BLOCKS_SIDE
     reach = BLOCKS_SIDE * POOL_SIDE // 2
+    south, west = centre // side - reach, centre % side - reach
     for index in range(2 * n_blocks):
         out[filled + index] = 0.0
-    for row_step in range(-reach, reach + 1):
-        for column_step in range(-reach, reach + 1):
-            cell = actions.neighbour(briefing, centre, row_step, column_step)
-            if cell < 0 or belief.complete[cell] != 0:
+    for row in range(max(south, 0), min(south + 2 * reach + 1, side)):
+        for column in range(max(west, 0), min(west + 2 * reach + 1, side)):
+            cell = row * side + column
+            if belief.complete[cell] != 0:
                 continue
-            row, column = (row_step + reach) // POOL_SIDE, (column_step + reach) // POOL_SIDE
-            block = filled + row * BLOCKS_SIDE + column
-            out[block] += 1.0 / (POOL_SIDE * POOL_SIDE)
-            out[block + n_blocks] += belief.seen_bit[cell] / (
+            block = (row - south) // POOL_SIDE * BLOCKS_SIDE + (column - west) // POOL_SIDE
+            out[filled + block] += 1.0 / (POOL_SIDE * POOL_SIDE)
+            out[filled + n_blocks + block] += belief.seen_bit[cell] / (
                 POOL_SIDE * POOL_SIDE * _DEMAND_SCALE_BIT
             )
     return filled + 2 * n_blocks
