@@ -2,6 +2,7 @@
 
 from array import array
 from collections import defaultdict
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 import math
 from typing import Any
@@ -78,6 +79,7 @@ class Flight:
         self._n_cells = scenario.n_cells
         self._said: dict[int, _Said] = defaultdict(_Said)  # by id
         self._sequences = [0] * scenario.n_uavs  # decision of each UAV's latest transmission
+        self._outbox: defaultdict[int, list[RadioMessageMsg]] = defaultdict(list)  # by receiver
         self._event: Event | None = None  # the next one, once known
         self._open: tuple[float, str] | None = None  # time and policy of the latest event
 
@@ -94,16 +96,21 @@ class Flight:
         return self.simulation.end_s if event is None else event.view.time_s
 
     def deliver(self, event: Event) -> list[RadioMessageMsg]:
-        """What the deciding UAV hears of the others, to be published to it."""
-        return [
-            self._delivered(
-                event.uav + 1,
-                convert.radio_msg(
-                    message, self.mission_id, sequence=self._sequences[message.sender]
-                ),
-            )
-            for message in event.heard
-        ]
+        """What the deciding UAV has heard and hears of the others, to be published to it."""
+        receiver = event.uav + 1
+        for message in event.heard:
+            sequence = self._sequences[message.sender]
+            self._send(receiver, convert.radio_msg(message, self.mission_id, sequence=sequence))
+        return self._outbox.pop(receiver, [])
+
+    def undelivered(self) -> Iterator[tuple[int, RadioMessageMsg]]:
+        """What UAVs hear, with their ids, to be published to them; each is given once.
+
+        They need it when they decide next, so it can wait until the one that decides now is told.
+        """
+        while self._outbox:
+            receiver, messages = self._outbox.popitem()
+            yield from ((receiver, message) for message in messages)
 
     def ask(self, event: Event) -> Observation:
         """Wait for the deciding UAV's answer to what it observes, to be published to it."""
@@ -139,30 +146,19 @@ class Flight:
             return str(error)
         return None
 
-    def carry_out(self) -> list[tuple[int, RadioMessageMsg]]:
-        """Do what the answered decision says.
-
-        Returns:
-            The deciding UAV's message for each UAV that hears it, with that UAV's id.
-        """
+    def carry_out(self) -> None:
+        """Do what the answered decision says; the UAVs in contact hear the deciding one."""
         pending = self.pending
         if pending is None or pending.decision is None or pending.complete is None:
             raise RuntimeError('there is no answered decision to carry out')
-        self._sequences[pending.event.uav] = pending.event.decision
-        hearers = self.simulation.transmit(pending.event.uav, pending.complete)
-        heard = self.simulation.radio(pending.event.uav)
-        delivered = [
-            (
-                uav + 1,
-                self._delivered(
-                    uav + 1,
-                    convert.radio_msg(heard, self.mission_id, sequence=pending.event.decision),
-                ),
-            )
-            for uav in hearers
-        ]
-        self._start(pending.event, pending.decision, pending.policy_version)
-        return delivered
+        event = pending.event
+        self._sequences[event.uav] = event.decision
+        hearers = self.simulation.transmit(event.uav, pending.complete)
+        heard = self.simulation.radio(event.uav)
+        for hearer in hearers:
+            message = convert.radio_msg(heard, self.mission_id, sequence=event.decision)
+            self._send(hearer + 1, message)
+        self._start(event, pending.decision, pending.policy_version)
 
     def fly_home(self, event: Event) -> None:
         """Let the failsafe fly the deciding UAV home."""
@@ -218,12 +214,12 @@ class Flight:
         word = 'stale' if decision < expected else 'future'
         return f'{word} decision {decision}, awaited is {expected}'
 
-    def _delivered(self, uav: int, message: RadioMessageMsg) -> RadioMessageMsg:
-        said = self._said[uav]
+    def _send(self, receiver: int, message: RadioMessageMsg) -> None:
+        said = self._said[receiver]
         message.delivery = len(said.radio) + 1
         said.radio.append(message)
+        self._outbox[receiver].append(message)
         self.n_radio_messages += 1
-        return message
 
     def _start(self, event: Event, decision: Decision, policy_version: str) -> None:
         self.pending = self._event = None

@@ -26,9 +26,11 @@ class Identity:
         """Names the mission with a running number."""
         return f'{self.instance[:_SHORT]}-{index}'
 
-    def names(self, mission_id: str) -> bool:
-        """Whether an id is that of a mission of this world."""
-        return mission_id.startswith(f'{self.instance[:_SHORT]}-')
+    def why_not(self, mission_id: str, decision: int) -> str:
+        """Why a decision is of no use that is not of the mission in flight."""
+        if mission_id.startswith(f'{self.instance[:_SHORT]}-'):
+            return f'decision {decision} is of mission {mission_id}, which is not in flight'
+        return f'mission {mission_id!r} is not of this world'
 
 
 def identity_of(msg: Any) -> Identity:

@@ -17,6 +17,7 @@ from rclpy.task import Future
 from rclpy.utilities import remove_ros_args
 from uav_collect.agent import Agent, allocator_named, ALLOCATOR_NAMES
 from uav_collect.briefing import brief, Briefing
+from uav_collect.limits import MAX_UAVS
 from uav_collect.nodes import convert, topics
 from uav_collect.nodes.cockpit import Cockpit
 from uav_collect.nodes.parameters import declare, help_text, Parameter
@@ -40,7 +41,7 @@ _PATIENCE_S = 6.0  # how long a UAV's last agent may take to be noticed dead
 _TOLD_PERIOD_S = 10.0  # between two lines that say what the agent waits for
 
 PARAMETERS = (
-    Parameter(name='uav', default=0, description='id of the UAV (--id)', low=0, high=64),
+    Parameter(name='uav', default=0, description='id of the UAV (--id)', low=0, high=MAX_UAVS),
     Parameter(
         name='policy', default='sweep', description='hert, hert-equal, sweep or random (--policy)'
     ),
@@ -308,6 +309,6 @@ def main(argv: Sequence[str]) -> int:
 
 
 def _uav_id(text: str) -> int:
-    if not text.isdecimal() or not 1 <= int(text) <= 64:
-        raise argparse.ArgumentTypeError(f'{text!r} must be a whole number from 1 to 64')
+    if not text.isdecimal() or not 1 <= int(text) <= MAX_UAVS:
+        raise argparse.ArgumentTypeError(f'{text!r} must be a whole number from 1 to {MAX_UAVS}')
     return int(text)

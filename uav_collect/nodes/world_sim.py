@@ -106,8 +106,6 @@ class WorldNode(ProcessNode):
         subscription(self, own.command, lambda msg: self._on_command(uav, msg), on_event=watch)
         subscription(self, own.radio_tx, lambda msg: self._on_radio(uav, msg))
 
-    # Who is there.
-
     def _on_scenario(self, msg: Any) -> None:
         other = identity_of(msg)
         if other.instance == self._identity.instance:
@@ -148,7 +146,7 @@ class WorldNode(ProcessNode):
     def _on_command(self, uav: int, msg: Any) -> None:
         flight = self._flight
         if flight is None or msg.mission_id != flight.mission_id:
-            self._refuse(uav, 'command', self._foreign(msg.mission_id, msg.decision))
+            self._refuse(uav, 'command', self._identity.why_not(msg.mission_id, msg.decision))
         elif not self._roster.is_flown_by(uav, msg.agent_instance):
             self._refuse(uav, 'command', 'it is not from the agent that flies this UAV')
         else:
@@ -157,14 +155,11 @@ class WorldNode(ProcessNode):
     def _on_radio(self, uav: int, msg: Any) -> None:
         flight = self._flight
         if flight is None or msg.mission_id != flight.mission_id:
-            self._refuse(uav, 'radio message', self._foreign(msg.mission_id, msg.sequence))
+            self._refuse(
+                uav, 'radio message', self._identity.why_not(msg.mission_id, msg.sequence)
+            )
         else:
             self._go_on(flight, uav, 'radio message', flight.take_radio(uav, msg))
-
-    def _foreign(self, mission_id: str, decision: int) -> str:
-        if self._identity.names(mission_id):
-            return f'decision {decision} is of mission {mission_id}, which is not in flight'
-        return f'mission {mission_id!r} is not of this world'
 
     def _on_control(self, request: Any, response: Any) -> Any:
         is_flying = self._flight is not None
@@ -229,16 +224,17 @@ class WorldNode(ProcessNode):
             flight, event = self._flight, self._flight.next_event()
             time_s = flight.simulation.end_s if event is None else event.view.time_s
             if not self._pace.is_due(time_s):
+                self._relay(flight)
                 return
             if event is None:
-                self._publish_epoch(flight)
+                self._tell_event(flight)
                 self._end_mission(Mission.ENDED, flight.failsafe_note)
             elif event.uav + 1 in flight.unflown:
-                self._publish_epoch(flight)
+                self._tell_event(flight)
                 self._fly_home(flight, event)
             else:
                 self._ask(flight, event)
-                self._publish_epoch(flight)  # while the agent decides
+                self._tell_event(flight)  # while the agent decides
 
     def _ask(self, flight: Flight, event: Event) -> None:
         """Let the deciding UAV hear and see."""
@@ -259,8 +255,7 @@ class WorldNode(ProcessNode):
         if flight.pending is None or not flight.pending.is_answered:
             return
         event, decision = flight.pending.event, flight.pending.decision
-        for hearer, message in flight.carry_out():
-            self._radio[hearer].publish(message)
+        flight.carry_out()
         self._display.note_event(event, decision)
         self._advance()
 
@@ -284,7 +279,13 @@ class WorldNode(ProcessNode):
             self._observations[event.uav + 1].publish(flight.terminated(event))
         self._advance()
 
-    def _publish_epoch(self, flight: Flight) -> None:
+    def _relay(self, flight: Flight) -> None:
+        for hearer, message in flight.undelivered():
+            self._radio[hearer].publish(message)
+
+    def _tell_event(self, flight: Flight) -> None:
+        """Tell the others what they heard, and everybody what the latest event was."""
+        self._relay(flight)
         closed = flight.closed_event()
         if closed is not None:
             epoch, event = closed
