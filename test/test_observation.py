@@ -8,10 +8,10 @@ from uav_collect.agent import must_go_home
 from uav_collect.arrays import Floats
 from uav_collect.belief import Belief, belief_of, hear, merge, new_beliefs
 from uav_collect.briefing import brief
+from uav_collect.missions import LocalView
 from uav_collect.observation import encode, Layout, observation_size
 from uav_collect.rows import new_row, row_of
 from uav_collect.scenario import Scenario
-from uav_collect.world import LocalView
 
 # Parts of the egocentric layout.
 PATCH = 5

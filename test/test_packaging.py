@@ -34,7 +34,7 @@ LAYERS = (
     'arrays compiled limits philox rows mission_log',
     'yaml_text config_files config_rules sensors_csv scenario_model scenario site',
     'radio energy bandwidth_newton bandwidth_reference bandwidth',
-    'actions briefing ground world belief observation reward event_log',
+    'actions briefing ground missions world belief observation reward event_log',
     'heuristics policy agent',
     'preflight simulation rollout stepping',
     'metrics evaluation lanes plots tables bag bag_writer bag_repair',

@@ -13,11 +13,11 @@ from uav_collect.belief import Belief
 from uav_collect.briefing import Briefing
 from uav_collect.metrics import check_log, figures
 from uav_collect.mission_log import from_jsonl, MissionLog
+from uav_collect.missions import LocalView
 from uav_collect.policy import Policy, policy_named, PolicyMismatchError
 from uav_collect.rollout import fly
 from uav_collect.scenario import fingerprint, load, Scenario
 from uav_collect.site import build_site
-from uav_collect.world import LocalView
 
 SPEEDS_MPS = (5.0, 10.0, 7.5, 12.0)
 N_SEEDS = 20

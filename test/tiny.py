@@ -18,11 +18,11 @@ from uav_collect.arrays import Row
 from uav_collect.belief import Belief
 from uav_collect.briefing import Briefing
 from uav_collect.mission_log import MissionLog
+from uav_collect.missions import LocalView
 from uav_collect.rollout import fly
 from uav_collect.scenario import load, Scenario
 from uav_collect.simulation import Event, Simulation
 from uav_collect.site import build_site
-from uav_collect.world import LocalView
 
 CELL_A = 1
 CELL_B = 10

@@ -23,9 +23,9 @@ from uav_collect.bandwidth import (
 from uav_collect.belief import belief_of, forget, hear, new_beliefs, observe
 from uav_collect.briefing import Briefing
 from uav_collect.compiled import kernel
+from uav_collect.missions import LocalView
 from uav_collect.policy import Policy
 from uav_collect.rows import new_row
-from uav_collect.world import LocalView
 
 
 class Desk(NamedTuple):

@@ -10,8 +10,8 @@ from uav_collect import actions
 from uav_collect.arrays import Row
 from uav_collect.briefing import Briefing
 from uav_collect.compiled import kernel, row_kernel
+from uav_collect.missions import LocalView, VIEW_CELLS
 from uav_collect.rows import new_map_table, new_table
-from uav_collect.world import LocalView, VIEW_CELLS
 
 NEVER = -1.0  # a time at which nothing was heard
 

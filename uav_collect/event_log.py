@@ -10,9 +10,9 @@ from uav_collect.briefing import Briefing
 from uav_collect.compiled import kernel
 from uav_collect.ground import Ground
 from uav_collect.mission_log import EVENT_DTYPE, Events
+from uav_collect.missions import LocalView, Mission
 from uav_collect.reward import interval_reward, terminal_reward
 from uav_collect.rows import grow_table, new_table
-from uav_collect.world import LocalView, Mission
 
 _ALL_BITS = 2**64 - 1
 

@@ -13,8 +13,8 @@ from uav_collect.arrays import Row
 from uav_collect.belief import Belief
 from uav_collect.briefing import Briefing
 from uav_collect.compiled import kernel
+from uav_collect.missions import LocalView
 from uav_collect.philox import draw_uniform, EXPLORATION
-from uav_collect.world import LocalView
 
 MEMORY_SIZE = 4
 _STOPS_DONE = 0  # HERT: stops of the sector behind it; random: draws made

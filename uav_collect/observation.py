@@ -15,7 +15,7 @@ from uav_collect.arrays import Row
 from uav_collect.belief import Belief, NEVER
 from uav_collect.briefing import Briefing
 from uav_collect.compiled import kernel
-from uav_collect.world import LocalView, VIEW_CELLS
+from uav_collect.missions import LocalView, VIEW_CELLS
 
 PATCH_SIDE = 9  # cells of the egocentric layout's fine patch
 POOL_SIDE = 3  # cells pooled into one of its coarse blocks

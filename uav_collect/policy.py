@@ -7,8 +7,8 @@ from uav_collect.arrays import Row
 from uav_collect.belief import Belief
 from uav_collect.briefing import Briefing
 from uav_collect.heuristics import choose, Heuristic, MEMORY_SIZE
+from uav_collect.missions import LocalView
 from uav_collect.rows import new_row
-from uav_collect.world import LocalView
 
 
 class PolicyMismatchError(ValueError):

@@ -6,7 +6,8 @@ from uav_collect.actions import cell_at, HOVER, NONE
 from uav_collect.briefing import Briefing
 from uav_collect.compiled import kernel
 from uav_collect.ground import Ground
-from uav_collect.world import end_s, Mission, next_uav
+from uav_collect.missions import Mission
+from uav_collect.world import end_s, next_uav
 
 
 @kernel

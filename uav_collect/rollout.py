@@ -35,27 +35,21 @@ from uav_collect.event_log import (
 from uav_collect.ground import Ground, lay_out
 from uav_collect.heuristics import choose, MEMORY_SIZE
 from uav_collect.mission_log import MissionLog
+from uav_collect.missions import (
+    LocalView,
+    mission_of,
+    Missions,
+    new_missions,
+    new_view_rows,
+    ViewRows,
+)
 from uav_collect.policy import Policy, policy_named, PolicyMismatchError, RulePolicy
 from uav_collect.preflight import check_can_start
 from uav_collect.rows import new_table
 from uav_collect.scenario import Scenario
 from uav_collect.simulation import mission_header, Simulation
 from uav_collect.site import Site
-from uav_collect.world import (
-    end_s,
-    in_contact,
-    LocalView,
-    look,
-    mission_of,
-    Missions,
-    new_missions,
-    new_view_rows,
-    next_uav,
-    start_action,
-    ViewRows,
-    x_m_at,
-    y_m_at,
-)
+from uav_collect.world import end_s, in_contact, look, next_uav, start_action, x_m_at, y_m_at
 
 _FIRST_CAPACITY = 256  # events of a mission that the log has room for before it must grow
 

@@ -25,6 +25,7 @@ from uav_collect.event_log import (
 )
 from uav_collect.ground import lay_out
 from uav_collect.mission_log import Events, MissionHeader, MissionLog, UavHeader
+from uav_collect.missions import LocalView, mission_of, new_missions, new_view_rows
 from uav_collect.preflight import check_can_start
 from uav_collect.rows import new_row, row_of
 from uav_collect.scenario import fingerprint, Scenario
@@ -33,11 +34,7 @@ from uav_collect.world import (
     end_s,
     has_landed,
     in_contact,
-    LocalView,
     look,
-    mission_of,
-    new_missions,
-    new_view_rows,
     next_uav,
     start_action,
     x_m_at,

@@ -17,6 +17,7 @@ from uav_collect.belief import belief_of, forget
 from uav_collect.briefing import brief, Briefing
 from uav_collect.compiled import kernel, kernels_are_compiled
 from uav_collect.ground import Ground, lay_out
+from uav_collect.missions import mission_of, restart_mission
 from uav_collect.observation import encode, Layout, observation_size
 from uav_collect.preflight import check_can_start
 from uav_collect.reward import discount, interval_reward, terminal_reward
@@ -24,7 +25,7 @@ from uav_collect.rollout import arrive, Batch, new_batch
 from uav_collect.rows import new_row, new_table
 from uav_collect.scenario import Scenario
 from uav_collect.site import Site
-from uav_collect.world import end_s, look, mission_of, next_uav, restart_mission, start_action
+from uav_collect.world import end_s, look, next_uav, start_action
 
 
 class _Desks(NamedTuple):

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from uav_collect.agent import Agent
+from uav_collect.missions import LocalView
 from uav_collect.nodes import convert
-from uav_collect.world import LocalView
 
 _NONE_YET = -1  # number of the mission before the first
 

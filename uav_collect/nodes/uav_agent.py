@@ -18,6 +18,7 @@ from rclpy.utilities import remove_ros_args
 from uav_collect.agent import Agent, allocator_named, ALLOCATOR_NAMES
 from uav_collect.briefing import brief, Briefing
 from uav_collect.limits import MAX_UAVS
+from uav_collect.missions import LocalView
 from uav_collect.nodes import convert, topics
 from uav_collect.nodes.cockpit import Cockpit
 from uav_collect.nodes.parameters import declare, help_text, Parameter
@@ -27,7 +28,6 @@ from uav_collect.observation import encode, Layout, observation_size
 from uav_collect.policy import policy_named
 from uav_collect.rows import new_row
 from uav_collect.scenario import ConfigError, fingerprint, from_yaml, Scenario
-from uav_collect.world import LocalView
 from uav_collect_msgs.srv import Join
 
 _DESCRIPTION = """

@@ -15,10 +15,10 @@ from nav_msgs.msg import MapMetaData, OccupancyGrid
 from std_msgs.msg import ColorRGBA, Header
 from uav_collect import actions
 from uav_collect.agent import Decision
+from uav_collect.missions import VIEW_CELLS
 from uav_collect.scenario import Scenario
 from uav_collect.simulation import Event, Simulation
 from uav_collect.site import Site
-from uav_collect.world import VIEW_CELLS
 from visualization_msgs.msg import Marker, MarkerArray
 
 FRAME = 'map'
