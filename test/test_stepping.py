@@ -11,6 +11,7 @@ import pytest
 from tiny import tiny, TOTAL_BIT, uav
 from uav_collect.actions import BACKWARD, FORWARD, HOME, HOVER, N_ACTIONS, NONE, RIGHT
 from uav_collect.arrays import Floats, Ints, Row
+from uav_collect.bandwidth import AllocationError
 from uav_collect.belief import Belief
 from uav_collect.briefing import Briefing
 from uav_collect.mission_log import MissionLog
@@ -155,6 +156,12 @@ def test_both_layouts_can_be_had() -> None:
     for layout in Layout:
         decisions = flights_of(tiny(), [0, 1], layout=layout).decisions
         assert decisions.observation.shape == (2, observation_size(layout, 4, 2))
+
+
+@pytest.mark.parametrize('allocator', ['cvxpy', 'best'])
+def test_an_allocator_that_no_kernel_knows_is_refused(allocator: str) -> None:
+    with pytest.raises(AllocationError, match=f"'{allocator}'.*exact, equal"):
+        flights_of(tiny(), [0], allocator=allocator)
 
 
 def test_the_exact_allocator_hovers_shorter_over_two_sensors_than_the_equal_one() -> None:

@@ -11,8 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 from uav_collect.actions import HOME, HOVER, N_ACTIONS, NONE
-from uav_collect.agent import allocate, ALLOCATOR_NAMES
+from uav_collect.agent import allocate
 from uav_collect.arrays import Bools, check_shape, Floats, Ints, Row
+from uav_collect.bandwidth import AllocationError, EQUAL, EXACT
 from uav_collect.belief import belief_of, forget
 from uav_collect.briefing import brief, Briefing
 from uav_collect.compiled import kernel, kernels_are_compiled
@@ -74,11 +75,17 @@ class Flights:
             allocator: 'exact' or 'equal'.
 
         Raises:
+            AllocationError: the allocator is none of these.
             ConfigError: no UAV has the energy to start.
         """
+        codes = {'exact': EXACT, 'equal': EQUAL}
+        if allocator not in codes:
+            raise AllocationError(
+                f'allocator {allocator!r} cannot be stepped; there are {", ".join(codes)}'
+            )
         self._briefing, self._ground = brief(scenario), lay_out(scenario, site)
         check_can_start(scenario, self._briefing)
-        self._rules = int(layout), ALLOCATOR_NAMES.index(allocator)
+        self._rules = int(layout), codes[allocator]
         self._batch = new_batch(self._briefing, self._ground, mission_seeds)
         n_worlds = len(mission_seeds)
         size = observation_size(layout, self._briefing.cells_per_side, self._briefing.n_uavs)
