@@ -16,7 +16,6 @@ from uav_collect.actions import (
 from uav_collect.agent import (
     Agent,
     allocator_named,
-    ALLOCATOR_NAMES,
     Decision,
     new_desk,
     RadioMessage,
@@ -25,6 +24,7 @@ from uav_collect.arrays import Row
 from uav_collect.bandwidth import AllocationError
 from uav_collect.belief import Belief, NEVER
 from uav_collect.briefing import brief, Briefing
+from uav_collect.limits import ALLOCATOR_NAMES
 from uav_collect.missions import LocalView
 from uav_collect.policy import policy_named, PolicyMismatchError
 from uav_collect.rows import row_of

@@ -16,6 +16,7 @@ from uav_collect.bandwidth import (
     Allocation,
     AllocationError,
 )
+from uav_collect.limits import ALLOCATOR_NAMES
 from uav_collect.rows import new_row, row_of
 
 # Signal, error, demand of one hover, and B and N_0.
@@ -357,8 +358,8 @@ def test_an_allocation_error_is_a_value_error() -> None:
 
 
 def test_a_names_place_is_its_code() -> None:
-    assert bandwidth.ALLOCATOR_NAMES[bandwidth.EXACT] == 'exact'
-    assert bandwidth.ALLOCATOR_NAMES[bandwidth.EQUAL] == 'equal'
+    assert ALLOCATOR_NAMES[bandwidth.EXACT] == 'exact'
+    assert ALLOCATOR_NAMES[bandwidth.EQUAL] == 'equal'
 
 
 @pytest.mark.parametrize('allocator', [bandwidth.EXACT, bandwidth.EQUAL])

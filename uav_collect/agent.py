@@ -23,6 +23,7 @@ from uav_collect.bandwidth import (
 from uav_collect.belief import belief_of, forget, hear, new_beliefs, observe
 from uav_collect.briefing import Briefing
 from uav_collect.compiled import kernel
+from uav_collect.limits import ALLOCATOR_NAMES
 from uav_collect.missions import LocalView
 from uav_collect.policy import Policy
 from uav_collect.rows import new_row
@@ -36,8 +37,6 @@ class Desk(NamedTuple):
     share_hz: Row[float]  # bandwidth by sensor of the view
     legal: Row[int]  # (N_ACTIONS,)
 
-
-ALLOCATOR_NAMES = ('exact', 'equal', 'cvxpy')  # the first two by their code
 
 # Shares the bandwidth of a view at a desk and returns the hover's duration [s].
 Allocator = Callable[[Briefing, LocalView, Desk], float]
@@ -125,7 +124,7 @@ def must_go_home(
 
 
 def allocator_named(name: str) -> Allocator:
-    """The allocator that a user names, one of ALLOCATOR_NAMES.
+    """The allocator that a user names, one of `limits.ALLOCATOR_NAMES`.
 
     Raises:
         AllocationError: there is none of that name.

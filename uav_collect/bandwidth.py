@@ -22,7 +22,6 @@ from uav_collect.rows import new_row
 # What `share_bandwidth` is told; cvxpy is there for batches only.
 EXACT = 0
 EQUAL = 1
-ALLOCATOR_NAMES = ('exact', 'equal', 'cvxpy')  # by code
 
 _ROUNDING = 1e-12
 # Scaled numbers beyond these would leave the range of doubles on the way.

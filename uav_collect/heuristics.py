@@ -107,8 +107,8 @@ def _choose_random(uav: int, view: LocalView, legal: Row[int], memory: Row[int])
     n_legal = 0
     for action in range(N_ACTIONS):
         n_legal += legal[action]
-    uniform = draw_uniform(0, EXPLORATION, uav, memory[0], int(view.time_s * 1000.0))
-    memory[0] += 1
+    uniform = draw_uniform(0, EXPLORATION, uav, memory[_STOPS_DONE], int(view.time_s * 1000.0))
+    memory[_STOPS_DONE] += 1
     chosen = int(uniform * n_legal)
     for action in range(N_ACTIONS):
         if legal[action] == 1:
@@ -130,11 +130,15 @@ def _choose_hert(
     n_cells = briefing.cells_per_side * briefing.cells_per_side
     start = sector_start(briefing, uav, n_cells, by_speed)
     stop = sector_start(briefing, uav + 1, n_cells, by_speed)
-    if start + memory[0] < stop and view.cell == _boustrophedon(briefing, start + memory[0]):
-        memory[0] += 1
-    if start + memory[0] >= stop:
+    if start + memory[_STOPS_DONE] < stop and view.cell == _boustrophedon(
+        briefing, start + memory[_STOPS_DONE]
+    ):
+        memory[_STOPS_DONE] += 1
+    if start + memory[_STOPS_DONE] >= stop:
         return HOME
-    return step_towards(briefing, view.cell, _boustrophedon(briefing, start + memory[0]), legal)
+    return step_towards(
+        briefing, view.cell, _boustrophedon(briefing, start + memory[_STOPS_DONE]), legal
+    )
 
 
 @kernel

@@ -15,7 +15,6 @@ from uav_collect.agent import (
     Agent,
     allocate,
     allocator_named,
-    ALLOCATOR_NAMES,
     Desk,
     must_go_home,
     new_desk,
@@ -34,6 +33,7 @@ from uav_collect.event_log import (
 )
 from uav_collect.ground import Ground, lay_out
 from uav_collect.heuristics import choose, MEMORY_SIZE
+from uav_collect.limits import ALLOCATOR_NAMES
 from uav_collect.mission_log import MissionLog
 from uav_collect.missions import (
     LocalView,
@@ -77,7 +77,7 @@ def fly(
     Args:
         policy: a name that `policy.policy_named` knows, or what makes one UAV's policy.
         mission_seeds: one per mission, 0..2^63-1.
-        allocator: how bandwidth is shared, one of `agent.ALLOCATOR_NAMES`.
+        allocator: how bandwidth is shared, one of `limits.ALLOCATOR_NAMES`.
 
     Raises:
         PolicyMismatchError: there is no such policy, or it breaks the rules in flight.

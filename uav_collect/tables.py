@@ -78,10 +78,6 @@ def _fleet_table(mission: MissionFigures, n_radio_messages: int | None) -> Table
     return table
 
 
-def _completion(mission: MissionFigures) -> str:
-    return f'{mission.completion_s:.1f} s' if mission.is_finished else 'cut short'
-
-
 def _uav_table(mission: MissionFigures) -> Table:
     table = Table(box=SIMPLE_HEAD, padding=(0, 0, 0, 1))
     for heading in (

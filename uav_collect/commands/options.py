@@ -5,12 +5,10 @@ from collections.abc import Callable
 from itertools import cycle, islice
 from typing import TYPE_CHECKING
 
-from uav_collect.limits import MAX_SEED, MAX_UAVS
+from uav_collect.limits import ALLOCATOR_NAMES, MAX_SEED, MAX_UAVS
 
 if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
     from uav_collect.scenario import Scenario
-
-ALLOCATORS = ('exact', 'equal', 'cvxpy')
 
 
 def add_scenario_options(parser: argparse.ArgumentParser) -> None:
@@ -73,7 +71,7 @@ def add_allocator_option(parser: argparse.ArgumentParser) -> None:
     """Add what shares a UAV's bandwidth."""
     parser.add_argument(
         '--bandwidth',
-        choices=ALLOCATORS,
+        choices=ALLOCATOR_NAMES,
         default='exact',
         help='how a hovering UAV shares its bandwidth: exact (shortest hover), equal (as much for'
         ' each sensor) or cvxpy (exact by a general solver, slow) (default: %(default)s)',

@@ -15,9 +15,9 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.subscription import Subscription
 from rclpy.task import Future
 from rclpy.utilities import remove_ros_args
-from uav_collect.agent import Agent, allocator_named, ALLOCATOR_NAMES
+from uav_collect.agent import Agent, allocator_named
 from uav_collect.briefing import brief, Briefing
-from uav_collect.limits import MAX_UAVS
+from uav_collect.limits import ALLOCATOR_NAMES, MAX_UAVS
 from uav_collect.missions import LocalView
 from uav_collect.nodes import convert, topics
 from uav_collect.nodes.cockpit import Cockpit
