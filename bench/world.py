@@ -28,7 +28,7 @@ from uav_collect.radio import channel_draw
 from uav_collect.rollout import fly, fly_batch, new_batch
 from uav_collect.scenario import load, Scenario
 from uav_collect.site import build_site
-from uav_collect.stepping import Flights
+from uav_collect.stepping import Flights, Stepping
 
 WORLDS = (1, 64, 300, 1000)
 CAPACITY = 512  # events of a mission that is measured
@@ -86,7 +86,7 @@ def random_actions(legal: Bools, rng: np.random.Generator) -> Ints:
 def step_once(layout: Layout, n_worlds: int) -> float:
     """Missions stepped from Python by random actions, chosen off the clock [us]."""
     scenario, rng = scenario_for(Heuristic.HERT), np.random.default_rng(0)
-    flights = Flights(scenario, build_site(scenario), range(n_worlds), layout=layout)
+    flights = Flights(scenario, build_site(scenario), range(n_worlds), Stepping(layout=layout))
     decisions, spent_s, n_decisions = flights.decisions, 0.0, 0
     for _ in range(STEPS):
         actions = random_actions(decisions.legal, rng)
@@ -100,7 +100,7 @@ def step_once(layout: Layout, n_worlds: int) -> float:
 def copy_once(layout: Layout, n_worlds: int) -> float:
     """Copying as many observations as a step hands out, CPU time per decision [us]."""
     scenario = scenario_for(Heuristic.HERT)
-    flights = Flights(scenario, build_site(scenario), range(n_worlds), layout=layout)
+    flights = Flights(scenario, build_site(scenario), range(n_worlds), Stepping(layout=layout))
     table = flights.decisions.observation
     target = np.empty_like(table)
     start_s = time.process_time()

@@ -42,7 +42,7 @@ def observation(layout: Layout, scenario: Scenario, *actions: int) -> Floats:
 
 
 def test_a_layout_is_named_with_its_version() -> None:
-    assert [layout.label for layout in Layout] == ['paper/1', 'egocentric/1']
+    assert [layout.label for layout in Layout] == ['paper/1', 'egocentric/2']
 
 
 @pytest.mark.parametrize(

@@ -31,12 +31,12 @@ UNITS = {
 # A module imports from its own line and the lines above. nodes/ and commands/ import from all, but
 # not from each other.
 LAYERS = (
-    'arrays compiled limits philox rows mission_log',
+    'arrays compiled limits philox rows shared_files mission_log',
     'yaml_text config_files config_rules sensors_csv scenario_model scenario site',
     'radio energy bandwidth_newton bandwidth_reference bandwidth',
-    'actions briefing ground missions world belief observation reward event_log',
-    'heuristics policy agent',
-    'preflight simulation rollout stepping',
+    'actions briefing ground missions world belief observation reward event_log experience',
+    'frozen heuristics policy agent',
+    'batch preflight simulation stepping rollout',
     'metrics evaluation lanes plots tables bag bag_writer bag_repair',
 )
 LAYER_OF = {module: rank for rank, line in enumerate(LAYERS) for module in line.split()}

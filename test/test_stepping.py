@@ -22,7 +22,7 @@ from uav_collect.rollout import fly
 from uav_collect.rows import new_row
 from uav_collect.scenario import ConfigError, load, Scenario
 from uav_collect.site import build_site
-from uav_collect.stepping import Decisions, Flights
+from uav_collect.stepping import Decisions, Flights, Stepping
 
 SEEDS = (3, 4, 5)
 
@@ -35,7 +35,7 @@ def paper() -> Scenario:
 
 
 def flights_of(scenario: Scenario, seeds: Sequence[int] = SEEDS, **how: object) -> Flights:
-    return Flights(scenario, build_site(scenario), seeds, **how)
+    return Flights(scenario, build_site(scenario), seeds, Stepping(**how))
 
 
 def kept(decisions: Decisions) -> Decisions:

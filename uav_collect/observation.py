@@ -1,10 +1,12 @@
 """What a learned policy sees: the belief and the local view as one vector, in one of two layouts.
 
 A layout's name carries its version: a frozen policy refuses any other.
-- `paper/1`: remaining energy, position, completion map, demand of the 3 x 3 region.
-- `egocentric/1`: a 9 x 9 patch around the UAV (incomplete, seen demand, outside), the same
-  incomplete and demand maps pooled coarsely further out, home, and where others were last heard.
-Both end with the previous action and the UAV's index, one-hot.
+- `paper/1`: remaining energy, position, completion map, demand of the 3 x 3 region, the previous
+  action and the UAV's index, one-hot.
+- `egocentric/2`: a 9 x 9 patch around the UAV (incomplete, seen demand, outside), the incomplete
+  and demand maps pooled more coarsely further out, walls, home, the fleet and where others were
+  last heard. Its size depends neither on the area nor on the fleet, and lengths count in cells, so
+  that one policy may fly several of both.
 """
 
 from enum import IntEnum
@@ -15,12 +17,22 @@ from uav_collect.arrays import Row
 from uav_collect.belief import Belief, NEVER
 from uav_collect.briefing import Briefing
 from uav_collect.compiled import kernel
+from uav_collect.limits import EGOCENTRIC_MAX_UAVS
 from uav_collect.missions import LocalView, VIEW_CELLS
+from uav_collect.yaml_text import ConfigError
 
 PATCH_SIDE = 9  # cells of the egocentric layout's fine patch
-POOL_SIDE = 3  # cells pooled into one of its coarse blocks
-BLOCKS_SIDE = 7  # coarse blocks: 21 x 21 cells about the UAV
+NEAR_POOL_SIDE, NEAR_BLOCKS_SIDE = (
+    3,
+    7,
+)  # cells a block, blocks a side: 21 x 21 cells about the UAV
+FAR_POOL_SIDE, FAR_BLOCKS_SIDE = 9, 5  # 45 x 45 cells
+_N_SCALARS = 10
+_N_PER_PEER = 5
 _DEMAND_SCALE_BIT = 1e6
+_LENGTH_SCALE_CELLS = 10.0
+_COUNT_SCALE_CELLS = 100.0
+_SPEED_SCALE_MPS = 10.0
 _TIME_SCALE_S = 100.0  # the horizon of a discount of 0.99 per second
 
 
@@ -33,15 +45,26 @@ class Layout(IntEnum):
     @property
     def label(self) -> str:
         """Name and version."""
-        return ('paper/1', 'egocentric/1')[self]
+        return ('paper/1', 'egocentric/2')[self]
 
 
 def observation_size(layout: Layout, cells_per_side: int, n_uavs: int) -> int:
-    """Length of an observation."""
-    common = N_ACTIONS + n_uavs
+    """Length of an observation.
+
+    Raises:
+        ConfigError: the layout has no room for so many UAVs.
+    """
     if layout == Layout.PAPER:
-        return 3 + cells_per_side * cells_per_side + VIEW_CELLS + common
-    return 5 + 3 * PATCH_SIDE * PATCH_SIDE + 2 * BLOCKS_SIDE * BLOCKS_SIDE + 4 * n_uavs + common
+        return 3 + cells_per_side * cells_per_side + VIEW_CELLS + N_ACTIONS + n_uavs
+    if n_uavs > EGOCENTRIC_MAX_UAVS:
+        raise ConfigError(
+            f'fleet.uavs: {n_uavs} UAVs; observations {layout.label} have room for '
+            f'{EGOCENTRIC_MAX_UAVS}'
+        )
+    blocks = NEAR_BLOCKS_SIDE * NEAR_BLOCKS_SIDE + FAR_BLOCKS_SIDE * FAR_BLOCKS_SIDE
+    peers = _N_PER_PEER * (EGOCENTRIC_MAX_UAVS - 1)
+    maps = 3 * PATCH_SIDE * PATCH_SIDE + 2 * blocks
+    return _N_SCALARS + maps + peers + N_ACTIONS + EGOCENTRIC_MAX_UAVS
 
 
 @kernel
@@ -51,17 +74,19 @@ def encode(
     """Write the observation of the deciding UAV.
 
     Args:
-        out: written, demand in Mbit, all else within -1..1, shape (observation_size,).
+        out: written; numbers of the order of one, shape (observation_size,).
     """
     if layout == Layout.PAPER:
         filled = _encode_paper(briefing, uav, belief, view, out)
+        n_places = briefing.n_uavs
     else:
         filled = _encode_egocentric(briefing, uav, belief, view, out)
+        n_places = EGOCENTRIC_MAX_UAVS
     for action in range(N_ACTIONS):
         out[filled + action] = 1.0 if view.previous_action == action else 0.0
     filled += N_ACTIONS
-    for other in range(briefing.n_uavs):
-        out[filled + other] = 1.0 if other == uav else 0.0
+    for place in range(n_places):
+        out[filled + place] = 1.0 if place == uav else 0.0
 
 
 @kernel
@@ -86,23 +111,52 @@ def _encode_paper(
 def _encode_egocentric(
     briefing: Briefing, uav: int, belief: Belief, view: LocalView, out: Row[float]
 ) -> int:
+    scale_m = _LENGTH_SCALE_CELLS * briefing.cell_size_m
     side_m = briefing.cells_per_side * briefing.cell_size_m
     out[0] = view.energy_left_j / briefing.energy_budget_j[uav]
-    out[1] = view.x_m / side_m
-    out[2] = view.y_m / side_m
-    out[3] = (briefing.home_x_m[uav] - view.x_m) / side_m
-    out[4] = (briefing.home_y_m[uav] - view.y_m) / side_m
-    filled = _encode_patch(briefing, belief, view.cell, 5, out)
-    filled = _encode_blocks(briefing, belief, view.cell, filled, out)
+    out[1] = view.x_m / scale_m
+    out[2] = view.y_m / scale_m
+    out[3] = (side_m - view.x_m) / scale_m
+    out[4] = (side_m - view.y_m) / scale_m
+    out[5] = (briefing.home_x_m[uav] - view.x_m) / scale_m
+    out[6] = (briefing.home_y_m[uav] - view.y_m) / scale_m
+    out[7] = briefing.speed_mps[uav] / _SPEED_SCALE_MPS
+    out[8] = briefing.n_uavs / EGOCENTRIC_MAX_UAVS
+    out[9] = (len(belief.complete) - belief.n_complete[0]) / _COUNT_SCALE_CELLS
+    filled = _encode_patch(briefing, belief, view.cell, _N_SCALARS, out)
+    filled = _encode_blocks(
+        briefing, belief, view.cell, NEAR_POOL_SIDE, NEAR_BLOCKS_SIDE, filled, out
+    )
+    filled = _encode_blocks(
+        briefing, belief, view.cell, FAR_POOL_SIDE, FAR_BLOCKS_SIDE, filled, out
+    )
+    return _encode_peers(briefing, uav, belief, view, scale_m, filled, out)
+
+
+@kernel
+def _encode_peers(
+    briefing: Briefing,
+    uav: int,
+    belief: Belief,
+    view: LocalView,
+    scale_m: float,
+    filled: int,
+    out: Row[float],
+) -> int:
+    for index in range(_N_PER_PEER * (EGOCENTRIC_MAX_UAVS - 1)):
+        out[filled + index] = 0.0
     for other in range(briefing.n_uavs):
-        heard = other != uav and belief.peer_s[other] != NEVER
-        out[filled] = 1.0 if heard else 0.0
-        out[filled + 1] = (belief.peer_x_m[other] - view.x_m) / side_m if heard else 0.0
-        out[filled + 2] = (belief.peer_y_m[other] - view.y_m) / side_m if heard else 0.0
-        age_s = view.time_s - belief.peer_s[other]
-        out[filled + 3] = math.exp(-age_s / _TIME_SCALE_S) if heard else 0.0
-        filled += 4
-    return filled
+        if other == uav:
+            continue
+        place = filled + _N_PER_PEER * (other - 1 if other > uav else other)
+        out[place] = briefing.speed_mps[other] / _SPEED_SCALE_MPS
+        if belief.peer_s[other] == NEVER:
+            continue
+        out[place + 1] = 1.0
+        out[place + 2] = (belief.peer_x_m[other] - view.x_m) / scale_m
+        out[place + 3] = (belief.peer_y_m[other] - view.y_m) / scale_m
+        out[place + 4] = math.exp((belief.peer_s[other] - view.time_s) / _TIME_SCALE_S)
+    return filled + _N_PER_PEER * (EGOCENTRIC_MAX_UAVS - 1)
 
 
 @kernel
@@ -117,19 +171,23 @@ def _encode_patch(
         cell = row * side + column
         is_open = is_inside and belief.complete[cell] == 0
         out[filled + index] = 1.0 if is_open else 0.0
-        out[filled + n_patch + index] = (
-            belief.seen_bit[cell] / _DEMAND_SCALE_BIT if is_open else 0.0
-        )
+        out[filled + n_patch + index] = _demand(belief.seen_bit[cell]) if is_open else 0.0
         out[filled + 2 * n_patch + index] = 0.0 if is_inside else 1.0
     return filled + 3 * n_patch
 
 
 @kernel
 def _encode_blocks(
-    briefing: Briefing, belief: Belief, centre: int, filled: int, out: Row[float]
+    briefing: Briefing,
+    belief: Belief,
+    centre: int,
+    pool_side: int,
+    blocks_side: int,
+    filled: int,
+    out: Row[float],
 ) -> int:
-    side, n_blocks = briefing.cells_per_side, BLOCKS_SIDE * BLOCKS_SIDE
-    reach = BLOCKS_SIDE * POOL_SIDE // 2
+    side, n_blocks = briefing.cells_per_side, blocks_side * blocks_side
+    reach = blocks_side * pool_side // 2
     south, west = centre // side - reach, centre % side - reach
     for index in range(2 * n_blocks):
         out[filled + index] = 0.0
@@ -138,9 +196,13 @@ def _encode_blocks(
             cell = row * side + column
             if belief.complete[cell] != 0:
                 continue
-            block = (row - south) // POOL_SIDE * BLOCKS_SIDE + (column - west) // POOL_SIDE
-            out[filled + block] += 1.0 / (POOL_SIDE * POOL_SIDE)
-            out[filled + n_blocks + block] += belief.seen_bit[cell] / (
-                POOL_SIDE * POOL_SIDE * _DEMAND_SCALE_BIT
-            )
+            block = (row - south) // pool_side * blocks_side + (column - west) // pool_side
+            out[filled + block] += 1.0 / (pool_side * pool_side)
+            out[filled + n_blocks + block] += _demand(belief.seen_bit[cell]) / pool_side
     return filled + 2 * n_blocks
+
+
+@kernel
+def _demand(seen_bit: float) -> float:
+    """Seen demand on a scale that suits a megabit as well as a hundred."""
+    return math.log1p(seen_bit / _DEMAND_SCALE_BIT) if seen_bit > 0.0 else 0.0

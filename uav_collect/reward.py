@@ -1,5 +1,10 @@
-"""The team's reward between two events, eqs (reward_plain), (imm_reward)."""
+"""The team's reward between two events: the paper's, eqs (reward_plain), (imm_reward), or energy.
 
+The energy reward is what the mission is about: one for each cell that becomes complete on the
+union of all UAVs' maps, less the kilojoules spent.
+"""
+
+from enum import IntEnum
 import math
 
 from uav_collect.actions import cell_at, HOVER, NONE
@@ -8,6 +13,43 @@ from uav_collect.compiled import kernel
 from uav_collect.ground import Ground
 from uav_collect.missions import Mission
 from uav_collect.world import end_s, next_uav
+
+_JOULE_SCALE = 1e-3
+
+
+class Reward(IntEnum):
+    """What a learner may maximise."""
+
+    PAPER = 0
+    ENERGY = 1
+
+
+@kernel
+def energy_reward(
+    briefing: Briefing, ground: Ground, mission: Mission, start_s: float, stop_s: float
+) -> float:
+    """Minus the kilojoules that all UAVs spend over an interval, discounted to its start.
+
+    A UAV that waits after its action, as all do in synchronous missions, hovers.
+    """
+    spent_kj = 0.0
+    for uav in range(briefing.n_uavs):
+        acted_s = mission.leg_start_s[uav] + mission.duration_s[uav]
+        hover_w = briefing.hover_power_w[uav]
+        acting_w = hover_w if mission.action[uav] == HOVER else briefing.flight_power_w[uav]
+        acting_s = min(stop_s, acted_s) - start_s
+        if acting_s > 0.0:
+            spent_kj += acting_w * _JOULE_SCALE * _discounted_s(ground, acting_s)
+        waits_from_s = max(start_s, acted_s)
+        waiting_s = min(stop_s, mission.leg_end_s[uav]) - waits_from_s
+        if waiting_s > 0.0:
+            spent_kj += (
+                hover_w
+                * _JOULE_SCALE
+                * discount(ground, waits_from_s - start_s)
+                * _discounted_s(ground, waiting_s)
+            )
+    return -spent_kj
 
 
 @kernel

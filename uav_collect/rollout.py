@@ -7,22 +7,17 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 import math
-from typing import NamedTuple
 
 from uav_collect import actions
 from uav_collect.actions import HOME, NONE
 from uav_collect.agent import (
     Agent,
-    allocate,
     allocator_named,
-    Desk,
-    must_go_home,
-    new_desk,
 )
-from uav_collect.arrays import Row
-from uav_collect.belief import belief_of, Beliefs, hear, new_beliefs, observe
+from uav_collect.batch import arrive, Batch, new_batch
+from uav_collect.belief import belief_of
 from uav_collect.briefing import brief, Briefing
-from uav_collect.compiled import kernel, row_kernel
+from uav_collect.compiled import kernel
 from uav_collect.event_log import (
     EventLog,
     grown_log,
@@ -32,37 +27,20 @@ from uav_collect.event_log import (
     new_log,
 )
 from uav_collect.ground import Ground, lay_out
-from uav_collect.heuristics import choose, MEMORY_SIZE
+from uav_collect.heuristics import choose
 from uav_collect.limits import ALLOCATOR_NAMES
 from uav_collect.mission_log import MissionLog
 from uav_collect.missions import (
-    LocalView,
     mission_of,
-    Missions,
-    new_missions,
-    new_view_rows,
-    ViewRows,
 )
 from uav_collect.policy import Policy, policy_named, PolicyMismatchError, RulePolicy
 from uav_collect.preflight import check_can_start
-from uav_collect.rows import new_table
 from uav_collect.scenario import Scenario
 from uav_collect.simulation import mission_header, Simulation
 from uav_collect.site import Site
-from uav_collect.world import end_s, in_contact, look, next_uav, start_action, x_m_at, y_m_at
+from uav_collect.world import end_s, next_uav, start_action
 
 _FIRST_CAPACITY = 256  # events of a mission that the log has room for before it must grow
-
-
-class Batch(NamedTuple):
-    """Missions side by side, and what their UAVs believe and remember."""
-
-    missions: Missions
-    beliefs: Beliefs  # by mission, then UAV: (W * U, ...)
-    memory: Row[Row[int]]  # of the rules, the same
-    n_events: Row[Row[int]]  # (W, 1)
-    desk: Desk
-    view_rows: ViewRows
 
 
 def fly(
@@ -153,20 +131,6 @@ def _fly_compiled(
     ]
 
 
-def new_batch(briefing: Briefing, ground: Ground, mission_seeds: Sequence[int]) -> Batch:
-    """Missions at their start."""
-    n_worlds, n_uavs = len(mission_seeds), briefing.n_uavs
-    view_rows = new_view_rows(ground)
-    return Batch(
-        missions=new_missions(briefing, ground, mission_seeds),
-        beliefs=new_beliefs(briefing, n_worlds * n_uavs),
-        memory=new_table(n_worlds * n_uavs, MEMORY_SIZE, 0),
-        n_events=new_table(n_worlds, 1, 0),
-        desk=new_desk(len(view_rows.sensor)),
-        view_rows=view_rows,
-    )
-
-
 @kernel
 def fly_batch(
     heuristic: int,
@@ -219,44 +183,3 @@ def _fly_event(
     bit = start_action(briefing, mission, uav, view, action, batch.desk.share_hz)
     log_event(log, world, index, mission, belief.n_complete[0], uav, view, reason, bit, heard)
     batch.n_events[world][0] = index + 1
-
-
-@row_kernel
-def arrive(
-    allocator: int, briefing: Briefing, ground: Ground, batch: Batch, world: int, uav: int
-) -> tuple[LocalView, int, int]:
-    """Let a UAV do what it does at its action's end before it chooses: look, talk, allocate.
-
-    The bandwidth shares and the legal actions lie on the batch's desk.
-
-    Returns:
-        What it sees; why it must go home, or NONE; the UAVs in contact, as bits.
-    """
-    mission = mission_of(batch.missions, world)
-    view = look(briefing, ground, mission, uav, batch.view_rows)
-    belief = belief_of(batch.beliefs, world * briefing.n_uavs + uav)
-    observe(belief, briefing, view)
-    heard = _exchange(briefing, batch, world, uav, view.time_s)
-    hover_s = allocate(allocator, briefing, view, batch.desk)
-    legal = batch.desk.legal
-    return view, must_go_home(briefing, uav, belief.n_complete[0], view, hover_s, legal), heard
-
-
-@kernel
-def _exchange(briefing: Briefing, batch: Batch, world: int, uav: int, time_s: float) -> int:
-    """The deciding UAV hears all in contact, then they hear it; a bit mask of who they are."""
-    mission = mission_of(batch.missions, world)
-    first = world * briefing.n_uavs
-    belief = belief_of(batch.beliefs, first + uav)
-    heard = 0
-    for other in range(briefing.n_uavs):
-        if in_contact(briefing, mission, uav, other, time_s):
-            heard |= 1 << other
-            x_m, y_m = x_m_at(mission, other, time_s), y_m_at(mission, other, time_s)
-            hear(belief, other, batch.beliefs.complete[first + other], x_m, y_m, time_s)
-    x_m, y_m = x_m_at(mission, uav, time_s), y_m_at(mission, uav, time_s)
-    for other in range(briefing.n_uavs):
-        if heard >> other & 1:
-            peer = belief_of(batch.beliefs, first + other)
-            hear(peer, uav, belief.complete, x_m, y_m, time_s)
-    return heard

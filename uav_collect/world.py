@@ -39,6 +39,27 @@ def end_s(mission: Mission) -> float:
 
 
 @kernel
+def wait_for_the_slowest(briefing: Briefing, mission: Mission) -> None:
+    """Let the UAVs that are done first wait, hovering, until every active one is done.
+
+    Synchronous missions decide so, all at the same instants. Nothing happens while a UAV has yet
+    to start its next action.
+    """
+    latest_s = 0.0
+    for uav in range(briefing.n_uavs):
+        if mission.phase[uav] == ACTIVE:
+            if mission.leg_end_s[uav] <= mission.clock_s[0]:
+                return
+            latest_s = max(latest_s, mission.leg_end_s[uav])
+    for uav in range(briefing.n_uavs):
+        if mission.phase[uav] == ACTIVE:
+            waiting_j = briefing.hover_power_w[uav] * (latest_s - mission.leg_end_s[uav])
+            mission.leg_end_s[uav] = latest_s
+            mission.energy_j[uav] += waiting_j
+            mission.energy_left_j[uav] -= waiting_j
+
+
+@kernel
 def has_landed(mission: Mission, uav: int, time_s: float) -> bool:
     """Whether the UAV is home for good, and silent."""
     return mission.phase[uav] == FLYING_HOME and mission.leg_end_s[uav] <= time_s

@@ -1,0 +1,253 @@
+"""What a learner keeps of a decision: enough to rebuild the observation and the global state.
+
+A record is a tenth of an encoded observation: maps are kept as bits, and what demand a UAV has
+seen as bits too, for a hover takes all of a cell's data, so that a cell holds all it had at first
+or nothing.
+"""
+
+from dataclasses import dataclass
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from uav_collect import actions
+from uav_collect.actions import N_ACTIONS, NONE
+from uav_collect.arrays import Floats, Row
+from uav_collect.belief import Belief, belief_of, Beliefs, new_beliefs
+from uav_collect.briefing import Briefing
+from uav_collect.compiled import kernel
+from uav_collect.missions import LocalView, Mission, VIEW_CELLS
+from uav_collect.observation import encode
+from uav_collect.world import x_m_at, y_m_at
+
+N_UAV_SCALARS = 4  # of the global state: position, energy, whether it still decides
+_BYTE = 8
+
+
+class Records(NamedTuple):
+    """Decisions, one row each, (N, ...). Bits lie low first in their bytes, by cell."""
+
+    uav: Row[int]  # (N,)
+    decision: Row[int]  # running number of the UAV's own decisions
+    time_s: Row[float]
+    energy_left_j: Row[float]  # of the deciding UAV
+    cell: Row[int]
+    previous_action: Row[int]
+    legal: Row[int]  # bits by action
+    peer_x_m: Row[Row[float]]  # (N, U) where the UAV last heard each other one
+    peer_y_m: Row[Row[float]]
+    peer_s: Row[Row[float]]
+    complete: Row[Row[int]]  # (N, U * B) the maps of all UAVs
+    true_complete: Row[Row[int]]  # (N, B)
+    seen: Row[Row[int]]  # (N, B) where the deciding UAV has seen demand
+    fleet: Row[Row[float]]  # (N, U * N_UAV_SCALARS) the rest of the global state
+    action: Row[int]  # what was chosen; NONE where that is not known yet
+    reward: Row[float]  # until the next decision of the mission, discounted to this one
+    duration_s: Row[float]
+
+
+_BITS = {'legal', 'complete', 'true_complete', 'seen'}
+_SMALL = {'uav', 'previous_action', 'action'}
+
+
+def n_map_bytes(n_cells: int) -> int:
+    """Bytes of one completion map as bits."""
+    return -(-n_cells // _BYTE)
+
+
+def new_records(n_rows: int, briefing: Briefing) -> Records:
+    """Room for so many decisions."""
+    n_bytes = n_map_bytes(briefing.cells_per_side * briefing.cells_per_side)
+    widths = {
+        'complete': briefing.n_uavs * n_bytes, 'true_complete': n_bytes, 'seen': n_bytes,
+        'fleet': briefing.n_uavs * N_UAV_SCALARS,
+    } | dict.fromkeys(('peer_x_m', 'peer_y_m', 'peer_s'), briefing.n_uavs)  # fmt: skip
+    tables: dict[str, Any] = {}
+    for name in Records._fields:
+        shape = (n_rows, widths[name]) if name in widths else (n_rows,)
+        tables[name] = np.zeros(shape, dtype=_dtype(name))
+    return Records(**tables)
+
+
+def record_bytes(briefing: Briefing) -> int:
+    """Size of one record."""
+    return sum(table.nbytes for table in new_records(1, briefing))  # type: ignore[attr-defined]
+
+
+def _dtype(name: str) -> np.dtype[Any]:
+    if name in _BITS:
+        return np.dtype(np.uint8)
+    if name in _SMALL:
+        return np.dtype(np.int8)
+    if name in ('decision', 'cell'):
+        return np.dtype(np.int32)
+    return np.dtype(np.float32 if name == 'fleet' else np.float64)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Episode:
+    """The decisions of one mission, in order."""
+
+    mission_seed: int
+    demand_bit: Floats  # (C,) at the start of the mission
+    records: Records
+    is_whole: bool  # False: cut off; the last decision's outcome is not known
+
+    @property
+    def n_decisions(self) -> int:
+        """How many decisions it has."""
+        return len(self.records.uav)
+
+
+@kernel
+def record(
+    records: Records,
+    row: int,
+    briefing: Briefing,
+    mission: Mission,
+    beliefs: Beliefs,
+    first_belief: int,
+    uav: int,
+    view: LocalView,
+    legal: Row[int],
+) -> None:
+    """Write what the deciding UAV and the world know, before the UAV's action starts.
+
+    Args:
+        first_belief: place of the mission's first UAV in the beliefs.
+    """
+    belief = belief_of(beliefs, first_belief + uav)
+    n_cells = len(belief.complete)
+    n_bytes = len(records.seen[row])
+    records.uav[row] = uav
+    records.decision[row] = mission.n_decisions[uav]
+    records.time_s[row] = view.time_s
+    records.energy_left_j[row] = view.energy_left_j
+    records.cell[row] = view.cell
+    records.previous_action[row] = view.previous_action
+    records.action[row] = NONE
+    records.reward[row] = 0.0
+    records.duration_s[row] = 0.0
+    bits = 0
+    for action in range(N_ACTIONS):
+        bits |= legal[action] << action
+    records.legal[row] = bits
+    for byte in range(n_bytes):
+        done, seen = 0, 0
+        for place in range(min(_BYTE, n_cells - byte * _BYTE)):
+            cell = byte * _BYTE + place
+            done |= (1 if mission.cell_bit[cell] <= 0.0 else 0) << place
+            seen |= (1 if belief.seen_bit[cell] > 0.0 else 0) << place
+        records.true_complete[row][byte] = done
+        records.seen[row][byte] = seen
+    for other in range(briefing.n_uavs):
+        records.peer_x_m[row][other] = belief.peer_x_m[other]
+        records.peer_y_m[row][other] = belief.peer_y_m[other]
+        records.peer_s[row][other] = belief.peer_s[other]
+        complete = beliefs.complete[first_belief + other]
+        for byte in range(n_bytes):
+            known = 0
+            for place in range(min(_BYTE, n_cells - byte * _BYTE)):
+                known |= complete[byte * _BYTE + place] << place
+            records.complete[row][other * n_bytes + byte] = known
+        _record_uav(records, row, briefing, mission, other, view.time_s)
+
+
+@kernel
+def _record_uav(
+    records: Records, row: int, briefing: Briefing, mission: Mission, uav: int, time_s: float
+) -> None:
+    side_m = briefing.cells_per_side * briefing.cell_size_m
+    first = uav * N_UAV_SCALARS
+    records.fleet[row][first] = x_m_at(mission, uav, time_s) / side_m
+    records.fleet[row][first + 1] = y_m_at(mission, uav, time_s) / side_m
+    records.fleet[row][first + 2] = mission.energy_left_j[uav] / briefing.energy_budget_j[uav]
+    records.fleet[row][first + 3] = 1.0 if mission.phase[uav] == 0 else 0.0
+
+
+class _Rebuilt(NamedTuple):
+    """Rows that observations are rebuilt in."""
+
+    beliefs: Beliefs  # one
+    region_bit: Row[float]
+
+
+def observations(
+    layout: int,
+    briefing: Briefing,
+    records: Records,
+    demand_bit: Floats,
+    mission: NDArray[np.int64],
+    order: NDArray[np.int64],
+    out: NDArray[np.float32],
+) -> None:
+    """Rebuild the observations of records, as the UAVs encoded them.
+
+    Args:
+        demand_bit: of each mission, shape (M, C).
+        mission: which mission each record belongs to, shape (N,).
+        order: the row of `out` that each record goes to, shape (N,).
+        out: written, shape (N, observation_size).
+    """
+    rebuilt = _Rebuilt(beliefs=new_beliefs(briefing, 1), region_bit=np.zeros(VIEW_CELLS))
+    _rebuild(layout, briefing, records, demand_bit, mission, order, rebuilt, out)
+
+
+@kernel
+def _rebuild(
+    layout: int,
+    briefing: Briefing,
+    records: Records,
+    demand_bit: Row[Row[float]],
+    mission: Row[int],
+    order: Row[int],
+    rebuilt: _Rebuilt,
+    out: Row[Row[float]],
+) -> None:
+    belief = belief_of(rebuilt.beliefs, 0)
+    side = briefing.cells_per_side
+    none_row = rebuilt.region_bit
+    for row in range(len(records.uav)):
+        uav = records.uav[row]
+        _rebuild_belief(briefing, records, row, demand_bit[mission[row]], belief)
+        cell = records.cell[row]
+        for index in range(VIEW_CELLS):
+            near = actions.neighbour(briefing, cell, index // 3 - 1, index % 3 - 1)
+            rebuilt.region_bit[index] = belief.seen_bit[near] if near >= 0 else math.nan
+        view = LocalView(
+            records.time_s[row],
+            (cell % side + 0.5) * briefing.cell_size_m,
+            (cell // side + 0.5) * briefing.cell_size_m,
+            cell,
+            records.energy_left_j[row],
+            records.previous_action[row],
+            rebuilt.region_bit,
+            0,
+            none_row,
+            none_row,
+            none_row,
+            none_row,
+        )
+        encode(layout, briefing, uav, belief, view, out[order[row]])
+
+
+@kernel
+def _rebuild_belief(
+    briefing: Briefing, records: Records, row: int, demand_bit: Row[float], belief: Belief
+) -> None:
+    n_bytes = len(records.seen[row])
+    first = records.uav[row] * n_bytes
+    n_complete = 0
+    for cell in range(len(belief.complete)):
+        byte, place = cell // _BYTE, cell % _BYTE
+        known = records.complete[row][first + byte] >> place & 1
+        belief.complete[cell] = known
+        n_complete += known
+        has_seen = records.seen[row][byte] >> place & 1
+        belief.seen_bit[cell] = demand_bit[cell] if has_seen else 0.0
+    belief.n_complete[0] = n_complete
+    for other in range(briefing.n_uavs):
+        belief.peer_x_m[other] = records.peer_x_m[row][other]
+        belief.peer_y_m[other] = records.peer_y_m[row][other]
+        belief.peer_s[other] = records.peer_s[row][other]
