@@ -24,9 +24,10 @@ from uav_collect.arrays import Row
 from uav_collect.bandwidth import AllocationError
 from uav_collect.belief import Belief, NEVER
 from uav_collect.briefing import brief, Briefing
+from uav_collect.frozen import PolicyMismatchError
 from uav_collect.limits import ALLOCATOR_NAMES
 from uav_collect.missions import LocalView
-from uav_collect.policy import policy_named, PolicyMismatchError
+from uav_collect.policy import policy_named
 from uav_collect.rows import row_of
 from uav_collect.scenario import Scenario
 from uav_collect.simulation import Simulation

@@ -11,10 +11,11 @@ from uav_collect.arrays import Row
 from uav_collect.bandwidth import AllocationError
 from uav_collect.belief import Belief
 from uav_collect.briefing import Briefing
+from uav_collect.frozen import PolicyMismatchError
 from uav_collect.metrics import check_log, figures
 from uav_collect.mission_log import from_jsonl, MissionLog
 from uav_collect.missions import LocalView
-from uav_collect.policy import Policy, policy_named, PolicyMismatchError
+from uav_collect.policy import Policy, policy_named
 from uav_collect.rollout import fly
 from uav_collect.scenario import fingerprint, load, Scenario
 from uav_collect.site import build_site

@@ -1,18 +1,29 @@
 """What decides for one UAV: the protocol that every policy follows, and the choice of one."""
 
 from dataclasses import dataclass, field
+import os
+from pathlib import Path
 from typing import Protocol
 
-from uav_collect.arrays import Row
+import numpy as np
+from uav_collect.arrays import Floats, Row
 from uav_collect.belief import Belief
-from uav_collect.briefing import Briefing
+from uav_collect.briefing import brief, Briefing
+from uav_collect.frozen import (
+    best_actions,
+    FrozenPolicy,
+    load_policy,
+    PolicyMismatchError,
+    SUFFIX,
+)
 from uav_collect.heuristics import choose, Heuristic, MEMORY_SIZE
 from uav_collect.missions import LocalView
+from uav_collect.observation import encode
 from uav_collect.rows import new_row
+from uav_collect.scenario import Scenario
+from uav_collect.shared_files import shared_folders
 
-
-class PolicyMismatchError(ValueError):
-    """A policy that does not exist or does not fit: which, and what would."""
+STRONG = 'strong'  # stands for the learned policy that is shipped for the scenario at hand
 
 
 class Policy(Protocol):
@@ -27,7 +38,11 @@ class Policy(Protocol):
         """Which version of it flies."""
 
     def begin(self, briefing: Briefing, uav: int) -> None:
-        """Forget the last mission and get ready to fly a UAV, by index."""
+        """Forget the last mission and get ready to fly a UAV, by index.
+
+        Raises:
+            PolicyMismatchError: it cannot fly this fleet over this area.
+        """
 
     def choose(self, belief: Belief, view: LocalView, legal: Row[int]) -> int:
         """One of the legal actions (at least one is), or actions.HOME to end the mission."""
@@ -38,9 +53,9 @@ class RulePolicy:
     """A heuristic behind the protocol."""
 
     heuristic: Heuristic
-    _briefing: Briefing | None = None
-    _uav: int = 0
-    _memory: Row[int] = field(default_factory=lambda: new_row(MEMORY_SIZE, 0))
+    _briefing: Briefing | None = field(default=None, init=False)
+    _uav: int = field(default=0, init=False)
+    _memory: Row[int] = field(default_factory=lambda: new_row(MEMORY_SIZE, 0), init=False)
 
     @property
     def name(self) -> str:
@@ -65,11 +80,55 @@ class RulePolicy:
         return choose(self.heuristic, self._briefing, self._uav, belief, view, legal, self._memory)
 
 
-def policy_named(name: str) -> Policy:
-    """The policy that a user names.
+@dataclass
+class LearnedPolicy:
+    """A frozen policy behind the protocol, with the hidden state of the UAV that it flies.
+
+    Those of a fleet share the frozen policy.
+    """
+
+    name: str
+    frozen: FrozenPolicy
+    _briefing: Briefing | None = field(default=None, init=False)
+    _uav: int = field(default=0, init=False)
+    _hidden: Floats = field(default_factory=lambda: np.zeros((1, 0)), init=False)  # (1, H)
+    _observation: Row[float] = field(default_factory=lambda: new_row(0, 0.0), init=False)
+
+    @property
+    def version(self) -> str:
+        """Run, update and weights that it came from."""
+        return self.frozen.header.version
+
+    def begin(self, briefing: Briefing, uav: int) -> None:
+        """Forget the last mission and get ready to fly a UAV, by index.
+
+        Raises:
+            PolicyMismatchError: it did not learn to fly such a fleet, or such an area.
+        """
+        misfit = self.frozen.misfit(briefing)
+        if misfit is not None:
+            raise PolicyMismatchError(f'policy {self.name}: {misfit}')
+        self._briefing = briefing
+        self._uav = uav
+        self._hidden = self.frozen.new_hidden(1)
+        self._observation = new_row(self.frozen.header.observation_size, 0.0)
+
+    def choose(self, belief: Belief, view: LocalView, legal: Row[int]) -> int:
+        """The legal action of the highest value."""
+        if self._briefing is None:
+            raise RuntimeError('a policy must begin a mission before it chooses')
+        layout = int(self.frozen.header.layout)
+        encode(layout, self._briefing, self._uav, belief, view, self._observation)
+        observed = np.array([self._observation], dtype=np.float64)
+        values, self._hidden = self.frozen.step(observed, self._hidden)
+        return int(best_actions(values, np.array([legal]) == 1)[0])
+
+
+def policy_named(name: str) -> RulePolicy | LearnedPolicy:
+    """The policy that a user names: a heuristic, a shipped policy or the path of a file.
 
     Raises:
-        PolicyMismatchError: there is none of that name.
+        PolicyMismatchError: there is none of that name, or its file is broken.
     """
     match name:
         case 'hert':
@@ -81,5 +140,56 @@ def policy_named(name: str) -> Policy:
         case 'random':
             return RulePolicy(Heuristic.RANDOM)
         case _:
-            known = ', '.join(heuristic.label for heuristic in Heuristic)
-            raise PolicyMismatchError(f'policy {name!r} is unknown; there are {known}')
+            return _learned(_file_of(name))
+
+
+def policy_for(name: str, scenario: Scenario) -> RulePolicy | LearnedPolicy:
+    """The policy that a user names, checked to fit a scenario.
+
+    Args:
+        name: as for `policy_named`, or STRONG for the one that is shipped for the scenario's name
+            and number of UAVs.
+
+    Raises:
+        PolicyMismatchError: there is none of that name, its file is broken, or it does not fit.
+    """
+    policy = policy_named(_strong_name(scenario) if name == STRONG else name)
+    policy.begin(brief(scenario), 0)
+    return policy
+
+
+def shipped_policies() -> tuple[str, ...]:
+    """The names of the learned policies that come with the package."""
+    files = [file for folder in shared_folders('policies') for file in folder.glob(f'*{SUFFIX}')]
+    return tuple(sorted({file.stem for file in files}))
+
+
+def _strong_name(scenario: Scenario) -> str:
+    # The one place that knows how shipped policies are named.
+    name = f'{scenario.name}_n{scenario.n_uavs}_aqmix'
+    if name not in shipped_policies():
+        shipped = ', '.join(shipped_policies()) or 'none'
+        raise PolicyMismatchError(
+            f'no learned policy is shipped for {scenario.name} with {scenario.n_uavs} UAVs, '
+            f'{name}{SUFFIX}; there are {shipped}'
+        )
+    return name
+
+
+def _file_of(name: str) -> Path:
+    if name.endswith(SUFFIX) or os.sep in name:
+        return Path(name)
+    for folder in shared_folders('policies'):
+        file = folder / f'{name}{SUFFIX}'
+        if file.is_file():
+            return file
+    known = [heuristic.label for heuristic in Heuristic] + [*shipped_policies()]
+    raise PolicyMismatchError(
+        f'policy {name!r} is unknown; there are {", ".join(known)}, or the path of a {SUFFIX} file'
+    )
+
+
+def _learned(file: Path) -> LearnedPolicy:
+    if file.stem in (STRONG, *(heuristic.label for heuristic in Heuristic)):
+        raise PolicyMismatchError(f'{file}: must not be called as another policy is: rename it')
+    return LearnedPolicy(name=file.stem, frozen=load_policy(file))

@@ -1,6 +1,6 @@
-"""Flies whole missions in one process: compiled, many side by side, or agent by agent.
+"""Flies whole missions in one process: many side by side, or agent by agent.
 
-Both ways, and the ROS nodes, leave the same log of the same mission, to the byte.
+All ways, and the ROS nodes, leave the same log of the same mission, to the byte.
 """
 
 from collections.abc import Callable, Sequence
@@ -8,12 +8,10 @@ from dataclasses import replace
 from functools import partial
 import math
 
+import numpy as np
 from uav_collect import actions
 from uav_collect.actions import HOME, NONE
-from uav_collect.agent import (
-    Agent,
-    allocator_named,
-)
+from uav_collect.agent import Agent, allocator_named
 from uav_collect.batch import arrive, Batch, new_batch
 from uav_collect.belief import belief_of
 from uav_collect.briefing import brief, Briefing
@@ -26,18 +24,18 @@ from uav_collect.event_log import (
     logged_events,
     new_log,
 )
+from uav_collect.frozen import best_actions, PolicyMismatchError
 from uav_collect.ground import Ground, lay_out
 from uav_collect.heuristics import choose
 from uav_collect.limits import ALLOCATOR_NAMES
 from uav_collect.mission_log import MissionLog
-from uav_collect.missions import (
-    mission_of,
-)
-from uav_collect.policy import Policy, policy_named, PolicyMismatchError, RulePolicy
+from uav_collect.missions import mission_of
+from uav_collect.policy import LearnedPolicy, Policy, policy_for, RulePolicy
 from uav_collect.preflight import check_can_start
 from uav_collect.scenario import Scenario
 from uav_collect.simulation import mission_header, Simulation
 from uav_collect.site import Site
+from uav_collect.stepping import Flights, Stepping
 from uav_collect.world import end_s, next_uav, start_action
 
 _FIRST_CAPACITY = 256  # events of a mission that the log has room for before it must grow
@@ -53,21 +51,32 @@ def fly(
     """Fly missions, all UAVs by the same policy.
 
     Args:
-        policy: a name that `policy.policy_named` knows, or what makes one UAV's policy.
+        policy: a name that `policy.policy_for` knows, or what makes one UAV's policy.
         mission_seeds: one per mission, 0..2^63-1.
         allocator: how bandwidth is shared, one of `limits.ALLOCATOR_NAMES`.
 
     Raises:
-        PolicyMismatchError: there is no such policy, or it breaks the rules in flight.
+        PolicyMismatchError: there is no such policy, it does not fit the scenario, or it breaks
+            the rules in flight.
         AllocationError: there is no such allocator.
         ConfigError: the fleet has not the energy to start.
     """
-    make_policy = partial(policy_named, policy) if isinstance(policy, str) else policy
+    make_policy = _maker(policy, scenario)
     pilot = make_policy()
     allocator_named(allocator)  # raises before anything flies
-    if isinstance(pilot, RulePolicy) and allocator != 'cvxpy':
-        return _fly_compiled(scenario, site, mission_seeds, pilot, allocator)
+    if allocator != 'cvxpy':
+        if isinstance(pilot, RulePolicy):
+            return _fly_by_rule(scenario, site, mission_seeds, pilot, allocator)
+        if isinstance(pilot, LearnedPolicy):
+            return _fly_learned(scenario, site, mission_seeds, pilot, allocator)
     return [_fly_by_agents(scenario, site, seed, make_policy, allocator) for seed in mission_seeds]
+
+
+def _maker(policy: str | Callable[[], Policy], scenario: Scenario) -> Callable[[], Policy]:
+    if not isinstance(policy, str):
+        return policy
+    # Each UAV gets a memory of its own; a file is read once.
+    return partial(replace, policy_for(policy, scenario))
 
 
 def _fly_by_agents(
@@ -101,7 +110,7 @@ def _fly_by_agents(
     return simulation.log(header)
 
 
-def _fly_compiled(
+def _fly_by_rule(
     scenario: Scenario,
     site: Site,
     mission_seeds: Sequence[int],
@@ -129,6 +138,30 @@ def _fly_compiled(
             zip(mission_seeds, batch.missions.demand_bit, strict=True)
         )
     ]
+
+
+def _fly_learned(
+    scenario: Scenario,
+    site: Site,
+    mission_seeds: Sequence[int],
+    policy: LearnedPolicy,
+    allocator: str,
+) -> list[MissionLog]:
+    """All missions at once: what they wait for is one batch of decisions after the other."""
+    policy.begin(brief(scenario), 0)
+    frozen = policy.frozen
+    rules = Stepping(layout=frozen.header.layout, allocator=allocator, is_logged=True)
+    flights = Flights(scenario, site, mission_seeds, rules)
+    n_worlds, n_uavs = len(mission_seeds), scenario.n_uavs
+    hidden = frozen.new_hidden(n_worlds * n_uavs)  # by mission, then UAV
+    chosen = np.zeros(n_worlds, dtype=np.int64)
+    decisions = flights.decisions
+    while len(waiting := np.flatnonzero(decisions.uav != NONE)):
+        rows = waiting * n_uavs + decisions.uav[waiting]
+        values, hidden[rows] = frozen.step(decisions.observation[waiting], hidden[rows])
+        chosen[waiting] = best_actions(values, decisions.legal[waiting])
+        decisions = flights.step(chosen)
+    return [flights.mission_log(world, policy.name) for world in range(n_worlds)]
 
 
 @kernel

@@ -8,7 +8,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 import hashlib
 import json
-import os
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +29,7 @@ from uav_collect.scenario_model import (
     Scenario,
     UavConfig,
 )
+from uav_collect.shared_files import shared_folders
 from uav_collect.yaml_text import ConfigError, Keys, shown
 
 __all__ = [
@@ -115,17 +115,7 @@ def scenario_names() -> tuple[str, ...]:
 
 def scenario_folders() -> tuple[Path, ...]:
     """Where shipped scenarios are: the checkout, or the share folder of an installation."""
-    here = Path(__file__).resolve()
-    inside = Path('config') / 'scenarios'
-    share = Path('share') / 'uav_collect' / inside
-    # An installed module is PREFIX/lib/python3.x/site-packages/uav_collect/scenario.py.
-    prefixes = [*here.parents[4:5], *map(Path, filter(None, _prefixes_of_ros()))]
-    candidates = [here.parents[1] / inside, *(prefix / share for prefix in prefixes)]
-    return tuple(folder for folder in candidates if folder.is_dir())
-
-
-def _prefixes_of_ros() -> list[str]:
-    return os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
+    return shared_folders('scenarios')
 
 
 def _with_fleet(document: Document) -> Document:

@@ -77,7 +77,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _check(arguments: argparse.Namespace) -> None:
     """Find what is wrong before a thousand missions are flown for nothing."""
-    from uav_collect.policy import policy_named, PolicyMismatchError
+    from uav_collect.frozen import PolicyMismatchError
+    from uav_collect.policy import policy_for
 
     for policy in arguments.policy:
         policy_named(policy)

@@ -1,0 +1,79 @@
+"""Learned policies for tests: random weights, which fly far and wide but always the same way."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from uav_collect.frozen import (
+    FrozenPolicy,
+    PolicyHeader,
+    save_policy,
+    Validation,
+    weight_shapes,
+    Weights,
+)
+from uav_collect.observation import Layout, observation_size
+
+VALIDATION = Validation(
+    efficiency_kbit_per_j=1.25,
+    completion_s=250.0,
+    energy_kj=70.0,
+    collected_share=1.0,
+    complete_share=0.99,
+    safe_share=1.0,
+    missions=100,
+    bandwidth='equal',
+)
+
+
+def header(
+    layout: Layout = Layout.EGOCENTRIC, side: int = 10, n_uavs: int = 2, **values: object
+) -> PolicyHeader:
+    """The header of a policy for one area and fleet, or with other values."""
+    made = PolicyHeader(
+        layout=layout,
+        observation_size=observation_size(layout, side, n_uavs),
+        hidden_size=16,
+        cells_per_side_min=side,
+        cells_per_side_max=side,
+        n_uavs_min=n_uavs,
+        n_uavs_max=n_uavs,
+        scenario='paper_10x10',
+        fingerprint='0123456789abcdef',
+        preset='paper',
+        algorithm='aqmix',
+        seed=3,
+        decisions=1000,
+        updates=100,
+        version='test @ 100, 89abcdef',
+        git_revision='unknown',
+        validation=VALIDATION,
+    )
+    return replace(made, **values)  # type: ignore[arg-type]
+
+
+def random_weights(of: PolicyHeader, seed: int = 0, scale: float = 1.0) -> Weights:
+    """Weights drawn as torch draws them at first, uniformly, or larger."""
+    rng = np.random.default_rng(seed)
+    shapes = weight_shapes(of.observation_size, of.hidden_size)
+    bounds = {'encoder': of.observation_size**-0.5}
+    return {
+        name: (
+            rng.uniform(-1.0, 1.0, shape)
+            * scale
+            * bounds.get(name.split('.')[0], of.hidden_size**-0.5)
+        ).astype(np.float32)
+        for name, shape in shapes.items()
+    }
+
+
+def random_policy(of: PolicyHeader, seed: int = 0, scale: float = 3.0) -> FrozenPolicy:
+    """A policy of random weights, large enough to prefer now this action, now that."""
+    return FrozenPolicy(of, random_weights(of, seed, scale))
+
+
+def saved(folder: Path, name: str, of: PolicyHeader, seed: int = 0) -> Path:
+    """The file of a random policy."""
+    path = folder / f'{name}.safetensors'
+    save_policy(path, random_policy(of, seed))
+    return path

@@ -1,0 +1,347 @@
+"""A frozen policy: the weights of a recurrent network that learns no more, and where it is from.
+
+The network is encoder, GRU cell, head:
+
+    h = GRU(relu(encoder(observation)), h of the UAV's decision before, zero at first)
+    Q = head(h), one value per action
+
+It runs on numpy alone, in float64. A batch of decisions gives each of them the very bits that it
+gets alone, so missions flown many at once equal those flown by one agent per UAV.
+
+The file is safetensors: the weights as float32, and the header's fields as strings beside them.
+"""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+import hashlib
+from itertools import product
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import TypeAdapter, ValidationError
+from uav_collect.actions import N_ACTIONS
+from uav_collect.arrays import Bools, Floats, Ints
+from uav_collect.briefing import Briefing
+from uav_collect.limits import EGOCENTRIC_MAX_UAVS, MAX_UAVS
+from uav_collect.observation import Layout, observation_size
+
+FORMAT = 'uav_collect.policy/1'
+SUFFIX = '.safetensors'
+
+Weights = Mapping[str, NDArray[np.float32]]
+
+
+class PolicyMismatchError(ValueError):
+    """A policy that does not exist or does not fit: which, and what would."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Validation:
+    """What a policy achieved on average in missions that it did not learn from."""
+
+    efficiency_kbit_per_j: float
+    completion_s: float
+    energy_kj: float
+    collected_share: float
+    complete_share: float  # of the missions: all data collected
+    safe_share: float  # of the missions: every UAV landed with its margin
+    missions: int
+    bandwidth: str  # how it was shared
+
+
+@dataclass(frozen=True, kw_only=True)
+class PolicyHeader:
+    """What a frozen policy sees, what it may fly, and how it was learned."""
+
+    layout: Layout
+    observation_size: int
+    hidden_size: int
+    cells_per_side_min: int
+    cells_per_side_max: int
+    n_uavs_min: int
+    n_uavs_max: int
+    scenario: str  # that it learned in
+    fingerprint: str  # of that scenario
+    preset: str  # of the training
+    algorithm: str  # aqmix, qmix or aiql
+    seed: int  # of the training
+    decisions: int  # learned from
+    updates: int  # of the weights
+    version: str  # for people and for logs: run, update, digest of the weights
+    git_revision: str
+    validation: Validation
+
+
+class FrozenPolicy:
+    """The network, ready to be asked."""
+
+    def __init__(self, header: PolicyHeader, weights: Weights) -> None:
+        """Check the weights and lay them out as inference reads them.
+
+        Args:
+            weights: float32 by name, of the shapes that `weight_shapes` gives.
+
+        Raises:
+            PolicyMismatchError: a tensor is missing, unknown, misshapen or not finite.
+        """
+        _check_header(header)
+        _check_weights(header, weights)
+        self.header = header
+        self.weights = dict(weights)
+        # Upcast once; transposed, so that each product walks the memory in order.
+        wide = {name: np.asarray(tensor, dtype=np.float64) for name, tensor in weights.items()}
+        self._encoder = np.ascontiguousarray(wide['encoder.weight'].T)  # (O, H)
+        self._encoder_bias = wide['encoder.bias']
+        self._input = np.ascontiguousarray(wide['gru.weight_ih'].T)  # (H, 3 H)
+        self._input_bias = wide['gru.bias_ih']
+        self._recurrent = np.ascontiguousarray(wide['gru.weight_hh'].T)  # (H, 3 H)
+        self._recurrent_bias = wide['gru.bias_hh']
+        self._head = np.ascontiguousarray(wide['head.weight'].T)  # (H, A)
+        self._head_bias = wide['head.bias']
+
+    @property
+    def digest(self) -> str:
+        """Hex digits that change with any weight."""
+        return weights_digest(self.weights)
+
+    def new_hidden(self, n_decisions: int) -> Floats:
+        """The hidden states of UAVs that have not decided yet, (n_decisions, H)."""
+        return np.zeros((n_decisions, self.header.hidden_size))
+
+    def step(self, observation: Floats, hidden: Floats) -> tuple[Floats, Floats]:
+        """Value the actions of decisions of different UAVs or missions.
+
+        Args:
+            observation: shape (N, observation_size).
+            hidden: of each UAV after its decision before, shape (N, H).
+
+        Returns:
+            Q, shape (N, A), and the hidden states after this decision, shape (N, H).
+        """
+        size = self.header.hidden_size
+        encoded = np.maximum(_product(observation, self._encoder) + self._encoder_bias, 0.0)
+        from_input = _product(encoded, self._input) + self._input_bias
+        from_hidden = _product(hidden, self._recurrent) + self._recurrent_bias
+        gates = _sigmoid(from_input[:, : 2 * size] + from_hidden[:, : 2 * size])
+        reset, update = gates[:, :size], gates[:, size:]
+        new = np.tanh(from_input[:, 2 * size :] + reset * from_hidden[:, 2 * size :])
+        following = new + update * (hidden - new)
+        return _product(following, self._head) + self._head_bias, following
+
+    def misfit(self, briefing: Briefing) -> str | None:
+        """Why the policy cannot fly a fleet over an area; None if it can."""
+        header = self.header
+        side, n_uavs = briefing.cells_per_side, briefing.n_uavs
+        if not header.cells_per_side_min <= side <= header.cells_per_side_max:
+            known = _span(header.cells_per_side_min, header.cells_per_side_max)
+            return f'cells_per_side is {side}: must be {known}'
+        if not header.n_uavs_min <= n_uavs <= header.n_uavs_max:
+            return f'n_uavs is {n_uavs}: must be {_span(header.n_uavs_min, header.n_uavs_max)}'
+        return None
+
+
+def best_actions(values: Floats, legal: Bools) -> Ints:
+    """The legal action of the highest value in each row, the lowest of those that tie.
+
+    Args:
+        values: shape (N, A).
+        legal: shape (N, A); a row without any gives action 0.
+    """
+    best: Ints = np.argmax(np.where(legal, values, -np.inf), axis=1)
+    return best
+
+
+def weight_shapes(observation_size: int, hidden_size: int) -> dict[str, tuple[int, ...]]:
+    """The tensors of a policy by name; gates in the order reset, update, new."""
+    return {
+        'encoder.weight': (hidden_size, observation_size),
+        'encoder.bias': (hidden_size,),
+        'gru.weight_ih': (3 * hidden_size, hidden_size),
+        'gru.weight_hh': (3 * hidden_size, hidden_size),
+        'gru.bias_ih': (3 * hidden_size,),
+        'gru.bias_hh': (3 * hidden_size,),
+        'head.weight': (N_ACTIONS, hidden_size),
+        'head.bias': (N_ACTIONS,),
+    }
+
+
+def weights_digest(weights: Weights) -> str:
+    """64 hex digits that change with any weight: SHA-256 of their bytes in the names' order."""
+    digest = hashlib.sha256()
+    for name in sorted(weights):
+        digest.update(np.ascontiguousarray(weights[name], dtype='<f4').tobytes())
+    return digest.hexdigest()
+
+
+def save_policy(path: Path, policy: FrozenPolicy) -> None:
+    """Write a policy's file: whole or not at all.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    from safetensors.numpy import save
+
+    tensors = {
+        name: np.ascontiguousarray(tensor, dtype='<f4') for name, tensor in policy.weights.items()
+    }
+    partial = path.with_name(f'.{path.name}.{os.getpid()}.part')
+    try:
+        with partial.open('wb') as file:
+            file.write(save(tensors, _metadata(policy)))
+            file.flush()
+            os.fsync(file.fileno())
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def load_policy(path: Path) -> FrozenPolicy:
+    """Read a policy's file.
+
+    Raises:
+        PolicyMismatchError: one line: the file, the field, its value, what it must be.
+    """
+    try:
+        metadata, weights = _read(path)
+        header = _header(metadata)
+        policy = FrozenPolicy(header, weights)
+        _check_field('digest', _field(metadata, 'digest'), policy.digest)
+    except PolicyMismatchError as error:
+        raise PolicyMismatchError(f'{path}: {error}') from error
+    return policy
+
+
+def _product(rows: Floats, matrix: Floats) -> Floats:
+    # Not `@`: BLAS rounds a row differently when others come with it, or on other threads.
+    product: Floats = np.einsum('ni,io->no', rows, matrix)
+    return product
+
+
+def _sigmoid(x: Floats) -> Floats:
+    return 0.5 * np.tanh(0.5 * x) + 0.5  # exp would overflow
+
+
+def _span(low: int, high: int) -> str:
+    return str(low) if low == high else f'{low} to {high}'
+
+
+def _read(path: Path) -> tuple[dict[str, str], Weights]:
+    """The strings and the tensors of a file."""
+    from safetensors import safe_open, SafetensorError
+
+    try:
+        with safe_open(path, framework='numpy') as file:
+            metadata = file.metadata() or {}
+            _check_field('format', _field(metadata, 'format'), FORMAT)
+            # Copied out: the file may be replaced while the policy flies.
+            weights = {name: np.array(_tensor(file, name)) for name in file.keys()}  # noqa: SIM118
+    except SafetensorError as error:
+        raise PolicyMismatchError(f'is not a whole safetensors file ({error})') from error
+    except OSError as error:
+        raise PolicyMismatchError(f'cannot be read: {error.strerror or error}') from error
+    return metadata, weights
+
+
+def _tensor(file: Any, name: str) -> NDArray[np.float32]:  # noqa: ANN401 - safe_open's
+    kind = file.get_slice(name).get_dtype()
+    if kind != 'F32':  # numpy does not even know all that there are
+        raise PolicyMismatchError(f'{name} is {kind}: must be F32')
+    tensor: NDArray[np.float32] = file.get_tensor(name)
+    return tensor
+
+
+def _metadata(policy: FrozenPolicy) -> dict[str, str]:
+    told = {
+        field.name: _text(getattr(policy.header, field.name)) for field in fields(PolicyHeader)
+    }
+    return {'format': FORMAT, **told, 'digest': policy.digest}
+
+
+def _text(value: Layout | Validation | int | str) -> str:
+    if isinstance(value, Layout):
+        return value.label
+    return json.dumps(asdict(value)) if isinstance(value, Validation) else str(value)
+
+
+def _header(metadata: Mapping[str, str]) -> PolicyHeader:
+    told: dict[str, Any] = {
+        field.name: _parsed(field.name, field.type, _field(metadata, field.name))
+        for field in fields(PolicyHeader)
+    }
+    return PolicyHeader(**told)
+
+
+def _parsed(name: str, kind: object, text: str) -> Layout | Validation | int | str:
+    if kind is Layout:
+        known = {layout.label: layout for layout in Layout}
+        if text not in known:
+            raise PolicyMismatchError(f'{name} is {text!r}: must be {" or ".join(known)}')
+        return known[text]
+    if kind is Validation:
+        return _validation(name, text)
+    if kind is int:
+        if not (text.isascii() and text.isdecimal()):
+            raise PolicyMismatchError(f'{name} is {text!r}: must be a whole number')
+        return int(text)
+    return text
+
+
+def _validation(name: str, text: str) -> Validation:
+    try:
+        return TypeAdapter(Validation).validate_json(text)
+    except ValidationError as error:
+        names = ', '.join(field.name for field in fields(Validation))
+        what = f'{name} is {text!r}: must be a JSON object of {names}'
+        raise PolicyMismatchError(what) from error
+
+
+def _field(metadata: Mapping[str, str], name: str) -> str:
+    if name not in metadata:
+        raise PolicyMismatchError(f'{name} is missing: it is no policy of {FORMAT}')
+    return metadata[name]
+
+
+def _check_field(name: str, value: str, wanted: str) -> None:
+    if value != wanted:
+        raise PolicyMismatchError(f'{name} is {value!r}: must be {wanted!r}')
+
+
+def _check_header(header: PolicyHeader) -> None:
+    most_uavs = EGOCENTRIC_MAX_UAVS if header.layout == Layout.EGOCENTRIC else MAX_UAVS
+    for name, value, low, high in (
+        ('hidden_size', header.hidden_size, 1, header.hidden_size),
+        ('cells_per_side_min', header.cells_per_side_min, 1, header.cells_per_side_max),
+        ('n_uavs_min', header.n_uavs_min, 1, header.n_uavs_max),
+        ('n_uavs_max', header.n_uavs_max, header.n_uavs_min, most_uavs),
+    ):
+        if not low <= value <= high:
+            raise PolicyMismatchError(f'{name} is {value}: must be {_span(low, max(low, high))}')
+    sides = (header.cells_per_side_min, header.cells_per_side_max)
+    for side, n_uavs in product(sides, (header.n_uavs_min, header.n_uavs_max)):
+        size = observation_size(header.layout, side, n_uavs)
+        if size != header.observation_size:
+            raise PolicyMismatchError(
+                f'observation_size is {header.observation_size}: must be {size} for '
+                f'{header.layout.label}, {side} cells per side and {n_uavs} UAVs'
+            )
+
+
+def _check_weights(header: PolicyHeader, weights: Weights) -> None:
+    shapes = weight_shapes(header.observation_size, header.hidden_size)
+    if unlike := sorted(shapes.keys() ^ weights.keys()):
+        what = 'is missing' if unlike[0] in shapes else 'is unknown'
+        raise PolicyMismatchError(f'tensor {unlike[0]} {what}: must be {", ".join(shapes)}')
+    for name, shape in shapes.items():
+        tensor = weights[name]
+        if tensor.shape != shape:
+            raise PolicyMismatchError(f'{name} has shape {tensor.shape}: must be {shape}')
+        if tensor.dtype != np.float32:
+            raise PolicyMismatchError(f'{name} is {tensor.dtype}: must be float32')
+        wrong = np.argwhere(~np.isfinite(tensor))
+        if len(wrong):
+            place = tuple(wrong[0].tolist())
+            raise PolicyMismatchError(f'{name} is {tensor[place]} at {place}: must be finite')

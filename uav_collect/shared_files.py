@@ -1,0 +1,22 @@
+"""Where the files lie that come with the package: scenarios, policies."""
+
+import os
+from pathlib import Path
+
+
+def shared_folders(kind: str) -> tuple[Path, ...]:
+    """The folders config/KIND that exist: of the checkout, or the share folder of an installation.
+
+    The first that has a file counts.
+    """
+    here = Path(__file__).resolve()
+    inside = Path('config') / kind
+    share = Path('share') / 'uav_collect' / inside
+    # An installed module is PREFIX/lib/python3.x/site-packages/uav_collect/shared_files.py.
+    prefixes = [*here.parents[4:5], *map(Path, filter(None, _prefixes_of_ros()))]
+    candidates = [here.parents[1] / inside, *(prefix / share for prefix in prefixes)]
+    return tuple(folder for folder in candidates if folder.is_dir())
+
+
+def _prefixes_of_ros() -> list[str]:
+    return os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
