@@ -19,6 +19,7 @@ from uav_collect.briefing import Briefing
 from uav_collect.compiled import kernel
 from uav_collect.missions import LocalView, Mission, VIEW_CELLS
 from uav_collect.observation import encode
+from uav_collect.rows import new_row
 from uav_collect.world import x_m_at, y_m_at
 
 N_UAV_SCALARS = 4  # of the global state: position, energy, whether it still decides
@@ -171,6 +172,7 @@ class _Rebuilt(NamedTuple):
 
     beliefs: Beliefs  # one
     region_bit: Row[float]
+    observation: Row[float]  # encoded in full precision, then rounded, as it was in flight
 
 
 def observations(
@@ -190,7 +192,11 @@ def observations(
         order: the row of `out` that each record goes to, shape (N,).
         out: written, shape (N, observation_size).
     """
-    rebuilt = _Rebuilt(beliefs=new_beliefs(briefing, 1), region_bit=np.zeros(VIEW_CELLS))
+    rebuilt = _Rebuilt(
+        beliefs=new_beliefs(briefing, 1),
+        region_bit=new_row(VIEW_CELLS, 0.0),
+        observation=new_row(out.shape[1], 0.0),
+    )
     _rebuild(layout, briefing, records, demand_bit, mission, order, rebuilt, out)
 
 
@@ -229,7 +235,10 @@ def _rebuild(
             none_row,
             none_row,
         )
-        encode(layout, briefing, uav, belief, view, out[order[row]])
+        encode(layout, briefing, uav, belief, view, rebuilt.observation)
+        target = out[order[row]]
+        for index in range(len(rebuilt.observation)):
+            target[index] = rebuilt.observation[index]
 
 
 @kernel

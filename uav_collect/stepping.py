@@ -5,12 +5,13 @@ out a decision of each mission and goes on to the next one: looking, talking, sh
 and turning home happen as in a rollout, by the same kernels.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 import math
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from uav_collect import actions
 from uav_collect.actions import HOME, HOVER, N_ACTIONS, NONE
 from uav_collect.agent import allocate
@@ -29,6 +30,7 @@ from uav_collect.event_log import (
     new_log,
 )
 from uav_collect.experience import Episode, new_records, record, Records
+from uav_collect.exploration import explore
 from uav_collect.ground import Ground, lay_out
 from uav_collect.mission_log import MissionLog
 from uav_collect.missions import LocalView, Mission, mission_of, restart_mission
@@ -191,6 +193,12 @@ class Flights:
         _step_batch(self._air, answers)
         return self.decisions
 
+    def explore(self, epsilon: float, hover_share: float) -> Ints:
+        """Random actions where UAVs explore, NONE elsewhere, (W,); see `exploration.explore`."""
+        actions = new_row(len(self._air.desks.uav), NONE)
+        _explore_batch(self._air, epsilon, hover_share, actions)
+        return np.asarray(actions)
+
     def restart(self, world: int, mission_seed: int) -> None:
         """Let another mission take off in the place of one."""
         self._air.batch.missions.seed[world][0] = mission_seed
@@ -223,6 +231,19 @@ class Flights:
             events=logged_events(self._air.log, world, self._air.batch.n_events[world][0]),
         )
 
+    def efficiency_kbit_per_j(self, world: int) -> float:
+        """Data that a mission has collected over the energy it has spent, both so far."""
+        missions = self._air.batch.missions
+        spent_j = sum(self._air.briefing.energy_budget_j) - sum(missions.energy_left_j[world])
+        return missions.collected_bit[world][0] / spent_j / 1e3 if spent_j > 0.0 else 0.0
+
+    def arrays(self) -> list[NDArray[Any]]:
+        """All that changes in flight, in a fixed order; writing into them sets the flights back.
+
+        Only where kernels are compiled: interpreted ones work on lists.
+        """
+        return [*_arrays(self._air.batch), *_arrays(self._air.desks), *_arrays(self._air.records)]
+
     def _demand_bit(self, world: int) -> Floats:
         first, demand = self._air.ground.first_sensor, self._air.batch.missions.demand_bit[world]
         cells = range(len(first) - 1)
@@ -236,6 +257,14 @@ class Flights:
         most = int(np.max(np.asarray(self._air.batch.n_events)))
         if most + 1 + self._air.briefing.n_uavs > capacity:
             self._air = self._air._replace(log=grown_log(self._air.log, n_worlds))
+
+
+def _arrays(rows: tuple[Any, ...]) -> Iterator[NDArray[Any]]:
+    for part in rows:
+        if isinstance(part, tuple):
+            yield from _arrays(part)
+        else:
+            yield part
 
 
 def _rules(stepping: Stepping) -> _Rules:
@@ -268,6 +297,17 @@ def _new_desks(layout: Layout, briefing: Briefing, n_worlds: int) -> _Desks:
         n_records=new_row(n_worlds, 0),
         complete=new_map_table(n_worlds, side * side),
     )
+
+
+@kernel
+def _explore_batch(air: _Air, epsilon: float, hover_share: float, actions: Row[int]) -> None:
+    for world in range(len(actions)):
+        uav = air.desks.uav[world]
+        if uav != NONE:
+            mission = mission_of(air.batch.missions, world)
+            seed, decision = mission.seed[0], mission.n_decisions[uav]
+            legal = air.desks.legal[world]
+            actions[world] = explore(seed, uav, decision, epsilon, hover_share, legal)
 
 
 @kernel

@@ -1,0 +1,139 @@
+"""The training rollout: many missions at once, flown by the learner's network with exploration."""
+
+from collections import deque
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+import torch
+from uav_collect.actions import NONE
+from uav_collect.arrays import Ints
+from uav_collect.experience import Episode
+from uav_collect.minibatch import Algorithm
+from uav_collect.network import Drqn
+from uav_collect.scenario import Scenario
+from uav_collect.site import Site
+from uav_collect.stepping import Decisions, Flights, Stepping
+from uav_collect.training_config import TrainingConfig
+
+# Training missions come from a range of seeds that users do not evaluate on by chance.
+_FIRST_SEED = 2**61
+_SEEDS_PER_RUN = 2**32
+_N_RECENT = 100  # missions that the figures of the training's own missions are taken from
+
+
+class Collector:
+    """Flies missions one after another in each of its places, and hands out those that end."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        site: Site,
+        config: TrainingConfig,
+        algorithm: Algorithm,
+        seed: int,
+        device: str = 'cpu',
+    ) -> None:
+        """Take off.
+
+        Args:
+            scenario: with the training's discount in its reward.
+        """
+        n_worlds = config.rollout.missions_at_once
+        self._config = config
+        self._device = torch.device(device)
+        self._next_seed = _FIRST_SEED + seed % _SEEDS_PER_RUN * _SEEDS_PER_RUN
+        self._flights = Flights(
+            scenario,
+            site,
+            [self._draw_seed() for _ in range(n_worlds)],
+            Stepping(
+                layout=config.layout,
+                allocator=config.rollout.bandwidth,
+                reward=config.reward_kind,
+                is_synchronous=algorithm is Algorithm.QMIX,
+                max_decisions=config.rollout.max_decisions,
+            ),
+        )
+        size = (n_worlds, scenario.n_uavs, config.network.hidden_size)
+        self._hidden = torch.zeros(size, device=self._device)
+        self._places = torch.arange(n_worlds, device=self._device)
+        self._recent: deque[tuple[float, float]] = deque(maxlen=_N_RECENT)
+        self.n_decisions = 0
+        self.n_missions = 0
+
+    @property
+    def recent_efficiency_kbit_per_j(self) -> float:
+        """Mean over the missions that ended last; nan before the first."""
+        return float(np.mean([it[0] for it in self._recent])) if self._recent else np.nan
+
+    @property
+    def recent_reward(self) -> float:
+        """Mean total reward, undiscounted, of the missions that ended last."""
+        return float(np.mean([it[1] for it in self._recent])) if self._recent else np.nan
+
+    def collect(self, agent: Drqn, n_decisions: int, epsilon: float) -> list[Episode]:
+        """Fly on for so many decisions or a few more.
+
+        Returns:
+            The missions that ended, or were cut off, meanwhile.
+        """
+        ended: list[Episode] = []
+        goal = self.n_decisions + n_decisions
+        waiting = self._flights.decisions
+        while self.n_decisions < goal:
+            actions = self._chosen(agent, waiting, epsilon)
+            self.n_decisions += len(actions)
+            waiting = self._flights.step(actions)
+            is_over = waiting.uav == NONE
+            is_over |= self._flights.n_recorded > self._config.rollout.max_decisions
+            if is_over.any():
+                ended += [self._restart(int(world)) for world in np.flatnonzero(is_over)]
+                waiting = self._flights.decisions
+        return ended
+
+    def state(self) -> dict[str, Any]:
+        """All that a collector needs to go on; the inverse is `restore`."""
+        return {
+            'flights': [np.array(array) for array in self._flights.arrays()],
+            'hidden': self._hidden.cpu().numpy(),
+            'recent': list(self._recent),
+            'next_seed': self._next_seed,
+            'n_decisions': self.n_decisions,
+            'n_missions': self.n_missions,
+        }
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go on from where another collector of the same settings was."""
+        arrays: list[NDArray[Any]] = self._flights.arrays()
+        for array, saved in zip(arrays, state['flights'], strict=True):
+            array[...] = saved
+        self._hidden.copy_(torch.from_numpy(state['hidden']))
+        self._recent.extend(state['recent'])
+        self._next_seed = state['next_seed']
+        self.n_decisions = state['n_decisions']
+        self.n_missions = state['n_missions']
+
+    def _chosen(self, agent: Drqn, waiting: Decisions, epsilon: float) -> Ints:
+        uav = torch.from_numpy(waiting.uav).to(self._device)
+        observation = torch.from_numpy(waiting.observation).to(self._device, torch.float32)
+        illegal = torch.from_numpy(~waiting.legal).to(self._device)
+        with torch.no_grad():
+            values, hidden = agent.step(observation, self._hidden[self._places, uav])
+            self._hidden[self._places, uav] = hidden
+            best = values.masked_fill_(illegal, -torch.inf).argmax(dim=1).cpu().numpy()
+        explored = self._flights.explore(epsilon, self._config.exploration.hover_share)
+        return np.where(explored == NONE, best, explored)
+
+    def _restart(self, world: int) -> Episode:
+        episode = self._flights.episode(world)
+        reward = float(np.sum(episode.records.reward))
+        self._recent.append((self._flights.efficiency_kbit_per_j(world), reward))
+        self._flights.restart(world, self._draw_seed())
+        self._hidden[world] = 0.0
+        self.n_missions += 1
+        return episode
+
+    def _draw_seed(self) -> int:
+        self._next_seed += 1
+        return self._next_seed - 1

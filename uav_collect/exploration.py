@@ -1,0 +1,46 @@
+"""Exploration: random actions now and then, keyed, so that a mission can be flown again.
+
+Whether and where a UAV explores follows from the mission's seed, the UAV and the running number of
+its decision, whoever flies it.
+"""
+
+from uav_collect.actions import HOVER, N_ACTIONS, NONE
+from uav_collect.arrays import Row
+from uav_collect.compiled import kernel
+from uav_collect.philox import draw_words, EXPLORATION
+
+_WORDS = 4294967296.0
+
+
+@kernel
+def explore(
+    mission_seed: int,
+    uav: int,
+    decision: int,
+    epsilon: float,
+    hover_share: float,
+    legal: Row[int],
+) -> int:
+    """The random action of a decision, or NONE where the UAV does not explore.
+
+    Args:
+        epsilon: probability to explore.
+        hover_share: probability that a UAV which explores hovers where it can; otherwise, and
+            where it is negative always, all legal actions are alike.
+        legal: at least one, shape (N_ACTIONS,).
+    """
+    whether, hover, which, _ = draw_words(mission_seed, EXPLORATION, uav, decision, 0)
+    if whether >= epsilon * _WORDS:
+        return NONE
+    if legal[HOVER] == 1 and hover < hover_share * _WORDS:
+        return HOVER
+    n_legal = 0
+    for action in range(N_ACTIONS):
+        n_legal += legal[action]
+    left = int(which / _WORDS * n_legal)
+    for action in range(N_ACTIONS):
+        if legal[action] == 1:
+            if left == 0:
+                return action
+            left -= 1
+    return NONE

@@ -1,0 +1,222 @@
+"""The learner: networks, targets and updates of AQMIX, QMIX and AIQL alike."""
+
+from copy import deepcopy
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+import torch
+from torch import nn, Tensor
+from uav_collect.briefing import Briefing
+from uav_collect.experience import N_UAV_SCALARS
+from uav_collect.minibatch import Algorithm, Minibatch
+from uav_collect.mixer import Mixer
+from uav_collect.network import Drqn
+from uav_collect.observation import observation_size
+from uav_collect.training_config import TrainingConfig
+
+
+class Networks(nn.Module):
+    """The agent network, and the mixer where the algorithm has one."""
+
+    def __init__(self, config: TrainingConfig, briefing: Briefing, algorithm: Algorithm) -> None:
+        super().__init__()
+        size = observation_size(config.layout, briefing.cells_per_side, briefing.n_uavs)
+        self.agent = Drqn(size, config.network.hidden_size)
+        self.mixer = None
+        if algorithm is not Algorithm.AIQL:
+            self.mixer = Mixer(
+                n_uavs=briefing.n_uavs,
+                n_uav_scalars=N_UAV_SCALARS,
+                cells_per_side=briefing.cells_per_side,
+                pool_side=config.mixer.pool_side,
+                embedding_size=config.mixer.embedding_size,
+                hypernetwork_size=config.mixer.hypernetwork_size,
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Tensors:
+    """A minibatch on the device."""
+
+    observation: Tensor
+    legal: Tensor
+    row: Tensor
+    action: Tensor
+    latest: Tensor
+    decides: Tensor
+    fleet: Tensor
+    complete: Tensor
+    entry: Tensor
+    next_entry: Tensor
+    is_chained: Tensor
+    reward: Tensor
+    discount: Tensor
+
+
+class Learner:
+    """Learns from minibatches; its networks act."""
+
+    def __init__(
+        self,
+        config: TrainingConfig,
+        briefing: Briefing,
+        algorithm: Algorithm,
+        seed: int,
+        device: str = 'cpu',
+    ) -> None:
+        """Make the networks, their weights drawn by the seed."""
+        self._config, self._algorithm, self._device = config, algorithm, torch.device(device)
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(seed)
+            networks = Networks(config, briefing, algorithm)
+        self.networks = networks.to(self._device)
+        self.target = deepcopy(self.networks).requires_grad_(False)
+        self.optimiser = torch.optim.Adam(
+            self.networks.parameters(),
+            lr=config.optimiser.learning_rate,
+            eps=config.optimiser.adam_epsilon,
+            fused=True,
+        )
+        self.n_updates = 0
+
+    def update(self, minibatch: Minibatch, learning_rate: float) -> float:
+        """One step of the optimiser.
+
+        Returns:
+            The loss before it.
+        """
+        for group in self.optimiser.param_groups:
+            group['lr'] = learning_rate
+        loss = self.loss(minibatch)
+        self.optimiser.zero_grad(set_to_none=True)
+        loss.backward()
+        nn.utils.clip_grad_norm_(self.networks.parameters(), self._config.optimiser.clip_norm)
+        self.optimiser.step()
+        self._move_target()
+        self.n_updates += 1
+        return float(loss.detach())
+
+    def weights(self) -> dict[str, NDArray[np.float32]]:
+        """The agent network's weights, as a frozen policy holds them, copied."""
+        agent = self.networks.agent.state_dict()
+        return {name: np.array(tensor.detach().cpu().numpy()) for name, tensor in agent.items()}
+
+    def state(self) -> dict[str, Any]:
+        """All that a learner needs to go on; the inverse is `restore`."""
+        return {
+            'networks': self.networks.state_dict(),
+            'target': self.target.state_dict(),
+            'optimiser': self.optimiser.state_dict(),
+            'n_updates': self.n_updates,
+        }
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go on from where another learner of the same settings was."""
+        self.networks.load_state_dict(state['networks'])
+        self.target.load_state_dict(state['target'])
+        self.optimiser.load_state_dict(state['optimiser'])
+        self.n_updates = state['n_updates']
+
+    def loss(self, minibatch: Minibatch) -> Tensor:
+        """Mean squared error of the entries' action values against their targets."""
+        tensors = self._on_device(minibatch)
+        with torch.autocast(
+            self._device.type, torch.bfloat16, enabled=self._config.optimiser.bf16
+        ):
+            values = self.networks.agent(tensors.observation, minibatch.step_sizes)
+        values = values.float()
+        chosen = self._chosen(values, tensors)
+        team = self._team_values(self.networks, chosen, tensors, tensors.entry)
+        with torch.no_grad():
+            target = self._targets(values.detach(), tensors, minibatch)
+        return nn.functional.mse_loss(team, target)
+
+    def targets(self, minibatch: Minibatch) -> Tensor:
+        """What the entries' action values are to become, shape (L,)."""
+        tensors = self._on_device(minibatch)
+        with torch.no_grad():
+            values = self.networks.agent(tensors.observation, minibatch.step_sizes)
+            return self._targets(values, tensors, minibatch)
+
+    def _targets(self, online: Tensor, tensors: _Tensors, minibatch: Minibatch) -> Tensor:
+        """lambda-returns over the chains of entries; one-step targets where lambda is 0.
+
+        y = R + gamma^tau ((1 - lambda) max Q + lambda y'); Peng and Williams, 1996.
+        """
+        config = self._config.target
+        with torch.autocast(
+            self._device.type, torch.bfloat16, enabled=self._config.optimiser.bf16
+        ):
+            values = self.target.agent(tensors.observation, minibatch.step_sizes)
+        values = values.float()
+        judge = online if config.double_q else values
+        best = judge.masked_fill(~tensors.legal, -torch.inf).argmax(dim=1)
+        best_value = values.gather(1, best[:, None]).squeeze(1)[tensors.row]
+        running = self._chosen(values, tensors)
+        next_entry = tensors.next_entry.clamp(min=0)
+        if self.target.mixer is None:
+            future = best_value[next_entry]
+        else:
+            decisions = torch.where(tensors.decides, best_value[tensors.latest.clamp(min=0)], 0.0)
+            waiting = torch.where(tensors.decides, 0.0, self._by_uav(running, tensors))
+            mixed = (decisions + waiting)[next_entry]
+            future = self.target.mixer(
+                mixed, tensors.fleet[next_entry], tensors.complete[next_entry]
+            )
+        future = tensors.discount * future
+        trace = torch.where(tensors.is_chained, config.trace, 0.0)
+        fixed = tensors.reward + (1.0 - trace) * future
+        return scan(fixed, trace * tensors.discount, minibatch.longest_chain)
+
+    def _chosen(self, values: Tensor, tensors: _Tensors) -> Tensor:
+        """The value of each decision's own action, shape (E,)."""
+        return values[tensors.row].gather(1, tensors.action[:, None]).squeeze(1)
+
+    def _by_uav(self, chosen: Tensor, tensors: _Tensors) -> Tensor:
+        """The value of each UAV's latest action at each decision; 0 where it has none, (E, U)."""
+        return torch.where(tensors.latest >= 0, chosen[tensors.latest.clamp(min=0)], 0.0)
+
+    def _team_values(
+        self, networks: Networks, chosen: Tensor, tensors: _Tensors, entry: Tensor
+    ) -> Tensor:
+        if networks.mixer is None:
+            return chosen[entry]
+        by_uav = self._by_uav(chosen, tensors)[entry]
+        total: Tensor = networks.mixer(by_uav, tensors.fleet[entry], tensors.complete[entry])
+        return total
+
+    def _move_target(self) -> None:
+        rate = self._config.target.update_rate
+        targets, sources = list(self.target.parameters()), list(self.networks.parameters())
+        torch._foreach_lerp_(targets, sources, rate)
+
+    def _on_device(self, minibatch: Minibatch) -> _Tensors:
+        scale = self._config.reward.scale
+        return _Tensors(
+            reward=self._tensor((scale * minibatch.reward).astype(np.float32)),
+            discount=self._tensor(minibatch.discount.astype(np.float32)),
+            **{
+                name: self._tensor(getattr(minibatch, name))
+                for name in _Tensors.__dataclass_fields__
+                if name not in ('reward', 'discount')
+            },
+        )
+
+    def _tensor(self, values: NDArray[Any]) -> Tensor:
+        return torch.from_numpy(values).to(self._device)
+
+
+def scan(values: Tensor, factors: Tensor, longest: int) -> Tensor:
+    """Solve y_i = value_i + factor_i y_{i+1} from the end, in log2(longest) steps, shape (N,).
+
+    Source: Hillis and Steele, Data parallel algorithms, 1986.
+    """
+    shift = 1
+    while shift < min(longest, len(values)):
+        later = torch.nn.functional.pad(values[shift:], (0, shift))
+        values = values + factors * later
+        factors = factors * torch.nn.functional.pad(factors[shift:], (0, shift))
+        shift *= 2
+    return values

@@ -1,0 +1,206 @@
+"""Missions made ready for an update: observations packed by UAV, and who follows whom.
+
+Rows of observations lie step by step, as `network.Drqn` reads them: each UAV's decisions of a
+mission are one sequence, and nothing is computed for a UAV while another one decides.
+An entry is what the loss has one term for; which decisions those are depends on the algorithm.
+- AQMIX: every decision. The next entry is the mission's next decision, and only the UAV that
+  decides there maximises again.
+- QMIX: every instant at which UAVs decide. At the next one all that decide maximise.
+- AIQL: every decision. The next entry is the same UAV's next decision.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from uav_collect.actions import N_ACTIONS
+from uav_collect.arrays import Bools, Floats, Ints, Row
+from uav_collect.briefing import Briefing
+from uav_collect.compiled import kernel
+from uav_collect.experience import Episode, N_UAV_SCALARS, observations, Records
+from uav_collect.observation import Layout, observation_size
+
+NOBODY = -1  # no decision
+
+
+class Algorithm(StrEnum):
+    """How the team's reward is shared out among the UAVs' networks."""
+
+    AQMIX = 'aqmix'
+    QMIX = 'qmix'
+    AIQL = 'aiql'
+
+
+@dataclass(frozen=True, kw_only=True)
+class Minibatch:
+    """E decisions of several missions, in order, R = E rows, and L entries."""
+
+    observation: NDArray[np.float32]  # (R, observation_size), packed
+    step_sizes: list[int]  # rows of each step
+    legal: Bools  # (R, N_ACTIONS), packed
+    row: Ints  # (E,) packed row of each decision
+    action: Ints  # (E,)
+    latest: Ints  # (E, U) the latest decision of each UAV, or NOBODY
+    decides: Bools  # (E, U) whose action is chosen at the instant of the entry
+    fleet: NDArray[np.float32]  # (E, U * N_UAV_SCALARS)
+    complete: NDArray[np.uint8]  # (E, U + 1, C) the maps of all UAVs and the true one
+    entry: Ints  # (L,) decisions that are entries; chains lie in order
+    next_entry: Ints  # (L,) the decision that follows, or NOBODY at the end
+    is_chained: Bools  # (L,) whether what follows is the next of the entries
+    reward: Floats  # (L,) until then, discounted to the entry
+    discount: Floats  # (L,) of what follows
+
+    @property
+    def longest_chain(self) -> int:
+        """No more entries than this follow one another."""
+        return len(self.entry)
+
+
+def minibatch(
+    episodes: Sequence[Episode],
+    briefing: Briefing,
+    layout: Layout,
+    algorithm: Algorithm,
+    discount_per_s: float,
+) -> Minibatch:
+    """Make missions ready for an update.
+
+    Args:
+        episodes: at least one; synchronous missions for QMIX.
+    """
+    records = _joined(episodes)
+    sizes = np.array([episode.n_decisions for episode in episodes])
+    mission = np.repeat(np.arange(len(episodes)), sizes)
+    is_whole = np.array([episode.is_whole for episode in episodes])
+    row, step_sizes = _packing(records, mission, briefing.n_uavs)
+    latest = _latest(records, mission, briefing.n_uavs)
+    time_s = np.asarray(records.time_s)
+    instant = _instants(mission, time_s, algorithm)
+    decides = (latest >= 0) & (instant[latest] == instant[:, None])
+    order, entry_next = _successors(records, mission, instant, is_whole, algorithm)
+    entry, next_entry = order[entry_next != _UNKNOWN], entry_next[entry_next != _UNKNOWN]
+    follows = np.append(entry[1:], NOBODY)
+    reward, discount = _returns(records, mission, entry, next_entry, discount_per_s)
+    size = observation_size(layout, briefing.cells_per_side, briefing.n_uavs)
+    observation = np.empty((len(row), size), dtype=np.float32)
+    demand_bit = np.stack([episode.demand_bit for episode in episodes])
+    observations(int(layout), briefing, records, demand_bit, mission, row, observation)
+    legal = np.empty((len(row), N_ACTIONS), dtype=bool)
+    legal[row] = _bits(records.legal)[:, :N_ACTIONS] == 1
+    return Minibatch(
+        observation=observation,
+        step_sizes=step_sizes,
+        legal=legal,
+        row=row,
+        action=np.maximum(records.action, 0).astype(np.int64),
+        latest=latest,
+        decides=decides,
+        fleet=np.asarray(records.fleet),
+        complete=_maps(records, briefing),
+        entry=entry,
+        next_entry=next_entry,
+        is_chained=(next_entry >= 0) & (follows == next_entry),
+        reward=reward,
+        discount=discount,
+    )
+
+
+_UNKNOWN = -2  # what follows is not known: the mission was cut off
+
+
+def _joined(episodes: Sequence[Episode]) -> Records:
+    tables: list[Any] = [
+        np.concatenate([getattr(episode.records, name) for episode in episodes])
+        for name in Records._fields
+    ]
+    return Records(*tables)
+
+
+def _packing(records: Records, mission: Ints, n_uavs: int) -> tuple[Ints, list[int]]:
+    """The packed row of each decision, and how many sequences reach each step."""
+    sequence = mission * n_uavs + np.asarray(records.uav)
+    step = np.asarray(records.decision, dtype=np.int64)
+    length = np.bincount(sequence)
+    place = np.empty(len(length), dtype=np.int64)
+    place[np.argsort(-length, kind='stable')] = np.arange(len(length))
+    step_sizes = np.bincount(step)
+    start = np.cumsum(step_sizes) - step_sizes
+    return start[step] + place[sequence], step_sizes.tolist()
+
+
+def _latest(records: Records, mission: Ints, n_uavs: int) -> Ints:
+    """The latest decision of each UAV at each decision; none before its first, none once home."""
+    index = np.arange(len(mission))
+    first = np.searchsorted(mission, mission)
+    uav = np.asarray(records.uav)
+    decided = np.where(uav[:, None] == np.arange(n_uavs), index[:, None], NOBODY)
+    latest = np.maximum.accumulate(decided, axis=0)
+    active = np.asarray(records.fleet)[:, N_UAV_SCALARS - 1 :: N_UAV_SCALARS] > 0.0
+    return np.where((latest >= first[:, None]) & active, latest, NOBODY)
+
+
+def _instants(mission: Ints, time_s: Floats, algorithm: Algorithm) -> Ints:
+    """A number for each decision; decisions of one joint choice share it."""
+    if algorithm is not Algorithm.QMIX:
+        return np.arange(len(mission))
+    is_new = (mission[1:] != mission[:-1]) | (time_s[1:] != time_s[:-1])
+    return np.concatenate([[0], np.cumsum(is_new)])
+
+
+def _successors(
+    records: Records, mission: Ints, instant: Ints, is_whole: Bools, algorithm: Algorithm
+) -> tuple[Ints, Ints]:
+    """Decisions in the order of chains, and what follows each: NOBODY at the end, or _UNKNOWN."""
+    index = np.arange(len(mission))
+    if algorithm is Algorithm.AIQL:
+        order = np.lexsort((index, np.asarray(records.uav), mission))
+        chain = mission * (1 + int(np.max(records.uav))) + np.asarray(records.uav)
+    else:
+        order = index[np.append(instant[1:] != instant[:-1], True)]
+        chain = mission
+    chain = chain[order]
+    is_last = np.append(chain[1:] != chain[:-1], True)
+    end = np.where(is_whole[mission[order]], NOBODY, _UNKNOWN)
+    return order, np.where(is_last, end, np.append(order[1:], NOBODY))
+
+
+def _returns(
+    records: Records, mission: Ints, entry: Ints, next_entry: Ints, discount_per_s: float
+) -> tuple[Floats, Floats]:
+    """Reward between entries and the next ones, and the discount of what follows.
+
+    gamma^tau of the target (paper, section V-A), tau the time between the two.
+    """
+    time_s = np.asarray(records.time_s)
+    is_last = np.append(mission[1:] != mission[:-1], True)
+    discount = np.where(is_last, 0.0, discount_per_s ** np.asarray(records.duration_s))
+    to_go = np.empty(len(mission))
+    _sum_backwards(np.asarray(records.reward), discount, to_go)
+    is_known = next_entry >= 0
+    after = np.where(is_known, next_entry, 0)
+    between = discount_per_s ** np.where(is_known, time_s[after] - time_s[entry], 0.0)
+    reward = to_go[entry] - np.where(is_known, between * to_go[after], 0.0)
+    return reward, np.where(is_known, between, 0.0)
+
+
+@kernel
+def _sum_backwards(values: Row[float], factors: Row[float], sums: Row[float]) -> None:
+    """Solve sum_i = value_i + factor_i sum_{i+1} from the end, shape (N,)."""
+    total = 0.0
+    for index in range(len(values) - 1, -1, -1):
+        total = values[index] + factors[index] * total
+        sums[index] = total
+
+
+def _bits(packed: Any) -> NDArray[np.uint8]:  # noqa: ANN401 - a column of records
+    return np.unpackbits(np.asarray(packed)[..., None], axis=-1, bitorder='little')
+
+
+def _maps(records: Records, briefing: Briefing) -> NDArray[np.uint8]:
+    n_cells = briefing.cells_per_side * briefing.cells_per_side
+    known = np.asarray(records.complete).reshape(len(records.uav), briefing.n_uavs, -1)
+    packed = np.concatenate([known, np.asarray(records.true_complete)[:, None]], axis=1)
+    return np.unpackbits(packed, axis=-1, count=n_cells, bitorder='little')

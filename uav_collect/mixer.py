@@ -1,0 +1,74 @@
+"""The mixing network: the team's action value out of the UAVs' own, monotonic in each of them."""
+
+import math
+
+import torch
+from torch import nn, Tensor
+
+
+class Mixer(nn.Module):
+    """Two fully connected layers with ELU, weights by hypernetworks on the global state.
+
+    The completion maps in the state are sum-pooled first (paper, section V-B).
+    """
+
+    def __init__(
+        self,
+        *,
+        n_uavs: int,
+        n_uav_scalars: int,
+        cells_per_side: int,
+        pool_side: int,
+        embedding_size: int,
+        hypernetwork_size: int,
+    ) -> None:
+        """Make the layers.
+
+        Args:
+            n_uav_scalars: numbers of the state for each UAV besides its map.
+            pool_side: cells of a pooling window's side, the paper's M.
+        """
+        super().__init__()
+        self._embedding_size, self._n_uavs = embedding_size, n_uavs
+        windows = pooling_windows(cells_per_side, pool_side)
+        self.register_buffer('_windows', windows, persistent=False)
+        state_size = n_uavs * n_uav_scalars + (n_uavs + 1) * windows.shape[1]
+        # The hypernetworks' first layers, side by side: one product instead of four.
+        self.state_layer = nn.Linear(state_size, 4 * hypernetwork_size)
+        self.inner_weight = nn.Linear(hypernetwork_size, n_uavs * embedding_size)
+        self.inner_bias = nn.Linear(hypernetwork_size, embedding_size)
+        self.outer_weight = nn.Linear(hypernetwork_size, embedding_size)
+        self.outer_bias = nn.Linear(hypernetwork_size, 1)
+
+    def forward(self, values: Tensor, fleet: Tensor, complete: Tensor) -> Tensor:
+        """Mix.
+
+        Args:
+            values: of each UAV's action, shape (N, U).
+            fleet: the state's numbers of each UAV, shape (N, U * n_uav_scalars).
+            complete: completion maps of all UAVs and the true one, shape (N, U + 1, C).
+
+        Returns:
+            The team's action value, shape (N,).
+        """
+        pooled = (complete.to(values.dtype) @ self._windows).flatten(1)
+        features = torch.relu(self.state_layer(torch.cat((fleet, pooled), dim=1)))
+        for_inner, for_bias, for_outer, for_last = features.chunk(4, dim=1)
+        inner = self.inner_weight(for_inner).abs()
+        inner = inner.view(-1, self._n_uavs, self._embedding_size)
+        mixed = (values.unsqueeze(2) * inner).sum(dim=1) + self.inner_bias(for_bias)
+        outer = self.outer_weight(for_outer).abs()
+        total = (nn.functional.elu(mixed) * outer).sum(dim=1)
+        return total + self.outer_bias(for_last).squeeze(1)
+
+
+def pooling_windows(cells_per_side: int, pool_side: int) -> Tensor:
+    """Which cells each pooling window sums; those at the far edges may reach outside.
+
+    Returns:
+        Zeros and ones, shape (C, windows).
+    """
+    n_windows = math.ceil(cells_per_side / pool_side)
+    place = torch.arange(cells_per_side) // pool_side
+    window = (place[:, None] * n_windows + place[None, :]).flatten()
+    return nn.functional.one_hot(window, n_windows * n_windows).float()

@@ -1,0 +1,164 @@
+"""The settings of a training: frozen models; values live in config/training/*.yaml.
+
+config/training/paper.yaml says what each one means.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Literal
+
+from uav_collect import config_files, yaml_text
+from uav_collect.config_rules import number, Section, text, validated, whole
+from uav_collect.observation import Layout
+from uav_collect.reward import Reward
+from uav_collect.shared_files import shared_folders
+
+_Share = Annotated[float, number(0, 1)]
+_Size = Annotated[int, whole(1, 4096)]
+
+
+class RewardSettings(Section):
+    """What the team is rewarded for."""
+
+    kind: Literal['paper', 'energy']
+    discount_per_s: Annotated[float, number(0, 1, 'per s', above=True)]
+    scale: Annotated[float, number(0, 1e6, above=True)]
+
+
+class NetworkSettings(Section):
+    """The agent network."""
+
+    hidden_size: _Size
+
+
+class MixerSettings(Section):
+    """The mixing network and its hypernetworks."""
+
+    embedding_size: _Size
+    hypernetwork_size: _Size
+    pool_side: Annotated[int, whole(1, 64)]
+
+
+class ExplorationSettings(Section):
+    """Random actions while learning."""
+
+    epsilon_first: _Share
+    epsilon_last: _Share
+    decay_share: _Share
+    hover_share: Annotated[float, number(-1, 1)]
+
+
+class TargetSettings(Section):
+    """What action values are learned towards."""
+
+    trace: _Share
+    double_q: bool
+    update_rate: Annotated[float, number(0, 1, above=True)]
+
+
+class OptimiserSettings(Section):
+    """How the weights follow the gradient."""
+
+    learning_rate: Annotated[float, number(0, 1, above=True)]
+    learning_rate_last: Annotated[float, number(0, 1, above=True)]
+    decay_from_share: _Share
+    adam_epsilon: Annotated[float, number(0, 1, above=True)]
+    clip_norm: Annotated[float, number(0, 1e6, above=True)]
+    bf16: bool
+
+
+class ReplaySettings(Section):
+    """What is learned from."""
+
+    decisions: Annotated[int, whole(1000, 10**9)]
+    missions_per_batch: Annotated[int, whole(1, 4096)]
+
+
+class RolloutSettings(Section):
+    """How experience is made."""
+
+    missions_at_once: Annotated[int, whole(1, 65536)]
+    max_decisions: Annotated[int, whole(2, 100_000)]
+    decisions_per_update: Annotated[int, whole(1, 10**9)]
+    bandwidth: Literal['equal', 'exact']
+
+
+class ValidationSettings(Section):
+    """How the best policy is chosen."""
+
+    missions: Annotated[int, whole(1, 100_000)]
+    every_updates: Annotated[int, whole(1, 10**9)]
+
+
+class TrainingConfig(Section):
+    """All settings of a training."""
+
+    name: Annotated[str, text(100)]
+    observation: Literal['paper', 'egocentric']
+    reward: RewardSettings
+    network: NetworkSettings
+    mixer: MixerSettings
+    exploration: ExplorationSettings
+    target: TargetSettings
+    optimiser: OptimiserSettings
+    replay: ReplaySettings
+    rollout: RolloutSettings
+    validation: ValidationSettings
+
+    @property
+    def layout(self) -> Layout:
+        """Of the observations."""
+        return Layout[self.observation.upper()]
+
+    @property
+    def reward_kind(self) -> Reward:
+        """What the team is rewarded for."""
+        return Reward[self.reward.kind.upper()]
+
+    def epsilon(self, share_done: float) -> float:
+        """Probability to explore after a share of the training."""
+        settings = self.exploration
+        share = share_done / settings.decay_share if settings.decay_share > 0 else 1.0
+        return _between(settings.epsilon_first, settings.epsilon_last, share)
+
+    def learning_rate(self, share_done: float) -> float:
+        """Learning rate after a share of the training."""
+        settings = self.optimiser
+        left = 1.0 - settings.decay_from_share
+        share = (share_done - settings.decay_from_share) / left if left > 0 else 0.0
+        return _between(settings.learning_rate, settings.learning_rate_last, share)
+
+    def to_yaml(self) -> str:
+        """The settings as a file that stands alone."""
+        return yaml_text.dump(self.model_dump())
+
+
+def load_preset(
+    name_or_path: str | Path, overrides: Mapping[str, object] | None = None
+) -> TrainingConfig:
+    """Read settings by their name among the shipped ones, or by the path of a YAML file.
+
+    Args:
+        name_or_path: 'strong', or 'my/settings.yaml'.
+        overrides: values by dotted path ('target.trace'), which count more than the file's.
+
+    Raises:
+        ConfigError: one line per problem: file and line, key, value, what is allowed.
+    """
+    folders = shared_folders('training')
+    path = config_files.find(str(name_or_path), folders, field='preset')
+    document = config_files.read(path, folders)
+    has_name = 'name' in document.values and document.source(('name',)) is document.top
+    named = {} if has_name else {'name': path.stem}
+    return validated(
+        TrainingConfig, config_files.override(document, {**named, **(overrides or {})})
+    )
+
+
+def preset_names() -> tuple[str, ...]:
+    """The names of the shipped presets."""
+    return config_files.names_in(shared_folders('training'))
+
+
+def _between(first: float, last: float, share: float) -> float:
+    return first + (last - first) * min(max(share, 0.0), 1.0)
