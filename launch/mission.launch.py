@@ -37,7 +37,11 @@ _ARGUMENTS = {
         float,
         'simulated over wall-clock time; 0: as fast as the fleet decides',
     ),
-    'policy': ('/*/uav_agent', str, 'what decides: hert, hert-equal, sweep or random'),
+    'policy': (
+        '/*/uav_agent',
+        str,
+        'what decides: hert, hert-equal, sweep, random, a learned policy or its file, or strong',
+    ),
     'bandwidth': ('/*/uav_agent', str, 'how bandwidth is shared: exact, equal or cvxpy'),
 }
 _OUTPUT_HELP = 'folder for the bag and the mission logs; empty: a bag named by the time, no logs'

@@ -11,14 +11,14 @@ from uav_collect.nodes.run_folder import RunFolder
 from uav_collect.nodes.schedule import Pace, Schedule
 
 
-def pilot(number: int, instance: str, policy: str = 'sweep') -> Pilot:
+def pilot(number: int, instance: str, policy: str = 'sweep', version: str = '1') -> Pilot:
     return Pilot(
         uav=number,
         instance=instance,
         host='here',
         pid=7,
         policy=policy,
-        policy_version='1',
+        policy_version=version,
         allocator='exact',
     )
 
@@ -63,6 +63,8 @@ def test_a_mission_in_flight_goes_on_with_the_policy_it_began_with(roster: Roste
     answer = roster.ask(pilot(1, 'B', policy='hert'))
     assert (answer.accepted, answer.retry) == (False, False)
     assert "began the mission in flight with policy 'sweep'" in answer.reason
+    answer = roster.ask(pilot(1, 'B', version='2'))
+    assert "with policy 'sweep' (1), bandwidth 'exact', not policy 'sweep' (2)" in answer.reason
     assert roster.ask(pilot(1, 'B')).accepted
     roster.end()
     roster.lose(1)

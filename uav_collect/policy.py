@@ -169,9 +169,10 @@ def _strong_name(scenario: Scenario) -> str:
     name = f'{scenario.name}_n{scenario.n_uavs}_aqmix'
     if name not in shipped_policies():
         shipped = ', '.join(shipped_policies()) or 'none'
+        fleet = f'{scenario.n_uavs} UAV{"s" if scenario.n_uavs > 1 else ""}'
         raise PolicyMismatchError(
-            f'no learned policy is shipped for {scenario.name} with {scenario.n_uavs} UAVs, '
-            f'{name}{SUFFIX}; there are {shipped}'
+            f'no learned policy is shipped for {scenario.name} with {fleet}, {name}{SUFFIX}; '
+            f'there are {shipped}'
         )
     return name
 

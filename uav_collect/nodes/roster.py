@@ -19,6 +19,11 @@ class Pilot:
         """The process, for people."""
         return f'process {self.pid} on {self.host}'
 
+    @property
+    def way(self) -> str:
+        """What decides; it stays the same within a mission, whichever process flies."""
+        return f'policy {self.policy!r} ({self.policy_version}), bandwidth {self.allocator!r}'
+
 
 @dataclass(frozen=True, kw_only=True)
 class Answer:
@@ -50,11 +55,11 @@ class Roster:
             reason = f'UAV {pilot.uav} is flown by another agent, {holder}'
             return Answer(accepted=False, retry=True, reason=reason)
         begun = self.flying.get(pilot.uav)
-        if begun and (begun.policy, begun.allocator) != (pilot.policy, pilot.allocator):
+        if begun and begun.way != pilot.way:
             return Answer(
                 accepted=False,
-                reason=f'UAV {pilot.uav} began the mission in flight with policy {begun.policy!r} '
-                f'and bandwidth {begun.allocator!r}, not {pilot.policy!r} and {pilot.allocator!r}',
+                reason=f'UAV {pilot.uav} began the mission in flight with {begun.way}, '
+                f'not {pilot.way}',
             )
         self.pilots[pilot.uav] = pilot
         self.present.add(pilot.uav)

@@ -17,6 +17,7 @@ from rclpy.task import Future
 from rclpy.utilities import remove_ros_args
 from uav_collect.agent import Agent, allocator_named
 from uav_collect.briefing import brief, Briefing
+from uav_collect.frozen import PolicyMismatchError
 from uav_collect.limits import ALLOCATOR_NAMES, MAX_UAVS
 from uav_collect.missions import LocalView
 from uav_collect.nodes import convert, topics
@@ -25,7 +26,7 @@ from uav_collect.nodes.parameters import declare, help_text, Parameter
 from uav_collect.nodes.spin import MISUSED, NodeError, ProcessNode, run_node
 from uav_collect.nodes.topics import publisher, subscription
 from uav_collect.observation import encode, Layout, observation_size
-from uav_collect.policy import policy_named
+from uav_collect.policy import policy_for, policy_named, STRONG
 from uav_collect.rows import new_row
 from uav_collect.scenario import ConfigError, fingerprint, from_yaml, Scenario
 from uav_collect_msgs.srv import Join
@@ -43,7 +44,10 @@ _TOLD_PERIOD_S = 10.0  # between two lines that say what the agent waits for
 PARAMETERS = (
     Parameter(name='uav', default=0, description='id of the UAV (--id)', low=0, high=MAX_UAVS),
     Parameter(
-        name='policy', default='sweep', description='hert, hert-equal, sweep or random (--policy)'
+        name='policy',
+        default='sweep',
+        description='hert, hert-equal, sweep or random, a learned policy by name or .safetensors '
+        'file, or strong: the one shipped for the scenario (--policy)',
     ),
     Parameter(
         name='bandwidth',
@@ -73,7 +77,8 @@ class AgentNode(ProcessNode):
         if not self._uav:
             raise NodeError('the id of the UAV is missing: --id N, from 1')
         try:
-            policy_named(self._policy)
+            if self._policy != STRONG:  # which one that is, the scenario says
+                policy_named(self._policy)
             allocator_named(self._allocator)
         except ValueError as error:
             raise NodeError(str(error)) from error
@@ -121,11 +126,12 @@ class AgentNode(ProcessNode):
             return
         try:
             scenario = self._checked_scenario(msg)
-        except ConfigError as error:
+            policy = policy_for(self._policy, scenario)
+        except (ConfigError, PolicyMismatchError) as error:
             self._give_up(str(error))
             return
         briefing, uav = brief(scenario), self._uav - 1
-        agent = Agent(briefing, uav, policy_named(self._policy), allocator_named(self._allocator))
+        agent = Agent(briefing, uav, policy, allocator_named(self._allocator))
         self._cockpit = Cockpit(agent, scenario.n_cells, msg.world_instance)
         if self._layout is not None:
             self._reporter = _Reporter(self._layout, briefing, uav, msg.fingerprint)
@@ -165,7 +171,7 @@ class AgentNode(ProcessNode):
             agent_instance=self._instance,
             host=socket.gethostname(),
             pid=os.getpid(),
-            policy=self._policy,
+            policy=self._cockpit.agent.policy.name,
             policy_version=self._cockpit.agent.policy.version,
             allocator=self._allocator,
         )
@@ -183,7 +189,7 @@ class AgentNode(ProcessNode):
             return
         self._is_member = True
         self._renew_publishers()
-        self.get_logger().info(f'UAV {self._uav} flies, policy {self._policy}')
+        self.get_logger().info(f'UAV {self._uav} flies, policy {self._cockpit.agent.policy.name}')
         self._cockpit.rebuild(answer)
         self._answer_observations()
 
@@ -300,7 +306,11 @@ def main(argv: Sequence[str]) -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument('--id', type=_uav_id, metavar='N', help='id of the UAV, from 1')
-    parser.add_argument('--policy', metavar='NAME', help='hert, hert-equal, sweep or random')
+    parser.add_argument(
+        '--policy',
+        metavar='NAME|FILE',
+        help='hert, hert-equal, sweep, random, a .safetensors file, a shipped policy, or strong',
+    )
     parser.add_argument(
         '--bandwidth', choices=ALLOCATOR_NAMES, help='how bandwidth is shared among sensors'
     )
