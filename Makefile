@@ -6,13 +6,14 @@
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup mission test check format bench clean distclean
+.PHONY: help setup mission train curves test check format bench clean distclean
 
 VENV := .venv
 PYTHON ?=
 ROS := $(if $(filter jazzy,$(ROS_DISTRO)),$(if $(findstring $(CURDIR)/$(VENV),$(AMENT_PREFIX_PATH)),wheels,sourced),wheels)
 INSTALLED := $(VENV)/.installed-$(ROS)
 DEVELOPED := $(VENV)/.developed-$(ROS)
+LEARNS := $(VENV)/.learns-$(ROS)
 BUILT := install/.built
 
 # The ROS log needs a home.
@@ -24,8 +25,8 @@ TESTS ?= test
 WORKERS ?= auto
 BENCHES ?= $(sort $(wildcard bench/*.py))
 
-# The mission's variables; "make help" prints these lines. Only what is set is passed on: the command
-# knows its own defaults.
+# The variables of mission and train; "make help" prints these lines. Only what is set is passed on:
+# the commands know their own defaults.
 #:SCENARIO   name in config/scenarios, or a YAML file (paper_10x10)
 #:POLICY     who decides on board: sweep or hert (sweep)
 #:SEED       mission seed: data and channels (0)
@@ -40,11 +41,34 @@ MISSION_OPTIONS = \
   $(if $(UAVS),--uavs '$(UAVS)') \
   $(ARGS)
 
+#>SCENARIO   name in config/scenarios, or a YAML file (paper_10x10)
+#>ALGORITHM  aqmix, qmix or aiql (aqmix)
+#>PRESET     name in config/training, or a YAML file (strong)
+#>MINUTES    how long to train each seed (30)
+#>SEED       of weights, exploration and missions; several as SEED='0 1 2' (0)
+#>UAVS       number of UAVs (as in the scenario)
+#>RESUME     run folder to go on with, instead of all these
+#>ARGS       any further arguments of the command, see ARGS=--help
+TRAIN_OPTIONS = \
+  $(if $(SCENARIO),--scenario '$(SCENARIO)') \
+  $(if $(ALGORITHM),--algorithm '$(ALGORITHM)') \
+  $(if $(PRESET),--preset '$(PRESET)') \
+  $(if $(MINUTES),--minutes '$(MINUTES)') \
+  $(if $(SEED),--seed $(SEED)) \
+  $(if $(UAVS),--uavs '$(UAVS)') \
+  $(if $(RESUME),--resume '$(RESUME)') \
+  $(ARGS)
+RUNS ?= $(wildcard runs/train/*/)
+
 help:  ## this list
 	@echo 'make TARGET [VARIABLE=value ...]'
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  %-10s %s\n", $$1, $$2 }' Makefile
 	@echo 'Variables of make mission, with their defaults:'
 	@sed -n 's/^#:/  /p' Makefile
+	@echo 'Of make train:'
+	@sed -n 's/^#>/  /p' Makefile
+	@echo 'Of make curves:'
+	@echo '  RUNS       run folders (all of runs/train); ARGS as --output and --reference'
 	@echo 'Of the set-up:'
 	@echo '  PYTHON     which Python to use (the first 3.11 or 3.12 of python3, python3.12, python3.11)'
 
@@ -54,10 +78,16 @@ setup: $(BUILT)  ## everything that missions need, in .venv, build and install (
 mission: $(BUILT)  ## fly a mission over ROS 2 and show it, as SCENARIO=lillgrund POLICY=hert SEED=7
 	@. install/setup.sh && $(VENV)/bin/python -m uav_collect mission $(MISSION_OPTIONS)
 
-test: $(BUILT) $(DEVELOPED)  ## run all tests; TESTS=test/test_radio.py runs a part
+train: $(INSTALLED) $(LEARNS)  ## learn a policy, as SCENARIO=paper_8x8 MINUTES=10 SEED=7
+	@$(VENV)/bin/python -m uav_collect train $(TRAIN_OPTIONS)
+
+curves: $(INSTALLED)  ## draw the learning curves of RUNS, into learning_curves.png
+	@$(VENV)/bin/python -m uav_collect curves $(RUNS) $(ARGS)
+
+test: $(BUILT) $(DEVELOPED) $(LEARNS)  ## run all tests; TESTS=test/test_radio.py runs a part
 	@. install/setup.sh && $(VENV)/bin/python -m pytest -n $(WORKERS) $(TESTS) $(ARGS)
 
-check: $(DEVELOPED)  ## ruff and mypy, as CI does
+check: $(DEVELOPED) $(LEARNS)  ## ruff and mypy, as CI does
 	@$(VENV)/bin/ruff check
 	@$(VENV)/bin/ruff format --check
 	@$(VENV)/bin/mypy
@@ -66,7 +96,7 @@ format: $(DEVELOPED)  ## let ruff mend what it can
 	@$(VENV)/bin/ruff check --fix
 	@$(VENV)/bin/ruff format
 
-bench: $(BUILT)  ## measure, each figure beside its peer or limit; BENCHES=bench/bandwidth.py for one
+bench: $(BUILT) $(LEARNS)  ## measure, each figure beside its peer or limit; BENCHES=bench/bandwidth.py for one
 	@. install/setup.sh && for bench in $(BENCHES); do $(VENV)/bin/python $$bench $(ARGS) || exit; done
 
 clean:  ## remove what was built
@@ -83,6 +113,10 @@ $(INSTALLED): requirements/run.txt requirements/build.txt requirements/ros.txt \
 $(DEVELOPED): $(INSTALLED) requirements/dev.txt
 	@echo 'set-up: installing the tools of requirements/dev.txt (10 s)'
 	@$(VENV)/bin/python -m pip install -qq -c requirements/constraints.txt -r requirements/dev.txt
+	@touch $@
+
+$(LEARNS): $(INSTALLED) requirements/train.txt tools/install_training.sh
+	@sh tools/install_training.sh $(VENV)
 	@touch $@
 
 # Folders stand for the files added to them. colcon runs make itself: a jobserver of ours would only

@@ -27,7 +27,10 @@ setup(
         *shared_files(),
     ],
     install_requires=['setuptools'],
-    extras_require={'test': ['pytest']},  # lets colcon test run pytest
+    extras_require={
+        'test': ['pytest'],  # lets colcon test run pytest
+        'train': ['torch==2.13.0', 'tensorboard==2.21.0'],  # as requirements/train.txt
+    },
     zip_safe=True,
     maintainer='uav_collect maintainers',
     maintainer_email='maintainers@example.org',
@@ -41,6 +44,8 @@ setup(
             'doctor = uav_collect.__main__:doctor',
             'evaluate = uav_collect.__main__:evaluate',
             'mission = uav_collect.__main__:mission',
+            'train = uav_collect.__main__:train',
+            'curves = uav_collect.__main__:curves',
             'report = uav_collect.__main__:report',
         ],
     },

@@ -14,7 +14,10 @@ import pytest
 import uav_collect
 
 ROOT = Path(__file__).parent.parent
-EXECUTABLES = ('world_sim', 'uav_agent', 'recorder', 'mission', 'evaluate', 'report', 'doctor')
+EXECUTABLES = (
+    *('world_sim', 'uav_agent', 'recorder', 'mission', 'evaluate', 'report', 'doctor'),
+    *('train', 'curves'),
+)
 INTERFACES = sorted((ROOT / 'msg_defs').glob('*/*.[ms][sr][gv]'))
 MODULES = sorted((ROOT / 'uav_collect').rglob('*.py'))
 ROS_MODULES = {
@@ -31,14 +34,15 @@ UNITS = {
 # A module imports from its own line and the lines above. nodes/ and commands/ import from all, but
 # not from each other.
 LAYERS = (
-    'arrays compiled limits philox rows shared_files mission_log',
+    'arrays compiled limits philox rows shared_files mission_log revision training_log',
     'yaml_text config_files config_rules sensors_csv scenario_model scenario site',
     'radio energy bandwidth_newton bandwidth_reference bandwidth',
     'actions briefing ground missions world belief observation reward event_log experience',
     'frozen heuristics policy agent',
     'batch preflight simulation stepping rollout',
-    'metrics evaluation lanes plots tables bag bag_writer bag_repair',
+    'metrics evaluation lanes plots tables bag bag_writer bag_repair learning_curves',
 )
+LEARNING = 'network mixer learner collector trainer train training_folder'
 LAYER_OF = {module: rank for rank, line in enumerate(LAYERS) for module in line.split()}
 
 
@@ -85,14 +89,24 @@ def test_ros_is_imported_in_nodes_alone() -> None:
         assert path.parent.name == 'nodes' or not foreign_imports(path) & ROS_MODULES, path
 
 
+def pinned(name: str) -> set[str]:
+    """Packages that a file of requirements/ lists."""
+    pins = (ROOT / 'requirements' / name).read_text()
+    return {name.lower() for name in re.findall(r'^([\w.-]+)==', pins, re.MULTILINE)}
+
+
 def test_every_import_is_a_direct_requirement() -> None:
-    pins = (ROOT / 'requirements' / 'run.txt').read_text()
-    required = {name.lower() for name in re.findall(r'^([\w.-]+)==', pins, re.MULTILINE)}
+    required = pinned('run.txt') | pinned('train.txt')
     standard = set(sys.stdlib_module_names)
     modules = set().union(*map(foreign_imports, MODULES)) - standard - ROS_MODULES
     providers = packages_distributions()
     providers_of = {module: {name.lower() for name in providers[module]} for module in modules}
     assert {module for module, names in providers_of.items() if not names & required} == set()
+
+
+def test_what_training_alone_needs_is_imported_by_training_alone() -> None:
+    importers = {path.stem for path in MODULES if foreign_imports(path) & pinned('train.txt')}
+    assert importers <= set(LEARNING.split())
 
 
 @pytest.mark.parametrize('path', sorted((ROOT / 'requirements').iterdir()), ids=lambda p: p.name)

@@ -15,6 +15,8 @@ import uav_collect
 SUMMARIES = {
     'mission': 'fly one mission over ROS 2, every UAV a process of its own, and record it',
     'evaluate': 'fly many missions in this process; mean figures with 95 % intervals',
+    'train': 'learn a policy for a scenario, from missions flown in this process',
+    'curves': 'draw the learning curves of trainings, mean and deviation over seeds',
     'report': 'tables and pictures of missions that were flown, from their log or bag',
     'doctor': 'say whether a mission can fly on this machine, and what it would run on',
 }
@@ -65,6 +67,16 @@ def evaluate() -> int:
     return _run('evaluate', sys.argv[1:], prog='evaluate')
 
 
+def train() -> int:
+    """Learn a policy."""
+    return _run('train', sys.argv[1:], prog='train')
+
+
+def curves() -> int:
+    """Draw learning curves."""
+    return _run('curves', sys.argv[1:], prog='curves')
+
+
 def report() -> int:
     """Show missions that were flown."""
     return _run('report', sys.argv[1:], prog='report')
@@ -105,6 +117,10 @@ def _command(name: str) -> _Command:
             from uav_collect.commands.mission import add_arguments, run
         case 'evaluate':
             from uav_collect.commands.evaluate import add_arguments, run
+        case 'train':
+            from uav_collect.commands.train import add_arguments, run
+        case 'curves':
+            from uav_collect.commands.curves import add_arguments, run
         case 'report':
             from uav_collect.commands.report import add_arguments, run
         case 'doctor':
@@ -121,10 +137,13 @@ def _is_the_users(error: Exception) -> bool:
     if isinstance(error, OSError | MissionLogError):
         return True
     from uav_collect.bandwidth import AllocationError
-    from uav_collect.policy import PolicyMismatchError
+    from uav_collect.frozen import PolicyMismatchError
     from uav_collect.scenario import ConfigError
+    from uav_collect.training_log import TrainingRunError
 
-    return isinstance(error, ConfigError | PolicyMismatchError | AllocationError)
+    return isinstance(
+        error, ConfigError | PolicyMismatchError | AllocationError | TrainingRunError
+    )
 
 
 def _text(error: Exception) -> str:

@@ -29,7 +29,7 @@ from uav_collect.site import Site
 DPI = 150
 
 # Of Okabe and Ito, and of Tol: told apart with any colour vision; the eight come again, dotted.
-_COLOURS = (
+COLOURS = (
     '#0072B2', '#D55E00', '#CC79A7', '#56B4E9', '#E69F00', '#882255', '#999933', '#332288',
 )  # fmt: skip
 _SOLID = (0.0, ())
@@ -54,11 +54,11 @@ class _Path:
 
     @property
     def colour(self) -> str:
-        return _COLOURS[(self.number - 1) % len(_COLOURS)]
+        return COLOURS[(self.number - 1) % len(COLOURS)]
 
     @property
     def style(self) -> tuple[float, tuple[float, ...]]:
-        return _DOTTED if (self.number - 1) // len(_COLOURS) % 2 else _SOLID
+        return _DOTTED if (self.number - 1) // len(COLOURS) % 2 else _SOLID
 
 
 def trajectories(

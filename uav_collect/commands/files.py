@@ -11,7 +11,7 @@ def check_writable(path: Path) -> None:
     if path.is_dir():
         raise IsADirectoryError(f'{path}: is a folder, must be a file')
     if not _is_device(path):
-        with _naming(path), _partial(path):
+        with naming(path), _partial(path):
             pass
 
 
@@ -23,7 +23,7 @@ def write_atomically(path: Path, content: bytes) -> None:
     Raises:
         OSError: naming the file.
     """
-    with _naming(path):
+    with naming(path):
         if _is_device(path):
             with path.open('ab') as device:
                 device.write(content)
@@ -55,7 +55,7 @@ def _partial(path: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def _naming(path: Path) -> Iterator[None]:
+def naming(path: Path) -> Iterator[None]:
     """Name the user's file in an error, not the partial one."""
     try:
         yield

@@ -10,14 +10,16 @@ from uav_collect.limits import ALLOCATOR_NAMES, MAX_SEED, MAX_UAVS
 if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
     from uav_collect.scenario import Scenario
 
+DEFAULT_SCENARIO = 'paper_10x10'
+
 
 def add_scenario_options(parser: argparse.ArgumentParser) -> None:
     """Add what chooses a scenario and changes it."""
     parser.add_argument(
         '--scenario',
-        default='paper_10x10',
+        default=DEFAULT_SCENARIO,
         metavar='NAME|FILE',
-        help='a shipped scenario or a YAML file (default: %(default)s)',
+        help=f'a shipped scenario or a YAML file (default: {DEFAULT_SCENARIO})',
     )
     parser.add_argument(
         '--set',

@@ -1,0 +1,127 @@
+"""Draws the learning curves of trainings: mean and deviation over the seeds of each kind."""
+
+import argparse
+import io
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from uav_collect.commands import files
+from uav_collect.training_log import AXES, Axis, Measure, MEASURES
+
+if TYPE_CHECKING:  # loaded when drawing, so that --help answers at once
+    from uav_collect.learning_curves import LearningCurve
+
+_DESCRIPTION = """
+Reads the run folders of train and draws what their policies achieved in the validation missions
+while they learned. Runs that differ in nothing but their seed make one curve: the mean, and the
+standard deviation shaded around it.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Describe the command and add its arguments."""
+    parser.description = _DESCRIPTION
+    parser.add_argument('runs', nargs='+', type=Path, metavar='RUN', help='run folders of train')
+    parser.add_argument(
+        '--output',
+        type=Path,
+        default=Path('learning_curves.png'),
+        metavar='FILE',
+        help='picture to draw (default: %(default)s)',
+    )
+    parser.add_argument('--csv', type=Path, metavar='FILE', help='write the curves as a table')
+    parser.add_argument(
+        '--over',
+        choices=[axis.key for axis in AXES],
+        default=AXES[0].key,
+        help='horizontal axis (default: %(default)s)',
+    )
+    parser.add_argument(
+        '--measure',
+        choices=[measure.key for measure in MEASURES],
+        default=MEASURES[0].key,
+        metavar='NAME',
+        help=f'vertical axis: {", ".join(one.key for one in MEASURES)} (default: %(default)s)',
+    )
+    parser.add_argument(
+        '--reference',
+        action='extend',
+        nargs='+',
+        default=[],
+        type=_reference,
+        metavar='NAME=VALUE',
+        help='dashed lines, in the unit of the measure, as hert=0.79 sweep=1.19',
+    )
+    parser.add_argument('--title', default='', metavar='TEXT', help='above the picture')
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Draw the curves; the exit status."""
+    from uav_collect.learning_curves import learning_curves
+
+    for path in filter(None, (arguments.output, arguments.csv)):
+        files.check_writable(path)
+    measure = next(measure for measure in MEASURES if measure.key == arguments.measure)
+    axis = next(axis for axis in AXES if axis.key == arguments.over)
+    curves = learning_curves(arguments.runs, measure, axis)
+    write(
+        curves, measure, axis, picture=arguments.output, table=arguments.csv,
+        references=dict(arguments.reference), title=arguments.title,
+    )  # fmt: skip
+    _show(curves, measure)
+    for path in filter(None, (arguments.output, arguments.csv)):
+        print(path)
+    return 0
+
+
+def write(
+    curves: 'tuple[LearningCurve, ...]',
+    measure: Measure,
+    axis: Axis,
+    *,
+    picture: Path,
+    table: Path | None = None,
+    references: dict[str, float] | None = None,
+    title: str = '',
+) -> None:
+    """Write curves as a picture and, if asked, as a table.
+
+    Raises:
+        OSError: naming the file.
+    """
+    from uav_collect.learning_curves import draw, to_csv
+
+    drawn = io.BytesIO()
+    draw(curves, measure, axis, drawn, references, title)
+    files.write_atomically(picture, drawn.getvalue())
+    if table is not None:
+        files.write_atomically(table, to_csv(curves, measure, axis))
+
+
+def _show(curves: 'tuple[LearningCurve, ...]', measure: Measure) -> None:
+    from rich.box import SIMPLE_HEAD
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(box=SIMPLE_HEAD, pad_edge=False)
+    table.add_column(Text(f'{measure.title} [{measure.unit}]'))
+    for heading in ('seeds', 'at the end', 'deviation'):
+        table.add_column(heading, justify='right')
+    for curve in curves:
+        spread = f'{curve.deviation[-1]:.4f}' if len(curve.seeds) > 1 else '-'
+        row = (str(len(curve.seeds)), f'{curve.mean[-1]:.4f}', spread)
+        table.add_row(Text(curve.label), *row)
+    Console().print(table)
+
+
+def _reference(text: str) -> tuple[str, float]:
+    name, _, value = text.partition('=')
+    try:
+        height = float(value)
+    except ValueError:
+        height = math.nan
+    if not name or not math.isfinite(height):
+        raise argparse.ArgumentTypeError(f'{text!r} must be NAME=NUMBER, as sweep=1.19')
+    return name, height

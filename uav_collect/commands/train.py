@@ -1,0 +1,182 @@
+"""Trains a policy for a scenario, one run for each seed, in this process."""
+
+import argparse
+import importlib.util
+import math
+from pathlib import Path
+import sys
+
+from uav_collect.commands import options, progress
+from uav_collect.commands.interruption import noted
+from uav_collect.commands.training_plan import ALGORITHMS, planned, Training
+from uav_collect.limits import MAX_SEED
+from uav_collect.training_log import TrainingRunError
+
+_DESCRIPTION = """
+Learns the policy of a fleet's UAVs by flying missions of a scenario, and keeps the one that did
+best in fixed validation missions. A run folder gets the policy, everything that was set, tables
+and curves of how it went, and a checkpoint: Ctrl-C saves and says how to go on.
+"""
+DIVERGED = 1  # exit status
+_PRESET = 'strong'
+_ALGORITHM = 'aqmix'
+_MINUTES = 30.0
+_MAX_DECISIONS = 10**12
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Describe the command and add its arguments; what is None was not given."""
+    parser.description = _DESCRIPTION
+    options.add_scenario_options(parser)
+    parser.set_defaults(scenario=None)  # with --resume it must not be given
+    _add_learning_options(parser)
+    time = parser.add_mutually_exclusive_group()
+    time.add_argument(
+        '--minutes',
+        type=_minutes,
+        metavar='M',
+        help=f'how long to train each seed (default: {_MINUTES:g})',
+    )
+    time.add_argument(
+        '--decisions',
+        type=options.whole_number(1, _MAX_DECISIONS),
+        metavar='D',
+        help='or how many decisions to learn from',
+    )
+    parser.add_argument(
+        '--checkpoint-minutes',
+        type=_minutes,
+        default=5.0,
+        metavar='M',
+        help='how often to save all that --resume needs (default: %(default)g)',
+    )
+    parser.add_argument(
+        '--output',
+        type=Path,
+        metavar='FOLDER',
+        help='run folder; of several seeds FOLDER_s0, FOLDER_s1, ...'
+        ' (default: runs/train/SCENARIO_nUAVS_ALGORITHM_PRESET_sSEED)',
+    )
+    parser.add_argument(
+        '--resume',
+        type=Path,
+        metavar='RUN',
+        help='go on with an interrupted run, and with the other seeds that were to come',
+    )
+
+
+def _add_learning_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        '--algorithm', choices=ALGORITHMS, help=f'how it learns (default: {_ALGORITHM})'
+    )
+    parser.add_argument(
+        '--preset',
+        metavar='NAME|FILE',
+        help=f'settings of the training: paper, strong or a YAML file (default: {_PRESET})',
+    )
+    parser.add_argument(
+        '--override',
+        action='extend',
+        nargs='+',
+        default=[],
+        metavar='KEY=VALUE',
+        help='replace values of the preset',
+    )
+    parser.add_argument(
+        '--seed',
+        nargs='+',
+        type=options.whole_number(0, MAX_SEED),
+        metavar='SEED',
+        help='of weights, exploration and missions; several are trained one after another'
+        ' (default: 0)',
+    )
+    parser.add_argument(
+        '--device', choices=('cpu', 'cuda'), help='what computes the updates (default: cpu)'
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Train; the exit status."""
+    _check_torch()
+    if arguments.resume is None:
+        _fill_in(arguments)
+    training = planned(arguments)
+    _check_device(training.runs[0].record.device)
+    progress.say_if_compiling()
+    status = _train_all(training, arguments.checkpoint_minutes * 60.0)
+    if len(training.folders) > 1 and status == 0:
+        _draw_together(training)
+    return status
+
+
+def _train_all(training: Training, checkpoint_s: float) -> int:
+    from uav_collect.commands.training_session import DivergedError, InterruptedRunError, train
+
+    status = 0
+    with noted() as interruption:
+        for one in training.runs:
+            try:
+                train(one, checkpoint_s, interruption)
+            except InterruptedRunError as stopped:
+                sys.stderr.write(f'{stopped}\n')
+                return interruption.exit_status
+            except DivergedError as error:  # the other seeds may do better
+                sys.stderr.write(f'error: {error}\n')
+                status = DIVERGED
+    return status
+
+
+def _check_torch() -> None:
+    missing = [name for name in ('torch', 'tensorboard') if not importlib.util.find_spec(name)]
+    if missing:
+        raise TrainingRunError(
+            f'train needs {" and ".join(missing)}: "make train" installs what'
+            ' requirements/train.txt lists'
+        )
+
+
+def _fill_in(arguments: argparse.Namespace) -> None:
+    """Give what was not given its default."""
+    for name, default in (
+        ('scenario', options.DEFAULT_SCENARIO),
+        ('algorithm', _ALGORITHM),
+        ('preset', _PRESET),
+        ('seed', [0]),
+        ('device', 'cpu'),
+    ):
+        if getattr(arguments, name) is None:
+            setattr(arguments, name, default)
+    if arguments.minutes is None and arguments.decisions is None:
+        arguments.minutes = _MINUTES
+    if len(set(arguments.seed)) < len(arguments.seed):
+        raise TrainingRunError(f'--seed {" ".join(map(str, arguments.seed))}: names one twice')
+
+
+def _check_device(device: str) -> None:
+    import torch
+
+    if device == 'cuda' and not torch.cuda.is_available():
+        raise TrainingRunError(f'--device cuda: torch {torch.__version__} finds no CUDA device')
+    torch.set_num_threads(1)  # measured: more threads on busy cores are several times slower
+
+
+def _draw_together(training: Training) -> None:
+    """Draw the curve of several seeds beside their folders."""
+    from uav_collect.commands.training_session import draw_curve
+
+    first = training.runs[0]
+    picture = training.folders[0].with_name(f'{first.record.training}.png')
+    table = picture.with_suffix('.csv')
+    draw_curve(training.folders, picture, table, title=first.title)
+    print(f'curve of {len(training.folders)} seeds: {picture}, {table}')
+
+
+def _minutes(text: str) -> float:
+    """A type for argparse: a time in minutes."""
+    try:
+        minutes = float(text)
+    except ValueError:
+        minutes = math.nan
+    if not 0 < minutes < math.inf:
+        raise argparse.ArgumentTypeError(f'{text!r} must be a number of minutes above 0')
+    return minutes

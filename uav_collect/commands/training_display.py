@@ -1,0 +1,92 @@
+"""What train says while it learns, on stderr: a picture for a person, lines for a file."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+import math
+from time import monotonic
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:  # loaded when training, so that --help answers at once
+    from rich.console import RenderableType
+    from uav_collect.trainer import Progress
+
+_LINE_EVERY_S = 5.0
+_BAR_WIDTH = 40
+
+
+@contextmanager
+def showing(title: str) -> Iterator[Callable[['Progress'], None]]:
+    """Show a training; call what it yields with each look at it."""
+    from rich.console import Console
+    from rich.live import Live
+
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield _lines(lambda line: console.print(line, highlight=False, soft_wrap=True))
+        return
+    with Live(console=console, transient=True, auto_refresh=False) as live:
+        yield lambda progress: live.update(_picture(title, progress), refresh=True)
+
+
+def _lines(say: Callable[[str], None]) -> Callable[['Progress'], None]:
+    """A line every few seconds, and one for each validation."""
+    said_s = -math.inf
+
+    def show(progress: 'Progress') -> None:
+        nonlocal said_s
+        if progress.validation is not None or monotonic() - said_s >= _LINE_EVERY_S:
+            said_s = monotonic()
+            say(', '.join((*speeds(progress), *merits(progress), time_left(progress))))
+
+    return show
+
+
+def _picture(title: str, progress: 'Progress') -> 'RenderableType':
+    from rich.console import Group
+    from rich.progress_bar import ProgressBar
+    from rich.table import Table
+    from rich.text import Text
+
+    top = Table.grid(padding=(0, 2))
+    bar = ProgressBar(total=1.0, completed=progress.share_done, width=_BAR_WIDTH)
+    top.add_row(Text(title, 'bold'), bar, Text(time_left(progress)))
+    lines = (speeds(progress), merits(progress), sizes(progress))
+    return Group(top, *(Text('  ' + '   '.join(parts)) for parts in lines))
+
+
+def speeds(progress: 'Progress') -> tuple[str, ...]:
+    """How far and how fast it learns."""
+    return (
+        f'{progress.share_done:.0%}',
+        f'{progress.decisions_per_s:,.0f} decisions/s',
+        f'{progress.updates_per_s:.1f} updates/s',
+        f'loss {progress.loss:.4g}',
+    )
+
+
+def merits(progress: 'Progress') -> tuple[str, ...]:
+    """Energy efficiency: of the last missions, which explore, and of the best policy so far."""
+    best = progress.best
+    return (
+        f'{progress.training_efficiency_kbit_per_j:.3f} kbit/J exploring',
+        'not validated yet' if best is None else f'best {best.efficiency_kbit_per_j:.3f} kbit/J',
+    )
+
+
+def sizes(progress: 'Progress') -> tuple[str, ...]:
+    """What was done, and what the replay holds."""
+    return (
+        f'{progress.n_missions:,} missions',
+        f'{progress.n_decisions:,} decisions',
+        f'{progress.n_updates:,} updates',
+        f'replay {progress.replay_transitions:,} ({progress.replay_bytes / 1e6:.0f} MB)',
+    )
+
+
+def time_left(progress: 'Progress') -> str:
+    """The time that the rest will take if it goes on as fast as so far."""
+    if progress.share_done <= 0:
+        return ''
+    left_s = progress.wall_s * (1.0 / progress.share_done - 1.0)
+    minutes, seconds = divmod(round(left_s), 60)
+    return f'{minutes}:{seconds:02d} min left'

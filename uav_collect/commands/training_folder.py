@@ -1,0 +1,167 @@
+"""The run folder of a training, written while it runs: tables, TensorBoard, policies, record."""
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, ExitStack, suppress
+import csv
+from dataclasses import asdict, replace
+import fcntl
+import io
+import os
+from pathlib import Path
+from typing import Any, TextIO, TYPE_CHECKING
+
+from uav_collect.commands import files
+from uav_collect.commands.training_plan import (
+    CONFIG_FILE,
+    PlannedRun,
+    SCENARIO_FILE,
+)
+from uav_collect.training_log import (
+    PROGRESS_COLUMNS,
+    PROGRESS_FILE,
+    RUN_FILE,
+    TrainingRunError,
+    VALIDATION_COLUMNS,
+    VALIDATION_FILE,
+)
+
+if TYPE_CHECKING:  # loaded when training, so that --help answers at once
+    from torch.utils.tensorboard import SummaryWriter
+    from uav_collect.frozen import FrozenPolicy
+    from uav_collect.trainer import Progress
+
+CHECKPOINT = 'checkpoint'
+BEST_POLICY = 'policy.safetensors'
+LAST_POLICY = 'last.safetensors'
+CURVE = 'curve.png'
+TENSORBOARD = 'tensorboard'
+_TENSORBOARD_S = 10.0  # how often its file grows
+
+
+class RunFolder:
+    """Where one run is kept; open it by `opened`."""
+
+    def __init__(
+        self, run: PlannedRun, validations: TextIO, progress: TextIO, board: 'SummaryWriter'
+    ) -> None:
+        """Append to tables and to TensorBoard."""
+        self.path = run.folder
+        self._run = run
+        self._validations = validations
+        self._progress = progress
+        self._board = board
+
+    @property
+    def checkpoint(self) -> Path:
+        """Where the trainer saves itself."""
+        return self.path / CHECKPOINT
+
+    def note(self, progress: 'Progress') -> None:
+        """Add a look at the training to the tables and to TensorBoard.
+
+        Raises:
+            OSError: naming the file.
+        """
+        row = asdict(progress)
+        self._append(self._progress, PROGRESS_COLUMNS, row)
+        self._show('training', PROGRESS_COLUMNS, row, progress.n_decisions)
+        if progress.validation is not None:
+            row = asdict(progress.validation)
+            self._append(self._validations, VALIDATION_COLUMNS, row)
+            self._show('validation', VALIDATION_COLUMNS, row, progress.validation.n_decisions)
+
+    def _append(self, file: TextIO, columns: tuple[str, ...], row: Mapping[str, Any]) -> None:
+        with files.naming(Path(file.name)):
+            file.write(_csv_line([row[column] for column in columns]))
+            file.flush()
+
+    def _show(
+        self, group: str, columns: tuple[str, ...], row: Mapping[str, Any], n_decisions: int
+    ) -> None:
+        for column in columns:
+            if column != 'n_decisions' and row[column] is not None:
+                self._board.add_scalar(f'{group}/{column}', row[column], n_decisions)
+
+    def keep(self, policy: 'FrozenPolicy | None', name: str) -> None:
+        """Write a policy in place of the one of that name, if there is one to write.
+
+        Raises:
+            OSError: naming the file.
+        """
+        from uav_collect.frozen import save_policy
+
+        if policy is not None:
+            with files.naming(self.path / name):
+                save_policy(self.path / name, policy)
+
+    def finish(self) -> None:
+        """Note that the run has had its time."""
+        record = replace(self._run.record, is_done=True)
+        files.write_atomically(self.path / RUN_FILE, record.to_json())
+
+
+@contextmanager
+def opened(run: PlannedRun, n_decisions: int) -> Iterator[RunFolder]:
+    """The folder of a run that begins, or goes on after so many decisions.
+
+    What tables and TensorBoard have of later ones is dropped: it will be made again.
+
+    Raises:
+        TrainingRunError: another process trains in the folder.
+        OSError: naming what cannot be written.
+    """
+    from torch.utils.tensorboard import SummaryWriter
+
+    run.folder.mkdir(parents=True, exist_ok=True)
+    with ExitStack() as stack:
+        stack.enter_context(_locked(run.folder))
+        files.write_atomically(run.folder / SCENARIO_FILE, run.scenario.to_yaml().encode())
+        files.write_atomically(run.folder / CONFIG_FILE, run.config.to_yaml().encode())
+        files.write_atomically(run.folder / RUN_FILE, run.record.to_json())
+        tables = [
+            stack.enter_context(_table(run.folder / name, columns, n_decisions))
+            for name, columns in (
+                (VALIDATION_FILE, VALIDATION_COLUMNS), (PROGRESS_FILE, PROGRESS_COLUMNS),
+            )
+        ]  # fmt: skip
+        board = SummaryWriter(
+            str(run.folder / TENSORBOARD), purge_step=n_decisions + 1, flush_secs=_TENSORBOARD_S
+        )
+        stack.callback(board.close)
+        yield RunFolder(run, tables[0], tables[1], board)
+
+
+@contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    """Hold the folder, so that no two trainings write into it."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            what = f'{folder}: another process trains in it'
+            raise TrainingRunError(what) from None
+        except OSError:
+            pass  # a file system without locks
+        yield
+    finally:
+        os.close(descriptor)
+
+
+@contextmanager
+def _table(path: Path, columns: tuple[str, ...], n_decisions: int) -> Iterator[TextIO]:
+    """A table to append to, with its header and the rows up to so many decisions."""
+    rows: list[str] = []
+    with suppress(FileNotFoundError):
+        rows = path.read_text(encoding='utf-8').splitlines(keepends=True)[1:]
+    kept = [row for row in rows if row.endswith('\n') and int(row.split(',')[0]) <= n_decisions]
+    text = _csv_line(columns) + ''.join(kept)
+    files.write_atomically(path, text.encode())
+    with path.open('a', encoding='utf-8', newline='') as file:
+        yield file
+
+
+def _csv_line(cells: 'list[object] | tuple[str, ...]') -> str:
+    text = io.StringIO()
+    csv.writer(text, lineterminator='\n').writerow(cells)
+    return text.getvalue()

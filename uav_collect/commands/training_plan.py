@@ -1,0 +1,197 @@
+"""What a train command will do: the runs, one for each seed, their folders and settings."""
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+import datetime
+import hashlib
+from importlib import metadata
+from pathlib import Path
+import platform
+import shlex
+import sys
+from typing import TYPE_CHECKING
+
+from uav_collect.commands import options
+from uav_collect.training_log import read_run, RUN_FILE, RunRecord, TrainingRunError
+
+if TYPE_CHECKING:  # loaded when training, so that --help answers at once
+    from uav_collect.scenario import Scenario
+    from uav_collect.training_config import TrainingConfig
+
+ALGORITHMS = ('aqmix', 'qmix', 'aiql')
+SCENARIO_FILE = 'scenario.yaml'  # of a run folder, resolved
+CONFIG_FILE = 'training.yaml'  # the same of the preset
+RUNS = Path('runs') / 'train'
+_PACKAGES = ('numpy', 'numba', 'torch')
+_OWN = ('scenario', 'set', 'uavs', 'algorithm', 'preset', 'override', 'seed', 'device', 'output')
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlannedRun:
+    """One run: what is trained, and where it is kept."""
+
+    folder: Path
+    record: RunRecord
+    scenario: 'Scenario'
+    config: 'TrainingConfig'
+
+    @property
+    def title(self) -> str:
+        """What is trained, for people; all seeds have the same."""
+        record = self.record
+        settings = ' '.join((record.preset, *record.overrides))
+        return f'{record.algorithm.upper()}, {record.scenario}, {record.n_uavs} UAVs, {settings}'
+
+
+@dataclass(frozen=True, kw_only=True)
+class Training:
+    """The runs of a training that are still to be done, and all folders it has in the end."""
+
+    runs: tuple[PlannedRun, ...]
+    folders: tuple[Path, ...]
+
+
+def planned(arguments: argparse.Namespace) -> Training:
+    """The training that the arguments describe, new or to be resumed.
+
+    Raises:
+        TrainingRunError: a folder is there already, or there is nothing to resume.
+        ConfigError: scenario or preset are not valid.
+    """
+    return _new(arguments) if arguments.resume is None else _resumed(arguments)
+
+
+def _new(arguments: argparse.Namespace) -> Training:
+    from uav_collect.scenario import parse_override
+    from uav_collect.training_config import load_preset
+
+    scenario = options.scenario_of(arguments)
+    overrides = dict(parse_override(assignment) for assignment in arguments.override)
+    config = load_preset(arguments.preset, overrides)
+    record = _record(arguments, scenario, config)
+    is_alone = len(record.seeds) == 1 and arguments.output is not None
+    runs = []
+    for seed in record.seeds:
+        folder = arguments.output if is_alone else _folder_of(record, arguments.output, seed)
+        _check_new(folder)
+        one = replace(record, seed=seed)
+        runs.append(PlannedRun(folder=folder, record=one, scenario=scenario, config=config))
+    return Training(runs=tuple(runs), folders=tuple(run.folder for run in runs))
+
+
+def _folder_of(record: RunRecord, output: Path | None, seed: int) -> Path:
+    parent = RUNS if output is None else output.parent
+    return parent / f'{record.training}_s{seed}'
+
+
+def _check_new(folder: Path) -> None:
+    if (folder / RUN_FILE).is_file():
+        raise TrainingRunError(
+            f'{folder}: holds a run: go on with it by --resume {folder},'
+            ' or choose another --output'
+        )
+    if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
+        raise TrainingRunError(f'{folder}: is there already: choose another --output')
+
+
+def _record(
+    arguments: argparse.Namespace, scenario: 'Scenario', config: 'TrainingConfig'
+) -> RunRecord:
+    """What the arguments say of the first run."""
+    from uav_collect.revision import git_revision
+    from uav_collect.scenario import fingerprint
+
+    usual = f'{scenario.name}_n{scenario.n_uavs}_{arguments.algorithm}_{config.name}'
+    return RunRecord(
+        training=usual if arguments.output is None else arguments.output.name,
+        algorithm=arguments.algorithm,
+        scenario=scenario.name,
+        n_uavs=scenario.n_uavs,
+        scenario_fingerprint=fingerprint(scenario),
+        preset=config.name,
+        overrides=tuple(arguments.override),
+        training_fingerprint=_fingerprint(config),
+        seed=arguments.seed[0],
+        minutes=arguments.minutes,
+        decisions=arguments.decisions,
+        device=arguments.device,
+        seeds=tuple(arguments.seed),
+        started=datetime.datetime.now().astimezone().isoformat(timespec='seconds'),
+        git_revision=git_revision(),
+        versions=_versions(),
+        command=shlex.join(sys.argv),
+        is_done=False,
+    )
+
+
+def _fingerprint(config: 'TrainingConfig') -> str:
+    return hashlib.sha256(config.to_yaml().encode()).hexdigest()[:16]
+
+
+def _versions() -> dict[str, str]:
+    import uav_collect
+
+    own = {'uav_collect': uav_collect.__version__, 'python': platform.python_version()}
+    return own | {name: metadata.version(name) for name in _PACKAGES}
+
+
+def _resumed(arguments: argparse.Namespace) -> Training:
+    """The named run, then the other runs of its training that are not done."""
+    given = [name for name in _OWN if getattr(arguments, name) not in (None, [])]
+    if given:
+        raise TrainingRunError(
+            f'--{given[0]} cannot be given with --resume: the run goes on as it was begun'
+        )
+    folder: Path = arguments.resume
+    record = _extended(read_run(folder), arguments)
+    folders = _siblings(folder, record)
+    runs = [_stored(folder, record)]
+    for seed, other in zip(record.seeds, folders, strict=False):
+        if other.resolve() == folder.resolve():
+            continue
+        if (other / RUN_FILE).is_file():
+            runs.append(_stored(other, _extended(read_run(other), arguments)))
+        else:
+            runs.append(replace(runs[0], folder=other, record=replace(record, seed=seed)))
+    pending = [run for run in runs if not run.record.is_done]
+    if not pending:
+        raise TrainingRunError(
+            f'{folder}: has had its {record.budget}: give it more by --minutes or --decisions'
+        )
+    return Training(runs=tuple(pending), folders=folders)
+
+
+def _siblings(folder: Path, record: RunRecord) -> tuple[Path, ...]:
+    """The folders of all runs of a training, found beside one of them."""
+    here = folder if folder.name not in ('', '..') else folder.resolve()
+    names = [f'{record.training}_s{seed}' for seed in record.seeds]
+    if here.name not in names:  # it stands alone, or was renamed
+        return (folder,)
+    return tuple(here.parent / name for name in names)
+
+
+def _extended(record: RunRecord, arguments: argparse.Namespace) -> RunRecord:
+    """The record with the time that the arguments give it, if they give any."""
+    if arguments.minutes is None and arguments.decisions is None:
+        return record
+    return replace(record, minutes=arguments.minutes, decisions=arguments.decisions, is_done=False)
+
+
+def _stored(folder: Path, record: RunRecord) -> PlannedRun:
+    from uav_collect.scenario import from_yaml
+    from uav_collect.training_config import load_preset
+
+    try:
+        scenario = from_yaml((folder / SCENARIO_FILE).read_text(encoding='utf-8'))
+    except OSError as error:
+        path = folder / SCENARIO_FILE
+        raise TrainingRunError(f'{path}: cannot be read: {error.strerror}') from error
+    config = load_preset(str(folder / CONFIG_FILE), {})
+    return PlannedRun(folder=folder, record=record, scenario=scenario, config=config)
+
+
+def resume_command(folder: Path) -> str:
+    """The command line that goes on with a run."""
+    words: Sequence[str] = (sys.executable, '-m', 'uav_collect', 'train', '--resume', str(folder))
+    return shlex.join(words)

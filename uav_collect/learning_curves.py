@@ -1,0 +1,203 @@
+"""Learning curves: what policies achieved while they were learned, mean and deviation over seeds.
+
+Runs that differ in nothing but their seed make one curve. They validate at moments of their own,
+so each run's values are interpolated at all moments at which one of them validated, as far as all
+of them reach.
+"""
+
+from collections.abc import Mapping, Sequence
+import csv
+from dataclasses import dataclass
+import io
+from pathlib import Path
+from typing import BinaryIO
+
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.ticker import EngFormatter
+import numpy as np
+from uav_collect.arrays import Floats
+from uav_collect.plots import COLOURS, DPI
+from uav_collect.training_log import (
+    Axis,
+    Measure,
+    read_columns,
+    read_run,
+    RunRecord,
+    TrainingRunError,
+)
+
+_REFERENCE_STYLES = ((0.0, (5.0, 2.0)), (0.0, (1.5, 1.5)), (0.0, (5.0, 1.5, 1.0, 1.5)))
+_LABELS = {'aqmix': 'AQMIX', 'qmix': 'QMIX', 'aiql': 'AIQL'}
+
+
+@dataclass(frozen=True, kw_only=True)
+class LearningCurve:
+    """What runs that differ in their seed alone achieved."""
+
+    label: str
+    seeds: tuple[int, ...]
+    over: Floats  # (K,) in the unit of the axis
+    mean: Floats  # (K,) over the seeds
+    deviation: Floats  # (K,) sample standard deviation over the seeds; nan where there is one
+
+
+def learning_curves(
+    folders: Sequence[Path], measure: Measure, axis: Axis
+) -> tuple[LearningCurve, ...]:
+    """The curves of runs, in the order in which the runs are given.
+
+    Raises:
+        TrainingRunError: a folder is no run, has not been validated yet, is given twice or has the
+            seed of another; or the runs of a curve have no stretch in common.
+    """
+    if len({folder.resolve() for folder in folders}) < len(folders):
+        raise TrainingRunError(f'{" ".join(map(str, folders))}: names a run twice')
+    groups: dict[tuple[object, ...], list[tuple[RunRecord, Path]]] = {}
+    for folder in folders:
+        record = read_run(folder)
+        groups.setdefault(_kind(record), []).append((record, folder))
+    labels = _labels([members[0][0] for members in groups.values()])
+    return tuple(
+        _curve(label, members, measure, axis)
+        for label, members in zip(labels, groups.values(), strict=True)
+    )
+
+
+def _kind(record: RunRecord) -> tuple[object, ...]:
+    """What all runs of a curve have in common."""
+    return (
+        record.algorithm, record.scenario, record.scenario_fingerprint, record.preset,
+        record.overrides, record.training_fingerprint, record.minutes, record.decisions,
+    )  # fmt: skip
+
+
+def _labels(records: Sequence[RunRecord]) -> list[str]:
+    """The algorithm of each curve, and what else tells the curves apart."""
+    algorithms = [_LABELS.get(record.algorithm, record.algorithm) for record in records]
+    scenarios = [f'{record.scenario}, {record.n_uavs} UAVs' for record in records]
+    settings = [' '.join((record.preset, *record.overrides)) for record in records]
+    others = [
+        _numbered(scenarios, [record.scenario_fingerprint for record in records]),
+        _numbered(settings, [record.training_fingerprint for record in records]),
+        [record.budget for record in records],
+    ]
+    told = [names for names in others if len(set(names)) > 1]
+    return [', '.join(parts) for parts in zip(algorithms, *told, strict=True)]
+
+
+def _numbered(names: Sequence[str], fingerprints: Sequence[str]) -> list[str]:
+    """The names, with the fingerprint where the same name stands for several things."""
+    meanings: dict[str, set[str]] = {}
+    for name, fingerprint in zip(names, fingerprints, strict=True):
+        meanings.setdefault(name, set()).add(fingerprint)
+    return [
+        f'{name} ({fingerprint})' if len(meanings[name]) > 1 else name
+        for name, fingerprint in zip(names, fingerprints, strict=True)
+    ]
+
+
+def _curve(
+    label: str, members: Sequence[tuple[RunRecord, Path]], measure: Measure, axis: Axis
+) -> LearningCurve:
+    seeds = tuple(record.seed for record, _ in members)
+    if len(set(seeds)) < len(seeds):
+        again = next(seed for seed in seeds if seeds.count(seed) > 1)
+        raise TrainingRunError(f'{label}: two runs have the seed {again}: give one of them')
+    lines = [_line(folder, measure, axis) for _, folder in members]
+    low = max(over[0] for over, _ in lines)
+    high = min(over[-1] for over, _ in lines)
+    if low > high:
+        raise TrainingRunError(f'{label}: its runs have no {axis.key} in common')
+    moments = np.unique(np.concatenate([over for over, _ in lines]))
+    moments = moments[(moments >= low) & (moments <= high)]
+    values = np.array([np.interp(moments, over, value) for over, value in lines])
+    alone = len(lines) == 1
+    deviation = np.full_like(moments, np.nan) if alone else values.std(axis=0, ddof=1)
+    return LearningCurve(
+        label=label, seeds=seeds, over=moments, mean=values.mean(axis=0), deviation=deviation
+    )
+
+
+def _line(folder: Path, measure: Measure, axis: Axis) -> tuple[Floats, Floats]:
+    """Moments and values of one run, moments rising; of several at one moment the last counts."""
+    columns = read_columns(folder / measure.file, (axis.column, measure.key))
+    over, values = columns[axis.column] * axis.scale, columns[measure.key]
+    known = np.isfinite(values)
+    over, values = over[known], values[known]
+    if not len(over):
+        raise TrainingRunError(f'{folder / measure.file}: has no {measure.title} yet')
+    moments, last_from_end = np.unique(over[::-1], return_index=True)
+    return moments, values[::-1][last_from_end]
+
+
+def to_csv(curves: Sequence[LearningCurve], measure: Measure, axis: Axis) -> bytes:
+    """One row per curve and moment; the deviation of a single seed is left empty."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator='\n')
+    writer.writerow(
+        ('curve', 'n_seeds', axis.key, f'mean_{measure.key}', f'deviation_{measure.key}')
+    )
+    for curve in curves:
+        n_seeds = len(curve.seeds)
+        rows = zip(curve.over.tolist(), curve.mean.tolist(), curve.deviation.tolist(), strict=True)
+        for over, mean, deviation in rows:
+            spread = deviation if n_seeds > 1 else ''
+            writer.writerow((curve.label, n_seeds, f'{over:.10g}', mean, spread))
+    return text.getvalue().encode()
+
+
+def draw(
+    curves: Sequence[LearningCurve],
+    measure: Measure,
+    axis: Axis,
+    file: Path | BinaryIO,
+    references: Mapping[str, float] | None = None,
+    title: str = '',
+) -> None:
+    """Draw curves into a PNG file: means as lines, deviations shaded around them.
+
+    Args:
+        file: to be written; the same curves give the same bytes.
+        references: figures of other policies by name, in the unit of the measure.
+        title: above the picture.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    figure = Figure(figsize=(7.2, 4.4), facecolor='white', layout='constrained')
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    for index, curve in enumerate(curves):
+        _draw_curve(axes, curve, COLOURS[index % len(COLOURS)])
+    _draw_references(axes, references or {})
+    unit = '' if measure.unit == '1' else f' [{measure.unit}]'
+    axes.set_xlabel(axis.title)
+    axes.set_ylabel(f'{measure.title}{unit}')
+    axes.set_title(title, loc='left', fontsize=10)
+    axes.set_xlim(left=0.0)
+    if axis.scale == 1.0:
+        axes.xaxis.set_major_formatter(EngFormatter(sep=''))  # 500k, 2M
+    axes.grid(color='#E2E2E2', linewidth=0.6)
+    axes.spines[['top', 'right']].set_visible(False)
+    axes.legend(frameon=False, fontsize=8.5)
+    # No software name in the file: the bytes are the curves'.
+    figure.savefig(file, dpi=DPI, format='png', metadata={'Software': None})
+
+
+def _draw_curve(axes: Axes, curve: LearningCurve, colour: str) -> None:
+    n_seeds = len(curve.seeds)
+    label = f'{curve.label} ({n_seeds} seed{"s" if n_seeds > 1 else ""})'
+    marker = 'o' if len(curve.over) == 1 else ''
+    axes.plot(curve.over, curve.mean, color=colour, linewidth=1.8, marker=marker, label=label)
+    if n_seeds > 1:
+        low, high = curve.mean - curve.deviation, curve.mean + curve.deviation
+        axes.fill_between(curve.over, low, high, color=colour, alpha=0.2, linewidth=0)
+
+
+def _draw_references(axes: Axes, references: Mapping[str, float]) -> None:
+    for index, (name, value) in enumerate(references.items()):
+        style = _REFERENCE_STYLES[index % len(_REFERENCE_STYLES)]
+        label = f'{name}: {value:g}'
+        axes.axhline(value, color='#555555', linewidth=1.2, linestyle=style, label=label)
