@@ -66,55 +66,63 @@ class _Recurrence(torch.autograd.Function):
         step_sizes: Sequence[int],
     ) -> Tensor:
         """Hidden states (R, H) of gate inputs (R, 3 H) in the order reset, update, new."""
-        size = weight.shape[1]
+        size, sizes = weight.shape[1], list(step_sizes)
         hidden = from_input.new_empty(len(from_input), size)
-        gates = torch.empty_like(from_input)  # reset and update gate, new state
+        switches = from_input.new_empty(len(from_input), 2 * size)  # reset and update gate
+        new = torch.empty_like(hidden)
         recurrent = torch.empty_like(from_input)
         turned = weight.t()
-        before = from_input.new_zeros(step_sizes[0], size)
-        start = 0
-        for n_rows in step_sizes:
-            stop = start + n_rows
-            before = before[:n_rows]
-            incoming, gate = from_input[start:stop], gates[start:stop]
-            returned = torch.addmm(bias, before, turned, out=recurrent[start:stop])
-            switch = torch.add(incoming[:, : 2 * size], returned[:, : 2 * size]).sigmoid_()
-            gate[:, : 2 * size] = switch
-            new = torch.addcmul(
-                incoming[:, 2 * size :], switch[:, :size], returned[:, 2 * size :]
-            ).tanh_()
-            gate[:, 2 * size :] = new
-            before = torch.lerp(new, before, switch[:, size:], out=hidden[start:stop])
-            start = stop
-        context.save_for_backward(weight, hidden, gates, recurrent)
-        context.step_sizes = step_sizes
+        before = from_input.new_zeros(sizes[0], size)
+        # Views of all steps at once: a slice at each step would cost as much as its product.
+        for rows in zip(
+            from_input[:, : 2 * size].split(sizes),
+            from_input[:, 2 * size :].split(sizes),
+            recurrent.split(sizes),
+            recurrent[:, : 2 * size].split(sizes),
+            recurrent[:, 2 * size :].split(sizes),
+            switches.split(sizes),
+            switches[:, :size].split(sizes),
+            switches[:, size:].split(sizes),
+            new.split(sizes),
+            hidden.split(sizes),
+            strict=True,
+        ):
+            into_switch, into_new, back, back_switch, back_new, switch, reset, update = rows[:8]
+            before = before[: len(into_new)]
+            torch.addmm(bias, before, turned, out=back)
+            torch.add(into_switch, back_switch, out=switch).sigmoid_()
+            torch.addcmul(into_new, reset, back_new, out=rows[8]).tanh_()
+            before = torch.lerp(rows[8], before, update, out=rows[9])
+        context.save_for_backward(weight, hidden, switches, new, recurrent)
+        context.step_sizes = sizes
         return hidden
 
     @staticmethod
     @torch.amp.custom_bwd(device_type='cpu')
     def backward(context: Any, from_above: Tensor) -> tuple[Tensor | None, ...]:  # noqa: ANN401
         """Gradients of the gate inputs, the weight and the bias."""
-        weight, hidden, gates, recurrent = context.saved_tensors
-        step_sizes: Sequence[int] = context.step_sizes
+        weight, hidden, switches, new, recurrent = context.saved_tensors
+        sizes: list[int] = context.step_sizes
         size = weight.shape[1]
-        before = _shifted(hidden, step_sizes)
-        reset, update, new = gates.split(size, dim=1)
+        before = _shifted(hidden, sizes)
+        reset, update = switches.split(size, dim=1)
         by_new = (1.0 - update) * (1.0 - new * new)
         by_reset = by_new * recurrent[:, 2 * size :] * reset * (1.0 - reset)
         by_update = (before - new) * update * (1.0 - update)
         slope = torch.stack((by_reset, by_update, by_new * reset), dim=1)  # (R, 3, H)
-        total = torch.empty_like(from_above)
+        total = from_above.clone()
         back = torch.empty_like(slope)
         carried = from_above.new_zeros(0, size)
-        stop = len(from_above)
-        for n_rows in reversed(step_sizes):
-            start = stop - n_rows
-            gradient = total[start:stop]
-            gradient.copy_(from_above[start:stop])
+        for gradient, slopes, kept, into in zip(
+            reversed(total.split(sizes)),
+            reversed(slope.split(sizes)),
+            reversed(update.split(sizes)),
+            reversed(back.split(sizes)),
+            strict=True,
+        ):
             gradient[: len(carried)] += carried
-            slopes = torch.mul(gradient.unsqueeze(1), slope[start:stop], out=back[start:stop])
-            carried = torch.addmm(gradient * update[start:stop], slopes.flatten(1), weight)
-            stop = start
+            torch.mul(gradient.unsqueeze(1), slopes, out=into)
+            carried = torch.addmm(gradient * kept, into.flatten(1), weight)
         rows = back.flatten(1)
         from_input = rows.clone()
         from_input[:, 2 * size :] = total * by_new
