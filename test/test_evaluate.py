@@ -1,6 +1,6 @@
 """The commands: evaluate, report, doctor and what they have in common."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 import csv
 from dataclasses import replace
 import json
@@ -9,6 +9,8 @@ from pathlib import Path
 import subprocess
 import sys
 
+from learned import header as header_of_policy
+from learned import saved
 import numpy as np
 import pytest
 from scripted import fly, header, uav
@@ -26,6 +28,7 @@ MEASURES = (
     'completion_s',
     'energy_kj',
     'collected_share',
+    'complete_share',
     'safe_share',
 )
 SMALL = ['--scenario', 'paper_8x8', '--missions', '12', '--seed', '5']
@@ -94,6 +97,22 @@ def test_no_mission_gives_no_estimate() -> None:
         evaluation.estimates([], seed=0)
 
 
+def test_a_paired_difference_is_that_of_each_mission() -> None:
+    ours = [mission(seed, 2.0 + seed) for seed in range(5)]
+    theirs = [mission(seed, 1.0 + seed) for seed in range(5)]
+    _, completion, energy, *_ = evaluation.differences(ours, theirs, seed=0)
+    # One second of hovering more in each mission, so no doubt about the mean, however they vary.
+    assert completion.mean == completion.median == pytest.approx(1.0, rel=1e-12)
+    assert completion.high - completion.low < 1e-9
+    assert energy.mean == pytest.approx(ours[0].energy_j / 1e3 - theirs[0].energy_j / 1e3)
+
+
+def test_missions_that_differ_are_not_compared() -> None:
+    one = mission(0, 2.0)
+    with pytest.raises(ValueError, match='the same missions'):
+        evaluation.differences([one], [replace(one, mission_seed=one.mission_seed + 1)], seed=0)
+
+
 # Evaluate, against the rollout it stands on.
 
 
@@ -127,6 +146,81 @@ def test_the_json_says_what_was_flown(tmp_path: Path, small: Scenario) -> None:
         assert entry['scenario'] == 'paper_8x8'
         assert entry['fingerprint'] == fingerprint(small)
         assert (entry['seed'], entry['missions'], entry['bandwidth']) == (5, 12, 'equal')
+
+
+def test_several_bandwidths_are_flown_one_beside_the_other(tmp_path: Path) -> None:
+    both, one = tmp_path / 'both.json', tmp_path / 'one.json'
+    base = [*SMALL, '--policy', 'hert', 'sweep']
+    assert evaluate(*base, '--bandwidth', 'equal', 'exact', '--json', str(both)) == 0
+    assert evaluate(*base, '--bandwidth', 'equal', '--json', str(one)) == 0
+    written, alone = json.loads(both.read_text()), json.loads(one.read_text())
+    assert [*written] == ['hert, equal', 'hert, exact', 'sweep, equal', 'sweep, exact']
+    assert written['hert, equal'] == alone['hert']
+    assert (written['hert, exact']['policy'], written['hert, exact']['bandwidth']) == (
+        'hert',
+        'exact',
+    )
+    assert written['hert, exact']['completion_s'] != written['hert, equal']['completion_s']
+
+
+def test_compare_subtracts_each_other_policy_from_the_first_mission_by_mission(
+    tmp_path: Path, small: Scenario, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / 'figures.json'
+    policies = ['--policy', 'sweep', 'hert', 'hert-equal', '--bandwidth', 'equal', 'exact']
+    assert evaluate(*SMALL, *policies, '--compare', '--json', str(path)) == 0
+    written = json.loads(path.read_text())
+    assert [name for name in written if 'minus' in written[name]] == [
+        'sweep, equal',
+        'sweep, exact',
+    ]
+    assert [*written['sweep, equal']['minus']] == ['hert, equal', 'hert-equal, equal']
+    found = written['sweep, exact']['minus']['hert, exact']
+    assert set(found) == set(MEASURES)
+    sweep, hert = (
+        np.array([figures(log).completion_s for log in logs])
+        for logs in (
+            rollout.fly(small, build_site(small), range(5, 17), policy, 'exact')
+            for policy in ('sweep', 'hert')
+        )
+    )
+    difference = found['completion_s']
+    assert difference['mean'] == pytest.approx((sweep - hert).mean(), rel=1e-12)
+    assert difference['low'] <= difference['mean'] <= difference['high'] < 0.0
+    assert 'sweep, exact minus each other policy' in capsys.readouterr().out
+
+
+def test_a_learned_policy_is_evaluated_by_its_file(tmp_path: Path) -> None:
+    of = header_of_policy(side=8)
+    path, output = saved(tmp_path, 'mine', of), tmp_path / 'figures.json'
+    budget = ['--set', 'fleet.default.energy_budget_kj=50']
+    options_ = [*SMALL, *budget, '--policy', 'hert', str(path), '--json', str(output)]
+    assert evaluate(*options_) == 0
+    written = json.loads(output.read_text())
+    assert [*written] == ['hert', 'mine']
+    assert (written['hert']['version'], written['mine']['version']) == ('rule', of.version)
+    assert written['mine']['complete_share']['mean'] < 1.0
+
+
+def test_two_files_of_one_name_are_told_apart_by_their_paths(tmp_path: Path) -> None:
+    paths = []
+    for seed, folder in enumerate((tmp_path / 'a', tmp_path / 'b')):
+        folder.mkdir()
+        paths.append(str(saved(folder, 'policy', header_of_policy(side=8), seed)))
+    output = tmp_path / 'figures.json'
+    budget = ['--set', 'fleet.default.energy_budget_kj=30']
+    assert evaluate(*SMALL, *budget, '--policy', *paths, '--json', str(output)) == 0
+    assert [*json.loads(output.read_text())] == paths
+
+
+def test_a_learned_policy_that_does_not_fit_is_refused_before_anything_flies(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = saved(tmp_path, 'mine', header_of_policy(side=10))
+    assert evaluate(*SMALL, '--policy', 'hert', str(path)) == 2
+    shown = capsys.readouterr()
+    assert shown.err == 'error: policy mine: cells_per_side is 8: must be 10\n'
+    assert shown.out == ''
 
 
 def test_the_csv_has_one_row_per_mission_and_policy(tmp_path: Path) -> None:
@@ -182,7 +276,7 @@ def test_ctrl_c_shows_what_was_flown_and_writes_nothing(
     whole = rollout.fly
 
     def fly_some(
-        scenario: Scenario, site: object, seeds: Sequence[int], policy: str, allocator: str
+        scenario: Scenario, site: object, seeds: Sequence[int], policy: Callable, allocator: str
     ) -> list[MissionLog]:
         if next(calls) == 3:  # the second policy's second turn
             raise KeyboardInterrupt
@@ -205,6 +299,9 @@ def test_ctrl_c_shows_what_was_flown_and_writes_nothing(
         (['--scenario', 'atlantis.yaml'], ['atlantis.yaml', 'cannot be read']),
         (['--policy', 'wander'], ["'wander'", 'hert', 'sweep']),
         (['--policy', 'hert', 'hert'], ['hert hert', 'twice']),
+        (['--policy', 'nowhere.safetensors'], ['nowhere.safetensors', 'cannot be read']),
+        (['--bandwidth', 'equal', 'equal'], ['equal equal', 'twice']),
+        (['--compare'], ['--compare', 'two policies or more']),
         (['--set', 'demand.cell_share=2'], ['demand.cell_share is 2', '<= 1']),
         (['--set', 'demand.cell_share'], ['demand.cell_share', 'KEY=VALUE']),
         (['--set', 'demand.nonsense=1'], ['demand.nonsense', 'unknown']),

@@ -52,6 +52,12 @@ MEASURES = (
         of=lambda mission: mission.collected_share,
     ),
     Measure(
+        key='complete_share',
+        title='complete missions',
+        unit='share',
+        of=lambda mission: float(mission.is_complete),
+    ),
+    Measure(
         key='safe_share',
         title='safe returns',
         unit='share',
@@ -85,9 +91,35 @@ def estimates(missions: Sequence[MissionFigures], seed: int) -> tuple[Estimate, 
     Raises:
         ValueError: there is no mission.
     """
-    values = np.array([[measure.of(mission) for measure in MEASURES] for mission in missions])
-    if not len(values):
+    return _estimates(_values(missions), seed)
+
+
+def differences(
+    missions: Sequence[MissionFigures], others: Sequence[MissionFigures], seed: int
+) -> tuple[Estimate, ...]:
+    """Estimate by how much each of MEASURES differs, mission by mission: the first less the other.
+
+    Args:
+        missions: of one policy, at least one, all finished.
+        others: the same missions, flown by another policy.
+        seed: keys the bootstrap.
+
+    Raises:
+        ValueError: the missions are not the same, or there is none.
+    """
+    if [mission.mission_seed for mission in missions] != [other.mission_seed for other in others]:
+        raise ValueError('a paired difference needs the same missions in the same order')
+    return _estimates(_values(missions) - _values(others), seed)
+
+
+def _values(missions: Sequence[MissionFigures]) -> Floats:
+    """MEASURES by mission, (N, M)."""
+    if not missions:
         raise ValueError('an estimate needs at least one mission')
+    return np.array([[measure.of(mission) for measure in MEASURES] for mission in missions])
+
+
+def _estimates(values: Floats, seed: int) -> tuple[Estimate, ...]:
     low, high = bootstrap_interval(values, seed)
     columns = (_within(values, values.mean(axis=0)), low, high, np.median(values, axis=0))
     return tuple(

@@ -123,12 +123,35 @@ def evaluation_table(
     for index, measure in enumerate(MEASURES):
         name = f'{measure.title} [{measure.unit}]'
         for policy, estimates in rows.items():
-            table.add_row(Text(name), policy, *_estimate_cells(estimates[index]))
+            table.add_row(Text(name), Text(policy), *_estimate_cells(estimates[index]))
             name = ''
         if len(rows) > 1:
             table.add_section()
     lines = [line for policy, flown in missions.items() for line in _remarks(policy, flown)]
     return Group(table, *lines)
+
+
+def difference_table(first: str, rows: Mapping[str, Sequence[Estimate]]) -> RenderableType:
+    """By how much one policy's measures differ from those of others in the same missions.
+
+    Args:
+        first: the policy that the others are taken from.
+        rows: one estimate for each of MEASURES, by the policy that was taken away.
+    """
+    table = Table(box=SIMPLE_HEAD, pad_edge=False)
+    table.add_column('measure')
+    table.add_column('minus')
+    for heading in ('mean', f'{100 * LEVEL:.0f} % interval', 'median'):
+        table.add_column(heading, justify='right')
+    for index, measure in enumerate(MEASURES):
+        name = f'{measure.title} [{measure.unit}]'
+        for other, estimates in rows.items():
+            table.add_row(Text(name), Text(other), *_estimate_cells(estimates[index]))
+            name = ''
+        if len(rows) > 1:
+            table.add_section()
+    title = Text(f'{first} minus each other policy, mission by mission', style='bold')
+    return Group(title, table)
 
 
 def _estimate_cells(estimate: Estimate) -> tuple[str, str, str]:
@@ -137,7 +160,8 @@ def _estimate_cells(estimate: Estimate) -> tuple[str, str, str]:
 
 
 def _number(value: float) -> str:
-    return f'{value:.1f}' if abs(value) >= 10 else f'{value:.4f}'
+    # Adding zero takes the sign from a zero.
+    return f'{value:.1f}' if abs(value) >= 10 else f'{round(value, 4) + 0.0:.4f}'
 
 
 def _remarks(policy: str, missions: Sequence[MissionFigures]) -> list[Text]:

@@ -1,9 +1,13 @@
 """Flies many missions in this process and says what they achieve on average."""
 
 import argparse
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 import csv
+from dataclasses import dataclass, replace
+from functools import partial
 import io
+from itertools import product
 import json
 from pathlib import Path
 from time import monotonic
@@ -14,20 +18,41 @@ from uav_collect.commands import files, options, progress
 if TYPE_CHECKING:  # loaded when flying, so that --help answers at once
     from uav_collect.evaluation import Estimate
     from uav_collect.metrics import MissionFigures
+    from uav_collect.policy import LearnedPolicy, RulePolicy
     from uav_collect.scenario import Scenario
 
 _DESCRIPTION = """
 Flies the same missions with each policy and prints mean, 95 % bootstrap interval and median of
 energy efficiency [kbit/J], completion time [s], energy [kJ], the share of the data that was
-collected and the share of missions in which every UAV landed with its energy margin. The missions'
-seeds are SEED, SEED + 1, ...; the first is the one that "mission --seed SEED" flies.
+collected, the share of missions that collected all of it, and the share of missions in which all
+UAVs landed with their energy margin. The missions' seeds are SEED, SEED + 1, ...; the first is the
+one that "mission --seed SEED" flies.
 """
 INTERRUPTED = 130  # exit status after Ctrl-C, as shells have it
 _MAX_MISSIONS = 100_000  # their figures are kept
 _AT_ONCE = 50  # missions flown between two looks at Ctrl-C
 
-_Flown = Mapping[str, Sequence['MissionFigures']]  # by policy, the same seeds for each
-_Estimates = Mapping[str, Sequence['Estimate']]
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Contender:
+    """A policy and the bandwidth that it flies with."""
+
+    label: str  # in tables and as the key in JSON
+    name: str  # of the policy alone
+    policy: 'RulePolicy | LearnedPolicy'
+    bandwidth: str
+
+
+_Flown = Mapping[_Contender, Sequence['MissionFigures']]  # the same seeds for each
+_Estimates = Mapping[str, Sequence['Estimate']]  # by label
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Findings:
+    """What the missions tell."""
+
+    estimates: _Estimates
+    differences: Mapping[str, _Estimates]  # the first policy less each other one; by its label
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -38,8 +63,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--policy',
         nargs='+',
         default=['sweep'],
-        metavar='NAME',
-        help='one or more of hert, hert-equal, sweep, random (default: sweep)',
+        metavar='NAME|FILE',
+        help='one or more of hert, hert-equal, sweep, random, shipped policies, .safetensors files'
+        ' and strong, the policy shipped for the scenario (default: sweep)',
     )
     parser.add_argument(
         '--missions',
@@ -49,7 +75,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='missions to fly with each policy (default: %(default)s)',
     )
     options.add_seed_option(parser, 'seed of the first mission')
-    options.add_allocator_option(parser)
+    options.add_allocator_option(parser, several=True)
+    parser.add_argument(
+        '--compare',
+        action='store_true',
+        help='show how the first policy differs from each other one, mission by mission',
+    )
     parser.add_argument('--json', type=Path, metavar='FILE', help='write means and intervals')
     parser.add_argument('--csv', type=Path, metavar='FILE', help='write one row per mission')
 
@@ -57,41 +88,50 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Evaluate the policies; the exit status."""
     scenario = options.scenario_of(arguments)
-    _check(arguments)
-    flown: dict[str, list[MissionFigures]] = {policy: [] for policy in arguments.policy}
+    contenders = _contenders(arguments, scenario)
+    flown: dict[_Contender, list[MissionFigures]] = {contender: [] for contender in contenders}
     start_s = monotonic()
     try:
         _fly(arguments, scenario, flown)
     except KeyboardInterrupt:
         n_missions = min(len(missions) for missions in flown.values())
-        whole = {policy: missions[:n_missions] for policy, missions in flown.items()}
+        whole = {contender: missions[:n_missions] for contender, missions in flown.items()}
         _show(arguments, scenario, whole, monotonic() - start_s)
         return INTERRUPTED
-    estimates = _show(arguments, scenario, flown, monotonic() - start_s)
+    findings = _show(arguments, scenario, flown, monotonic() - start_s)
     if arguments.json is not None:
-        files.write_atomically(arguments.json, _json(arguments, scenario, estimates))
+        files.write_atomically(arguments.json, _json(arguments, scenario, flown, findings))
     if arguments.csv is not None:
         files.write_atomically(arguments.csv, _csv(arguments, scenario, flown))
     return 0
 
 
-def _check(arguments: argparse.Namespace) -> None:
+def _contenders(arguments: argparse.Namespace, scenario: 'Scenario') -> list[_Contender]:
     """Find what is wrong before a thousand missions are flown for nothing."""
     from uav_collect.frozen import PolicyMismatchError
     from uav_collect.policy import policy_for
 
-    for policy in arguments.policy:
-        policy_named(policy)
-    if len(set(arguments.policy)) < len(arguments.policy):
-        raise PolicyMismatchError(f'--policy {" ".join(arguments.policy)}: names one twice')
+    for option, values in (('policy', arguments.policy), ('bandwidth', arguments.bandwidth)):
+        if len(set(values)) < len(values):
+            raise PolicyMismatchError(f'--{option} {" ".join(values)}: names one twice')
+    if arguments.compare and len(arguments.policy) == 1:
+        raise PolicyMismatchError('--compare: name two policies or more with --policy')
     for path in filter(None, (arguments.json, arguments.csv)):
         files.check_writable(path)
+    policies = {given: policy_for(given, scenario) for given in arguments.policy}
+    n_called = Counter(policy.name for policy in policies.values())
+    contenders = []
+    for (given, policy), bandwidth in product(policies.items(), arguments.bandwidth):
+        name = policy.name if n_called[policy.name] == 1 else given
+        label = name if len(arguments.bandwidth) == 1 else f'{name}, {bandwidth}'
+        contenders.append(_Contender(label=label, name=name, policy=policy, bandwidth=bandwidth))
+    return contenders
 
 
 def _fly(
     arguments: argparse.Namespace,
     scenario: 'Scenario',
-    flown: Mapping[str, 'list[MissionFigures]'],
+    flown: Mapping[_Contender, 'list[MissionFigures]'],
 ) -> None:
     """Fly all missions, a few with each policy in turn, into `flown`."""
     from uav_collect.evaluation import mission_seeds
@@ -101,84 +141,116 @@ def _fly(
 
     site = build_site(scenario)
     seeds = mission_seeds(arguments.seed, arguments.missions)
-    at_once = 1 if arguments.bandwidth == 'cvxpy' else _AT_ONCE
+    at_once = 1 if 'cvxpy' in arguments.bandwidth else _AT_ONCE
     progress.say_if_compiling()
     with progress.counting(len(seeds) * len(flown), 'missions') as advance:
         for start in range(0, len(seeds), at_once):
-            for policy, missions in flown.items():
+            for contender, missions in flown.items():
                 some = seeds[start : start + at_once]
-                logs = fly(scenario, site, some, policy, arguments.bandwidth)
+                make_policy = partial(replace, contender.policy)
+                logs = fly(scenario, site, some, make_policy, contender.bandwidth)
                 missions += [figures(log) for log in logs]
                 advance(len(some))
 
 
 def _show(
     arguments: argparse.Namespace, scenario: 'Scenario', flown: _Flown, wall_s: float
-) -> _Estimates:
-    """Print the figures of what was flown; they are the estimates returned."""
+) -> _Findings:
+    """Print the figures of what was flown; they are the findings returned."""
     from rich.console import Console
-    from uav_collect.evaluation import estimates
-    from uav_collect.tables import evaluation_table
+    from uav_collect.tables import difference_table, evaluation_table
 
     console = Console()
-    n_missions = len(flown[arguments.policy[0]])
+    n_missions = min(len(missions) for missions in flown.values())
     if n_missions < arguments.missions:
         what = (
             f'interrupted after {n_missions} of {arguments.missions} missions; no file is written'
         )
         console.print(what, style='bold red')
     if n_missions == 0:
-        return {}
-    rows = {policy: estimates(missions, arguments.seed) for policy, missions in flown.items()}
+        return _Findings(estimates={}, differences={})
+    findings = _find(arguments, flown)
     console.print(
         f'[bold]{scenario.name}[/], {scenario.n_uavs} UAVs, {n_missions} missions from seed'
-        f' {arguments.seed}, {arguments.bandwidth} bandwidth',
+        f' {arguments.seed}, {" and ".join(arguments.bandwidth)} bandwidth',
         highlight=False,
     )
-    console.print(evaluation_table(flown, rows))
+    labelled = {contender.label: missions for contender, missions in flown.items()}
+    console.print(evaluation_table(labelled, findings.estimates))
+    for first, rows in findings.differences.items():
+        console.print(difference_table(first, rows))
     n_flown = n_missions * len(flown)
     console.print(f'{n_flown} missions flown in {wall_s:.1f} s', style='dim', highlight=False)
-    return rows
+    return findings
 
 
-def _heading(arguments: argparse.Namespace, scenario: 'Scenario') -> dict[str, str | int]:
+def _find(arguments: argparse.Namespace, flown: _Flown) -> _Findings:
+    from uav_collect.evaluation import differences, estimates
+
+    seed = arguments.seed
+    firsts = [*flown][: len(arguments.bandwidth)] if arguments.compare else []
+    return _Findings(
+        estimates={each.label: estimates(missions, seed) for each, missions in flown.items()},
+        differences={
+            first.label: {
+                other.label: differences(flown[first], missions, seed)
+                for other, missions in flown.items()
+                if other.bandwidth == first.bandwidth and other is not first
+            }
+            for first in firsts
+        },
+    )
+
+
+def _heading(
+    arguments: argparse.Namespace, scenario: 'Scenario', contender: _Contender
+) -> dict[str, str | int]:
     from uav_collect.scenario import fingerprint
 
     return {
+        'policy': contender.name,
+        'version': contender.policy.version,
         'scenario': scenario.name,
         'fingerprint': fingerprint(scenario),
         'seed': arguments.seed,
         'missions': arguments.missions,
-        'bandwidth': arguments.bandwidth,
+        'bandwidth': contender.bandwidth,
     }
 
 
-def _json(arguments: argparse.Namespace, scenario: 'Scenario', estimates: _Estimates) -> bytes:
+def _json(
+    arguments: argparse.Namespace, scenario: 'Scenario', flown: _Flown, findings: _Findings
+) -> bytes:
     """Means and intervals by policy, each policy's entry complete in itself."""
+    document: dict[str, dict[str, object]] = {
+        contender.label: _heading(arguments, scenario, contender)
+        | _by_measure(findings.estimates[contender.label])
+        for contender in flown
+    }
+    for first, rows in findings.differences.items():
+        document[first]['minus'] = {other: _by_measure(row) for other, row in rows.items()}
+    return (json.dumps(document, indent=2, allow_nan=False) + '\n').encode()
+
+
+def _by_measure(estimates: Iterable['Estimate']) -> dict[str, object]:
     from uav_collect.evaluation import MEASURES
 
-    heading = _heading(arguments, scenario)
-    document = {
-        policy: heading
-        | {
-            measure.key: {'mean': row.mean, 'low': row.low, 'high': row.high}
-            for measure, row in zip(MEASURES, rows, strict=True)
-        }
-        for policy, rows in estimates.items()
+    return {
+        measure.key: {'mean': row.mean, 'low': row.low, 'high': row.high}
+        for measure, row in zip(MEASURES, estimates, strict=True)
     }
-    return (json.dumps(document, indent=2, allow_nan=False) + '\n').encode()
 
 
 def _csv(arguments: argparse.Namespace, scenario: 'Scenario', flown: _Flown) -> bytes:
     """One row per mission."""
-    heading = _heading(arguments, scenario)
+    fixed = ('scenario', 'fingerprint', 'bandwidth', 'policy')
     text = io.StringIO()
     writer = csv.writer(text, lineterminator='\n')
-    writer.writerow(('scenario', 'fingerprint', 'bandwidth', 'policy', *_COLUMNS))
-    fixed = [heading[name] for name in ('scenario', 'fingerprint', 'bandwidth')]
-    for policy, missions in flown.items():
+    writer.writerow((*fixed, *_COLUMNS))
+    for contender, missions in flown.items():
+        heading = _heading(arguments, scenario, contender)
         for mission in missions:
-            writer.writerow((*fixed, policy, *_row(mission)))
+            writer.writerow((*(heading[name] for name in fixed), *_row(mission)))
     return text.getvalue().encode()
 
 

@@ -11,6 +11,7 @@ if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
     from uav_collect.scenario import Scenario
 
 DEFAULT_SCENARIO = 'paper_10x10'
+_ALLOCATOR = 'exact'
 
 
 def add_scenario_options(parser: argparse.ArgumentParser) -> None:
@@ -69,14 +70,15 @@ def add_seed_option(parser: argparse.ArgumentParser, what: str) -> None:
     )
 
 
-def add_allocator_option(parser: argparse.ArgumentParser) -> None:
-    """Add what shares a UAV's bandwidth."""
+def add_allocator_option(parser: argparse.ArgumentParser, *, several: bool = False) -> None:
+    """Add what shares a UAV's bandwidth; one, or a list of several to fly one after the other."""
     parser.add_argument(
         '--bandwidth',
         choices=ALLOCATOR_NAMES,
-        default='exact',
+        nargs='+' if several else None,
+        default=[_ALLOCATOR] if several else _ALLOCATOR,
         help='how a hovering UAV shares its bandwidth: exact (shortest hover), equal (as much for'
-        ' each sensor) or cvxpy (exact by a general solver, slow) (default: %(default)s)',
+        f' each sensor) or cvxpy (exact by a general solver, slow) (default: {_ALLOCATOR})',
     )
 
 
