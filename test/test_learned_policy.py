@@ -269,7 +269,7 @@ def test_strong_says_what_there_is_when_there_is_none_for_the_scenario(shipped: 
     with pytest.raises(PolicyMismatchError, match='there are none'):
         policy_for(STRONG, scenario_of(2))
     saved(shipped, 'paper_10x10_n2_aqmix', header())
-    words = 'no learned policy is shipped for paper_10x10 with 1 UAV, .*there are paper_10x10_n2'
+    words = 'no learned policy is shipped for paper_10x10 with 1 UAV .*there are paper_10x10_n2'
     with pytest.raises(PolicyMismatchError, match=words):
         policy_for(STRONG, scenario_of(1))
 

@@ -171,8 +171,8 @@ def _strong_name(scenario: Scenario) -> str:
         shipped = ', '.join(shipped_policies()) or 'none'
         fleet = f'{scenario.n_uavs} UAV{"s" if scenario.n_uavs > 1 else ""}'
         raise PolicyMismatchError(
-            f'no learned policy is shipped for {scenario.name} with {fleet}, {name}{SUFFIX}; '
-            f'there are {shipped}'
+            f'no learned policy is shipped for {scenario.name} with {fleet} '
+            f'({name}{SUFFIX}; there are {shipped})'
         )
     return name
 

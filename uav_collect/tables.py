@@ -106,6 +106,23 @@ def _uav_row(uav: UavFigures) -> tuple[str, ...]:
     )
 
 
+def comparison_table(missions: Mapping[str, MissionFigures]) -> RenderableType:
+    """One mission as several policies fly it, by policy."""
+    table = Table(box=SIMPLE_HEAD, padding=(0, 0, 0, 1))
+    table.add_column('the same mission by\n', no_wrap=True)
+    for heading in ('data\ncollected', 'energy\nkJ', 'completion\ns', 'efficiency\nkbit/J'):
+        table.add_column(heading, justify='right', no_wrap=True)
+    for policy, mission in missions.items():
+        table.add_row(
+            Text(policy),
+            percent(mission.collected_share),
+            f'{mission.energy_j / 1e3:.2f}',
+            f'{mission.completion_s:.1f}' if mission.is_finished else '-',
+            f'{mission.efficiency_kbit_per_j:.3f}',
+        )
+    return table
+
+
 def evaluation_table(
     missions: Mapping[str, Sequence[MissionFigures]], rows: Mapping[str, Sequence[Estimate]]
 ) -> RenderableType:

@@ -10,17 +10,21 @@ from typing import TYPE_CHECKING
 
 from uav_collect.commands import options, report
 from uav_collect.commands.fleet import Fleet, FleetError, FleetProcess, running_fleet
+from uav_collect.compiled import interpret_kernels
 
 if TYPE_CHECKING:  # loaded when flying, so that --help answers at once
     from uav_collect.scenario import Scenario
 
 _DESCRIPTION = """
 Starts recorder, world_sim and one uav_agent per UAV as processes that talk over DDS, shows the
-progress of the mission, then its figures, and leaves a run folder with the bag, the mission log,
-the resolved scenario, a picture of the trajectories and what every process said.
+progress of the mission, then its figures beside those that rules achieve in the same mission, and
+leaves a run folder with the bag, the mission log, the resolved scenario, a picture of the
+trajectories and what every process said.
 """
 INTERRUPTED = 130  # exit status after Ctrl-C, as shells have it
 _LOOK_S = 0.05
+_FALLBACK = 'sweep'  # flies where no learned policy is shipped
+_RULES = ('hert', 'sweep')  # that every mission is compared with
 _RECORDER_S = 15.0  # how long the recorder may take to close the bag
 
 
@@ -30,9 +34,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_scenario_options(parser)
     parser.add_argument(
         '--policy',
-        default='sweep',
-        metavar='NAME',
-        help='hert, hert-equal, sweep or random (default: %(default)s)',
+        metavar='NAME|FILE',
+        help='hert, hert-equal, sweep, random, a shipped policy, a .safetensors file or strong,'
+        ' the policy shipped for the scenario (default: strong, or sweep where none is shipped)',
     )
     options.add_seed_option(parser, 'seed of the mission')
     options.add_allocator_option(parser)
@@ -50,16 +54,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Fly the mission; the exit status."""
-    from uav_collect.policy import policy_named
-
+    interpret_kernels()  # all of one mission in this process takes less than to load compiled ones
     scenario = options.scenario_of(arguments)
-    policy_named(arguments.policy)
+    policy = _checked_policy(arguments.policy, scenario)
     folder = _make_folder(arguments.output, scenario.name)
-    _say(f'{scenario.name}, seed {arguments.seed}, {scenario.n_uavs} UAVs: {arguments.policy}')
+    _say(f'{scenario.name}, seed {arguments.seed}, {scenario.n_uavs} UAVs: {policy}')
     start_s = time.monotonic()
     try:
         with running_fleet(folder, scenario.n_uavs + 2) as fleet:
-            _fly(fleet, folder, scenario, arguments)
+            _fly(fleet, folder, scenario, policy, arguments)
     except KeyboardInterrupt:
         _say(f'interrupted; what was flown is in {folder}')
         return INTERRUPTED
@@ -67,10 +70,59 @@ def run(arguments: argparse.Namespace) -> int:
         sys.stderr.write(f'error: {error}\n')
         return 1
     _say(f'flown in {time.monotonic() - start_s:.1f} s\n')
-    return report.run(argparse.Namespace(path=folder, pictures=None))
+    status = report.run(argparse.Namespace(path=folder, pictures=None))
+    _compare(_log_file(folder, arguments.seed), scenario, arguments.bandwidth)
+    return status
 
 
-def _fly(fleet: Fleet, folder: Path, scenario: 'Scenario', arguments: argparse.Namespace) -> None:
+def _checked_policy(wanted: str | None, scenario: 'Scenario') -> str:
+    """The policy to name to the agents, known to fit.
+
+    Raises:
+        PolicyMismatchError: the one that the user wants does not.
+    """
+    from uav_collect.frozen import PolicyMismatchError
+    from uav_collect.policy import policy_for, STRONG
+
+    if wanted is not None:
+        policy_for(wanted, scenario)
+        return wanted
+    try:
+        policy_for(STRONG, scenario)
+    except PolicyMismatchError as error:
+        _say(f'{error}: {_FALLBACK} flies')
+        return _FALLBACK
+    return STRONG
+
+
+def _compare(log: Path, scenario: 'Scenario', bandwidth: str) -> None:
+    """Show the mission's figures beside those of rules, flown here in the same mission."""
+    from rich.console import Console
+    from uav_collect.metrics import figures
+    from uav_collect.mission_log import read
+    from uav_collect.rollout import fly
+    from uav_collect.site import build_site
+    from uav_collect.tables import comparison_table
+
+    try:
+        flown = read(log)
+        name, seed = flown.header.uavs[0].policy, flown.header.mission_seed
+        missions = {name: figures(flown)}
+        for rule in _RULES:
+            if rule != name:
+                [other] = fly(scenario, build_site(scenario), [seed], rule, bandwidth)
+                missions[rule] = figures(other)
+        Console().print(comparison_table(missions))
+    # Whatever it is: the mission itself was flown, recorded and told.
+    except Exception as error:
+        _say(f'the mission could not be compared with rules: {error}')
+    except KeyboardInterrupt:
+        _say('interrupted; the mission is not compared with rules')
+
+
+def _fly(
+    fleet: Fleet, folder: Path, scenario: 'Scenario', policy: str, arguments: argparse.Namespace
+) -> None:
     scenario_file = folder / report.SCENARIO_FILE
     scenario_file.write_text(scenario.to_yaml(), encoding='utf-8')
     recorder = fleet.start(
@@ -89,9 +141,9 @@ def _fly(fleet: Fleet, folder: Path, scenario: 'Scenario', arguments: argparse.N
         ),
     )
     for uav in range(1, scenario.n_uavs + 1):
-        flags = ['--id', str(uav), '--policy', arguments.policy]
+        flags = ['--id', str(uav), '--policy', policy]
         fleet.start('uav_agent', f'uav_{uav}', [*flags, '--bandwidth', arguments.bandwidth])
-    _follow(fleet, world, folder / f'mission_{arguments.seed}.jsonl')
+    _follow(fleet, world, _log_file(folder, arguments.seed))
     _await(fleet, recorder)
 
 
@@ -147,6 +199,10 @@ def _await(fleet: Fleet, recorder: FleetProcess) -> None:
             raise FleetError(f'the recorder did not close the bag within {_RECORDER_S:g} s')
         time.sleep(_LOOK_S)
     fleet.check()
+
+
+def _log_file(folder: Path, seed: int) -> Path:
+    return folder / f'mission_{seed}.jsonl'
 
 
 def _make_folder(wanted: Path | None, scenario_name: str) -> Path:
