@@ -142,7 +142,7 @@ def _fly(
     site = build_site(scenario)
     seeds = mission_seeds(arguments.seed, arguments.missions)
     at_once = 1 if 'cvxpy' in arguments.bandwidth else _AT_ONCE
-    progress.say_if_compiling()
+    progress.say_if_compiling(*_kernels(flown))
     with progress.counting(len(seeds) * len(flown), 'missions') as advance:
         for start in range(0, len(seeds), at_once):
             for contender, missions in flown.items():
@@ -151,6 +151,15 @@ def _fly(
                 logs = fly(scenario, site, some, make_policy, contender.bandwidth)
                 missions += [figures(log) for log in logs]
                 advance(len(some))
+
+
+def _kernels(contenders: Iterable[_Contender]) -> set[str]:
+    from uav_collect.policy import LearnedPolicy
+
+    return {
+        'stepping' if isinstance(contender.policy, LearnedPolicy) else 'rollout'
+        for contender in contenders
+    }
 
 
 def _show(

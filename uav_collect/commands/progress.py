@@ -44,14 +44,19 @@ def _lines(say: Callable[[str], None], total: int, noun: str) -> Callable[[int],
     return advance
 
 
-def say_if_compiling() -> None:
-    """Say that the first missions take longer, when the kernels have to be compiled for them."""
+def say_if_compiling(*modules: str) -> None:
+    """Say that the first missions take longer, when the kernels have to be compiled for them.
+
+    Args:
+        modules: whose kernels fly them: rollout (rules, the default) or stepping (whatever learns
+            or has learned).
+    """
     from rich.console import Console
 
-    if kernels_are_compiled() and not kernels_are_cached():
+    if kernels_are_compiled() and not all(map(kernels_are_cached, modules or ('rollout',))):
         Console(stderr=True).print('compiling (once): this takes about a minute')
 
 
-def kernels_are_cached() -> bool:
-    """Whether the kernels that fly missions were compiled before, from the same sources."""
-    return any(cache_folder().rglob('rollout.*.nbi'))
+def kernels_are_cached(module: str = 'rollout') -> bool:
+    """Whether a module's kernels that fly missions were compiled before, from the same sources."""
+    return any(cache_folder().rglob(f'{module}.*.nbi'))
