@@ -26,26 +26,29 @@ N_UAV_SCALARS = 4  # of the global state: position, energy, whether it still dec
 _BYTE = 8
 
 
-class Records(NamedTuple):
-    """Decisions, one row each, (N, ...). Bits lie low first in their bytes, by cell."""
+_Table = NDArray[Any]
 
-    uav: Row[int]  # (N,)
-    decision: Row[int]  # running number of the UAV's own decisions
-    time_s: Row[float]
-    energy_left_j: Row[float]  # of the deciding UAV
-    cell: Row[int]
-    previous_action: Row[int]
-    legal: Row[int]  # bits by action
-    peer_x_m: Row[Row[float]]  # (N, U) where the UAV last heard each other one
-    peer_y_m: Row[Row[float]]
-    peer_s: Row[Row[float]]
-    complete: Row[Row[int]]  # (N, U * B) the maps of all UAVs
-    true_complete: Row[Row[int]]  # (N, B)
-    seen: Row[Row[int]]  # (N, B) where the deciding UAV has seen demand
-    fleet: Row[Row[float]]  # (N, U * N_UAV_SCALARS) the rest of the global state
-    action: Row[int]  # what was chosen; NONE where that is not known yet
-    reward: Row[float]  # until the next decision of the mission, discounted to this one
-    duration_s: Row[float]
+
+class Records(NamedTuple):
+    """Decisions, one row each, (N, ...); arrays always. Bits lie low first in their bytes."""
+
+    uav: _Table  # (N,)
+    decision: _Table  # running number of the UAV's own decisions
+    time_s: _Table
+    energy_left_j: _Table  # of the deciding UAV
+    cell: _Table
+    previous_action: _Table
+    legal: _Table  # bits by action
+    peer_x_m: _Table  # (N, U) where the UAV last heard each other one
+    peer_y_m: _Table
+    peer_s: _Table
+    complete: _Table  # (N, U * B) the maps of all UAVs
+    true_complete: _Table  # (N, B)
+    seen: _Table  # (N, B) where the deciding UAV has seen demand
+    fleet: _Table  # (N, U * N_UAV_SCALARS) the rest of the global state
+    action: _Table  # what was chosen; NONE where that is not known yet
+    reward: _Table  # until the next decision of the mission, discounted to this one
+    duration_s: _Table
 
 
 _BITS = {'legal', 'complete', 'true_complete', 'seen'}
@@ -73,7 +76,7 @@ def new_records(n_rows: int, briefing: Briefing) -> Records:
 
 def record_bytes(briefing: Briefing) -> int:
     """Size of one record."""
-    return sum(table.nbytes for table in new_records(1, briefing))  # type: ignore[attr-defined]
+    return sum(table.nbytes for table in new_records(1, briefing))
 
 
 def _dtype(name: str) -> np.dtype[Any]:
@@ -172,6 +175,7 @@ class _Rebuilt(NamedTuple):
 
     beliefs: Beliefs  # one
     region_bit: Row[float]
+    no_sensor: Row[int]
     observation: Row[float]  # encoded in full precision, then rounded, as it was in flight
 
 
@@ -195,6 +199,7 @@ def observations(
     rebuilt = _Rebuilt(
         beliefs=new_beliefs(briefing, 1),
         region_bit=new_row(VIEW_CELLS, 0.0),
+        no_sensor=new_row(1, 0),
         observation=new_row(out.shape[1], 0.0),
     )
     _rebuild(layout, briefing, records, demand_bit, mission, order, rebuilt, out)
@@ -205,15 +210,14 @@ def _rebuild(
     layout: int,
     briefing: Briefing,
     records: Records,
-    demand_bit: Row[Row[float]],
-    mission: Row[int],
-    order: Row[int],
+    demand_bit: Floats,
+    mission: NDArray[np.int64],
+    order: NDArray[np.int64],
     rebuilt: _Rebuilt,
-    out: Row[Row[float]],
+    out: NDArray[np.float32],
 ) -> None:
     belief = belief_of(rebuilt.beliefs, 0)
     side = briefing.cells_per_side
-    none_row = rebuilt.region_bit
     for row in range(len(records.uav)):
         uav = records.uav[row]
         _rebuild_belief(briefing, records, row, demand_bit[mission[row]], belief)
@@ -230,10 +234,10 @@ def _rebuild(
             records.previous_action[row],
             rebuilt.region_bit,
             0,
-            none_row,
-            none_row,
-            none_row,
-            none_row,
+            rebuilt.no_sensor,
+            rebuilt.region_bit,
+            rebuilt.region_bit,
+            rebuilt.region_bit,
         )
         encode(layout, briefing, uav, belief, view, rebuilt.observation)
         target = out[order[row]]

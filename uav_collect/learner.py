@@ -1,8 +1,9 @@
 """The learner: networks, targets and updates of AQMIX, QMIX and AIQL alike."""
 
+from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,22 +19,34 @@ from uav_collect.training_config import TrainingConfig
 
 
 class Networks(nn.Module):
-    """The agent network, and the mixer where the algorithm has one."""
+    """The agent network, and where the algorithm has one a mixer for each fleet and area."""
 
-    def __init__(self, config: TrainingConfig, briefing: Briefing, algorithm: Algorithm) -> None:
+    def __init__(
+        self, config: TrainingConfig, briefings: Sequence[Briefing], algorithm: Algorithm
+    ) -> None:
         super().__init__()
-        size = observation_size(config.layout, briefing.cells_per_side, briefing.n_uavs)
+        first = briefings[0]
+        size = observation_size(config.layout, first.cells_per_side, first.n_uavs)
         self.agent = Drqn(size, config.network.hidden_size)
-        self.mixer = None
+        self.mixers = nn.ModuleList()
         if algorithm is not Algorithm.AIQL:
-            self.mixer = Mixer(
-                n_uavs=briefing.n_uavs,
-                n_uav_scalars=N_UAV_SCALARS,
-                cells_per_side=briefing.cells_per_side,
-                pool_side=config.mixer.pool_side,
-                embedding_size=config.mixer.embedding_size,
-                hypernetwork_size=config.mixer.hypernetwork_size,
-            )
+            self.mixers.extend(_mixer(config, briefing) for briefing in briefings)
+
+    def mixer(self, course: int) -> Mixer | None:
+        """The mixer of a course."""
+        return cast(Mixer, self.mixers[course]) if len(self.mixers) else None
+
+
+def _mixer(config: TrainingConfig, briefing: Briefing) -> Mixer:
+    return Mixer(
+        n_uavs=briefing.n_uavs,
+        n_uav_scalars=N_UAV_SCALARS,
+        cells_per_side=briefing.cells_per_side,
+        pool_side=config.mixer.pool_side,
+        pooling=config.mixer.pooling,
+        embedding_size=config.mixer.embedding_size,
+        hypernetwork_size=config.mixer.hypernetwork_size,
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,16 +74,20 @@ class Learner:
     def __init__(
         self,
         config: TrainingConfig,
-        briefing: Briefing,
+        briefings: Sequence[Briefing],
         algorithm: Algorithm,
         seed: int,
         device: str = 'cpu',
     ) -> None:
-        """Make the networks, their weights drawn by the seed."""
+        """Make the networks, their weights drawn by the seed.
+
+        Args:
+            briefings: of each course: the fleets and areas that one agent network learns to fly.
+        """
         self._config, self._algorithm, self._device = config, algorithm, torch.device(device)
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
-            networks = Networks(config, briefing, algorithm)
+            networks = Networks(config, briefings, algorithm)
         self.networks = networks.to(self._device)
         self.target = deepcopy(self.networks).requires_grad_(False)
         self.optimiser = torch.optim.Adam(
@@ -81,15 +98,18 @@ class Learner:
         )
         self.n_updates = 0
 
-    def update(self, minibatch: Minibatch, learning_rate: float) -> float:
+    def update(self, minibatch: Minibatch, learning_rate: float, course: int = 0) -> float:
         """One step of the optimiser.
+
+        Args:
+            minibatch: of missions of one course.
 
         Returns:
             The loss before it.
         """
         for group in self.optimiser.param_groups:
             group['lr'] = learning_rate
-        loss = self.loss(minibatch)
+        loss = self.loss(minibatch, course)
         self.optimiser.zero_grad(set_to_none=True)
         loss.backward()
         nn.utils.clip_grad_norm_(self.networks.parameters(), self._config.optimiser.clip_norm)
@@ -119,7 +139,7 @@ class Learner:
         self.optimiser.load_state_dict(state['optimiser'])
         self.n_updates = state['n_updates']
 
-    def loss(self, minibatch: Minibatch) -> Tensor:
+    def loss(self, minibatch: Minibatch, course: int = 0) -> Tensor:
         """Mean squared error of the entries' action values against their targets."""
         tensors = self._on_device(minibatch)
         with torch.autocast(
@@ -128,19 +148,21 @@ class Learner:
             values = self.networks.agent(tensors.observation, minibatch.step_sizes)
         values = values.float()
         chosen = self._chosen(values, tensors)
-        team = self._team_values(self.networks, chosen, tensors, tensors.entry)
+        team = self._team_values(chosen, tensors, course)
         with torch.no_grad():
-            target = self._targets(values.detach(), tensors, minibatch)
+            target = self._targets(values.detach(), tensors, minibatch, course)
         return nn.functional.mse_loss(team, target)
 
-    def targets(self, minibatch: Minibatch) -> Tensor:
+    def targets(self, minibatch: Minibatch, course: int = 0) -> Tensor:
         """What the entries' action values are to become, shape (L,)."""
         tensors = self._on_device(minibatch)
         with torch.no_grad():
             values = self.networks.agent(tensors.observation, minibatch.step_sizes)
-            return self._targets(values, tensors, minibatch)
+            return self._targets(values, tensors, minibatch, course)
 
-    def _targets(self, online: Tensor, tensors: _Tensors, minibatch: Minibatch) -> Tensor:
+    def _targets(
+        self, online: Tensor, tensors: _Tensors, minibatch: Minibatch, course: int
+    ) -> Tensor:
         """lambda-returns over the chains of entries; one-step targets where lambda is 0.
 
         y = R + gamma^tau ((1 - lambda) max Q + lambda y'); Peng and Williams, 1996.
@@ -156,15 +178,14 @@ class Learner:
         best_value = values.gather(1, best[:, None]).squeeze(1)[tensors.row]
         running = self._chosen(values, tensors)
         next_entry = tensors.next_entry.clamp(min=0)
-        if self.target.mixer is None:
+        mixer = self.target.mixer(course)
+        if mixer is None:
             future = best_value[next_entry]
         else:
             decisions = torch.where(tensors.decides, best_value[tensors.latest.clamp(min=0)], 0.0)
             waiting = torch.where(tensors.decides, 0.0, self._by_uav(running, tensors))
             mixed = (decisions + waiting)[next_entry]
-            future = self.target.mixer(
-                mixed, tensors.fleet[next_entry], tensors.complete[next_entry]
-            )
+            future = mixer(mixed, tensors.fleet[next_entry], tensors.complete[next_entry])
         future = tensors.discount * future
         trace = torch.where(tensors.is_chained, config.trace, 0.0)
         fixed = tensors.reward + (1.0 - trace) * future
@@ -178,18 +199,18 @@ class Learner:
         """The value of each UAV's latest action at each decision; 0 where it has none, (E, U)."""
         return torch.where(tensors.latest >= 0, chosen[tensors.latest.clamp(min=0)], 0.0)
 
-    def _team_values(
-        self, networks: Networks, chosen: Tensor, tensors: _Tensors, entry: Tensor
-    ) -> Tensor:
-        if networks.mixer is None:
+    def _team_values(self, chosen: Tensor, tensors: _Tensors, course: int) -> Tensor:
+        entry, mixer = tensors.entry, self.networks.mixer(course)
+        if mixer is None:
             return chosen[entry]
         by_uav = self._by_uav(chosen, tensors)[entry]
-        total: Tensor = networks.mixer(by_uav, tensors.fleet[entry], tensors.complete[entry])
+        total: Tensor = mixer(by_uav, tensors.fleet[entry], tensors.complete[entry])
         return total
 
     def _move_target(self) -> None:
         rate = self._config.target.update_rate
-        targets, sources = list(self.target.parameters()), list(self.networks.parameters())
+        targets: list[Tensor] = [*self.target.parameters()]
+        sources: list[Tensor] = [*self.networks.parameters()]
         torch._foreach_lerp_(targets, sources, rate)
 
     def _on_device(self, minibatch: Minibatch) -> _Tensors:

@@ -77,7 +77,7 @@ def minibatch(
     is_whole = np.array([episode.is_whole for episode in episodes])
     row, step_sizes = _packing(records, mission, briefing.n_uavs)
     latest = _latest(records, mission, briefing.n_uavs)
-    time_s = np.asarray(records.time_s)
+    time_s = records.time_s
     instant = _instants(mission, time_s, algorithm)
     decides = (latest >= 0) & (instant[latest] == instant[:, None])
     order, entry_next = _successors(records, mission, instant, is_whole, algorithm)
@@ -98,7 +98,7 @@ def minibatch(
         action=np.maximum(records.action, 0).astype(np.int64),
         latest=latest,
         decides=decides,
-        fleet=np.asarray(records.fleet),
+        fleet=records.fleet,
         complete=_maps(records, briefing),
         entry=entry,
         next_entry=next_entry,
@@ -121,8 +121,8 @@ def _joined(episodes: Sequence[Episode]) -> Records:
 
 def _packing(records: Records, mission: Ints, n_uavs: int) -> tuple[Ints, list[int]]:
     """The packed row of each decision, and how many sequences reach each step."""
-    sequence = mission * n_uavs + np.asarray(records.uav)
-    step = np.asarray(records.decision, dtype=np.int64)
+    sequence = mission * n_uavs + records.uav
+    step = records.decision.astype(np.int64)
     length = np.bincount(sequence)
     place = np.empty(len(length), dtype=np.int64)
     place[np.argsort(-length, kind='stable')] = np.arange(len(length))
@@ -135,10 +135,10 @@ def _latest(records: Records, mission: Ints, n_uavs: int) -> Ints:
     """The latest decision of each UAV at each decision; none before its first, none once home."""
     index = np.arange(len(mission))
     first = np.searchsorted(mission, mission)
-    uav = np.asarray(records.uav)
+    uav = records.uav
     decided = np.where(uav[:, None] == np.arange(n_uavs), index[:, None], NOBODY)
     latest = np.maximum.accumulate(decided, axis=0)
-    active = np.asarray(records.fleet)[:, N_UAV_SCALARS - 1 :: N_UAV_SCALARS] > 0.0
+    active = records.fleet[:, N_UAV_SCALARS - 1 :: N_UAV_SCALARS] > 0.0
     return np.where((latest >= first[:, None]) & active, latest, NOBODY)
 
 
@@ -156,8 +156,8 @@ def _successors(
     """Decisions in the order of chains, and what follows each: NOBODY at the end, or _UNKNOWN."""
     index = np.arange(len(mission))
     if algorithm is Algorithm.AIQL:
-        order = np.lexsort((index, np.asarray(records.uav), mission))
-        chain = mission * (1 + int(np.max(records.uav))) + np.asarray(records.uav)
+        order = np.lexsort((index, records.uav, mission))
+        chain = mission * (1 + int(np.max(records.uav))) + records.uav
     else:
         order = index[np.append(instant[1:] != instant[:-1], True)]
         chain = mission
@@ -174,11 +174,11 @@ def _returns(
 
     gamma^tau of the target (paper, section V-A), tau the time between the two.
     """
-    time_s = np.asarray(records.time_s)
+    time_s = records.time_s
     is_last = np.append(mission[1:] != mission[:-1], True)
-    discount = np.where(is_last, 0.0, discount_per_s ** np.asarray(records.duration_s))
+    discount = np.where(is_last, 0.0, discount_per_s**records.duration_s)
     to_go = np.empty(len(mission))
-    _sum_backwards(np.asarray(records.reward), discount, to_go)
+    _sum_backwards(records.reward, discount, to_go)
     is_known = next_entry >= 0
     after = np.where(is_known, next_entry, 0)
     between = discount_per_s ** np.where(is_known, time_s[after] - time_s[entry], 0.0)
@@ -201,6 +201,6 @@ def _bits(packed: Any) -> NDArray[np.uint8]:  # noqa: ANN401 - a column of recor
 
 def _maps(records: Records, briefing: Briefing) -> NDArray[np.uint8]:
     n_cells = briefing.cells_per_side * briefing.cells_per_side
-    known = np.asarray(records.complete).reshape(len(records.uav), briefing.n_uavs, -1)
-    packed = np.concatenate([known, np.asarray(records.true_complete)[:, None]], axis=1)
+    known = records.complete.reshape(len(records.uav), briefing.n_uavs, -1)
+    packed = np.concatenate([known, records.true_complete[:, None]], axis=1)
     return np.unpackbits(packed, axis=-1, count=n_cells, bitorder='little')

@@ -9,7 +9,7 @@ from torch import nn, Tensor
 class Mixer(nn.Module):
     """Two fully connected layers with ELU, weights by hypernetworks on the global state.
 
-    The completion maps in the state are sum-pooled first (paper, section V-B).
+    The completion maps in the state are pooled first (paper, section V-B).
     """
 
     def __init__(
@@ -19,6 +19,7 @@ class Mixer(nn.Module):
         n_uav_scalars: int,
         cells_per_side: int,
         pool_side: int,
+        pooling: str,
         embedding_size: int,
         hypernetwork_size: int,
     ) -> None:
@@ -27,10 +28,15 @@ class Mixer(nn.Module):
         Args:
             n_uav_scalars: numbers of the state for each UAV besides its map.
             pool_side: cells of a pooling window's side, the paper's M.
+            pooling: 'sum' of a window's cells, or their 'mean', which keeps the state's numbers
+                alike: with sums the state's part of the value drowns the UAVs' at first.
         """
         super().__init__()
+        self._windows: Tensor
         self._embedding_size, self._n_uavs = embedding_size, n_uavs
         windows = pooling_windows(cells_per_side, pool_side)
+        if pooling == 'mean':
+            windows /= pool_side * pool_side
         self.register_buffer('_windows', windows, persistent=False)
         state_size = n_uavs * n_uav_scalars + (n_uavs + 1) * windows.shape[1]
         # The hypernetworks' first layers, side by side: one product instead of four.

@@ -1,7 +1,6 @@
 """The replay buffer: whole missions, their decisions as compact records in one ring."""
 
 from collections import deque
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -51,7 +50,7 @@ class Replay:
             self._next = 0
         self._drop(self._next, self._next + size)
         rows = slice(self._next, self._next + size)
-        for kept, new in zip(_tables(self._records), _tables(episode.records), strict=True):
+        for kept, new in zip(self._records, episode.records, strict=True):
             kept[rows] = new
         self._missions.append(
             _Mission(self._next, size, episode.mission_seed, episode.demand_bit, episode.is_whole)
@@ -102,7 +101,7 @@ class Replay:
             self._missions.popleft()
 
     def _episode(self, mission: '_Mission') -> Episode:
-        tables: list[Any] = [table[mission.rows] for table in _tables(self._records)]
+        tables: list[Any] = [table[mission.rows] for table in self._records]
         return Episode(
             mission_seed=mission.mission_seed,
             demand_bit=mission.demand_bit,
@@ -130,7 +129,3 @@ class _Mission:
 def replay_bytes(capacity: int, briefing: Briefing) -> int:
     """Memory that a replay of so many decisions takes."""
     return capacity * record_bytes(briefing)
-
-
-def _tables(records: Records) -> Sequence[NDArray[Any]]:
-    return records  # type: ignore[return-value]  # rows of a learner are always arrays

@@ -1,6 +1,6 @@
 """Training in one process: fly, learn, validate, keep the best; and go on where it stopped."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, fields
 import os
 from pathlib import Path
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import torch
 from uav_collect import frozen
-from uav_collect.briefing import brief
+from uav_collect.briefing import brief, Briefing
 from uav_collect.collector import Collector
 from uav_collect.evaluation import mission_seeds
 from uav_collect.frozen import FrozenPolicy, PolicyHeader, weights_digest
@@ -22,8 +22,8 @@ from uav_collect.policy import LearnedPolicy
 from uav_collect.replay import Replay, replay_bytes
 from uav_collect.revision import git_revision
 from uav_collect.rollout import fly
-from uav_collect.scenario import fingerprint, from_yaml, Scenario
-from uav_collect.site import build_site
+from uav_collect.scenario import ConfigError, fingerprint, from_yaml, Scenario
+from uav_collect.site import build_site, Site
 from uav_collect.training_config import TrainingConfig
 
 _VALIDATION_SEED = 2**60  # of the first validation mission
@@ -78,6 +78,17 @@ class Progress:
     best: Validation | None
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Course:
+    """One of the scenarios that a policy learns to fly, and the experience with it."""
+
+    scenario: Scenario
+    site: Site
+    briefing: Briefing
+    collector: Collector
+    replay: Replay
+
+
 class CheckpointError(ValueError):
     """A checkpoint that cannot be gone on from: which, and why."""
 
@@ -87,7 +98,7 @@ class Trainer:
 
     def __init__(
         self,
-        scenario: Scenario,
+        scenarios: Sequence[Scenario],
         config: TrainingConfig,
         algorithm: str,
         seed: int,
@@ -96,6 +107,8 @@ class Trainer:
         """Get ready: first missions in the air, weights drawn.
 
         Args:
+            scenarios: what one policy learns to fly, in turn; several need an observation whose
+                size depends on none of them.
             algorithm: one of `minibatch.Algorithm`.
             seed: of weights, missions, exploration and what is replayed, 0..2^62.
             device: 'cpu' or 'cuda'.
@@ -103,16 +116,15 @@ class Trainer:
         Raises:
             ConfigError: the fleet cannot start, or the observation has no room for it.
         """
-        self.scenario, self.config, self.seed = scenario, config, seed
+        self.scenarios, self.config, self.seed = tuple(scenarios), config, seed
         self.algorithm = Algorithm(algorithm)
         self._device = device
-        self._site = build_site(scenario)
-        self._briefing = brief(scenario)
-        learned = _rewarded(scenario, config)
-        self._learner = Learner(config, self._briefing, self.algorithm, seed, device)
-        self._collector = Collector(learned, self._site, config, self.algorithm, seed, device)
-        self._replay = Replay(config.replay.decisions, self._briefing)
+        _check_same_size(self.scenarios, config)
+        self._courses = [self._course(scenario) for scenario in self.scenarios]
+        briefings = [course.briefing for course in self._courses]
+        self._learner = Learner(config, briefings, self.algorithm, seed, device)
         self._rng = np.random.Generator(np.random.Philox(key=[seed, _REPLAY_KEY]))
+        self._turn = 0
         self._trained_s = 0.0
         self._validation: Validation | None = None
         self._best: Validation | None = None
@@ -121,12 +133,17 @@ class Trainer:
     @property
     def n_decisions(self) -> int:
         """Decisions flown so far."""
-        return self._collector.n_decisions
+        return sum(course.collector.n_decisions for course in self._courses)
+
+    @property
+    def n_updates(self) -> int:
+        """Updates so far."""
+        return self._learner.n_updates
 
     @property
     def replay_bytes(self) -> int:
-        """Memory that the replay takes."""
-        return replay_bytes(self.config.replay.decisions, self._briefing)
+        """Memory that the replays take."""
+        return sum(replay_bytes(self._replay_size, it.briefing) for it in self._courses)
 
     def run(self, budget: Budget) -> Iterator[Progress]:
         """Train on until the budget is spent, resumed or not.
@@ -169,14 +186,15 @@ class Trainer:
         """
         best = self._best_policy
         state = {
-            'scenario': self.scenario.to_yaml(),
+            'scenarios': [scenario.to_yaml() for scenario in self.scenarios],
             'config': self.config.model_dump(),
             'algorithm': self.algorithm.value,
             'seed': self.seed,
             'device': self._device,
             'learner': self._learner.state(),
-            'collector': self._collector.state(),
-            'replay': self._replay.state(),
+            'collectors': [course.collector.state() for course in self._courses],
+            'replays': [course.replay.state() for course in self._courses],
+            'turn': self._turn,
             'rng': self._rng.bit_generator.state,
             'trained_s': self._trained_s,
             'validation': self._validation and asdict(self._validation),
@@ -208,16 +226,20 @@ class Trainer:
             raise CheckpointError(f'{path}: cannot be read: {error.strerror}') from error
         except Exception as error:  # torch raises what its readers raise
             raise CheckpointError(f'{path}: is no whole checkpoint: {error}') from error
-        scenario = from_yaml(state['scenario'])
+        scenarios = [from_yaml(text) for text in state['scenarios']]
         config = TrainingConfig.model_validate(state['config'])
-        trainer = cls(scenario, config, state['algorithm'], state['seed'], state['device'])
+        trainer = cls(scenarios, config, state['algorithm'], state['seed'], state['device'])
         trainer._restore(state)
         return trainer
 
     def _restore(self, state: dict[str, Any]) -> None:
         self._learner.restore(state['learner'])
-        self._collector.restore(state['collector'])
-        self._replay.restore(state['replay'])
+        for course, collector, replay in zip(
+            self._courses, state['collectors'], state['replays'], strict=True
+        ):
+            course.collector.restore(collector)
+            course.replay.restore(replay)
+        self._turn = state['turn']
         self._rng.bit_generator.state = state['rng']
         self._trained_s = state['trained_s']
         if state['validation']:
@@ -226,6 +248,25 @@ class Trainer:
             self._best = Validation(**state['best'])
             header = self._header(self._best, state['best_weights'])
             self._best_policy = FrozenPolicy(header, state['best_weights'])
+
+    @property
+    def _replay_size(self) -> int:
+        return self.config.replay.decisions // len(self.scenarios)
+
+    def _course(self, scenario: Scenario) -> '_Course':
+        config, site = self.config, build_site(scenario)
+        discount = {'discount_per_s': config.reward.discount_per_s}
+        reward = scenario.reward.model_copy(update=discount)
+        learned = scenario.model_copy(update={'reward': reward})
+        return _Course(
+            scenario=scenario,
+            site=site,
+            briefing=brief(scenario),
+            collector=Collector(
+                learned, site, config, self.algorithm, self.seed, device=self._device
+            ),
+            replay=Replay(self._replay_size, brief(scenario)),
+        )
 
     def _share_done(self, budget: Budget) -> float:
         if budget.decisions is not None:
@@ -240,20 +281,23 @@ class Trainer:
         Returns:
             The loss; None while too few missions have ended to learn from.
         """
-        config = self.config
-        agent = self._learner.networks.agent
-        epsilon = config.epsilon(share_done)
-        rollout, replay = config.rollout, self._replay
-        for episode in self._collector.collect(agent, rollout.decisions_per_update, epsilon):
-            replay.add(episode)
+        config, course = self.config, self._courses[self._turn % len(self._courses)]
+        self._turn += 1
+        agent, n_missions = self._learner.networks.agent, config.replay.missions_per_batch
+        epsilon, n_decisions = config.epsilon(share_done), config.rollout.decisions_per_update
+        for episode in course.collector.collect(agent, n_decisions, epsilon):
+            course.replay.add(episode)
         loss = None
-        if replay.n_missions >= config.replay.missions_per_batch:
-            episodes = replay.sample(config.replay.missions_per_batch, self._rng)
-            discount_per_s = config.reward.discount_per_s
+        if course.replay.n_missions >= n_missions:
             batch = minibatch(
-                episodes, self._briefing, config.layout, self.algorithm, discount_per_s
+                course.replay.sample(n_missions, self._rng),
+                course.briefing,
+                config.layout,
+                self.algorithm,
+                config.reward.discount_per_s,
             )
-            loss = self._learner.update(batch, config.learning_rate(share_done))
+            index = self._courses.index(course)
+            loss = self._learner.update(batch, config.learning_rate(share_done), index)
             pace.note(loss)
         self._trained_s += pace.lap_s()
         return loss
@@ -267,11 +311,13 @@ class Trainer:
 
     def _validated(self) -> Validation:
         """Fly the validation missions, equal bandwidth, without exploration."""
-        policy = self._frozen(None)
+        pilot = LearnedPolicy('validated', self._frozen(None))
         seeds = mission_seeds(_VALIDATION_SEED, self.config.validation.missions)
-        logs = fly(
-            self.scenario, self._site, seeds, lambda: LearnedPolicy('validated', policy), 'equal'
-        )
+        logs = [
+            log
+            for course in self._courses
+            for log in fly(course.scenario, course.site, seeds, lambda: pilot, 'equal')
+        ]
         flown = [figures(log) for log in logs]
         return Validation(
             wall_s=self._trained_s,
@@ -291,20 +337,21 @@ class Trainer:
         return FrozenPolicy(self._header(validation, weights), weights)
 
     def _header(self, validation: Validation | None, weights: frozen.Weights) -> PolicyHeader:
-        scenario, config = self.scenario, self.config
-        side, n_uavs = scenario.area.cells_per_side, scenario.n_uavs
+        config, first = self.config, self.scenarios[0]
+        sides = [scenario.area.cells_per_side for scenario in self.scenarios]
+        fleets = [scenario.n_uavs for scenario in self.scenarios]
         n_updates = self._learner.n_updates if validation is None else validation.n_updates
-        run = f'{scenario.name}_n{n_uavs}_{self.algorithm}_{config.name}_s{self.seed}'
+        run = f'{first.name}_n{fleets[0]}_{self.algorithm}_{config.name}_s{self.seed}'
         return PolicyHeader(
             layout=config.layout,
-            observation_size=observation_size(config.layout, side, n_uavs),
+            observation_size=observation_size(config.layout, sides[0], fleets[0]),
             hidden_size=config.network.hidden_size,
-            cells_per_side_min=side,
-            cells_per_side_max=side,
-            n_uavs_min=n_uavs,
-            n_uavs_max=n_uavs,
-            scenario=scenario.name,
-            fingerprint=fingerprint(scenario),
+            cells_per_side_min=min(sides),
+            cells_per_side_max=max(sides),
+            n_uavs_min=min(fleets),
+            n_uavs_max=max(fleets),
+            scenario=' '.join(dict.fromkeys(scenario.name for scenario in self.scenarios)),
+            fingerprint=' '.join(fingerprint(scenario) for scenario in self.scenarios),
             preset=config.name,
             algorithm=self.algorithm.value,
             seed=self.seed,
@@ -312,35 +359,33 @@ class Trainer:
             updates=n_updates,
             version=f'{run}@{n_updates}-{weights_digest(weights)[:8]}',
             git_revision=git_revision(),
-            validation=_told(validation, config.validation.missions),
+            validation=_told(validation, config.validation.missions * len(sides)),
         )
 
     def _progress(self, budget: Budget, pace: '_Pace', validation: Validation | None) -> Progress:
         share_done = self._share_done(budget)
+        collectors = [course.collector for course in self._courses]
         decisions_per_s, updates_per_s, loss = pace.read()
         return Progress(
             share_done=share_done,
             wall_s=self._trained_s,
             n_decisions=self.n_decisions,
             n_updates=self._learner.n_updates,
-            n_missions=self._collector.n_missions,
+            n_missions=sum(it.n_missions for it in collectors),
             decisions_per_s=decisions_per_s,
             updates_per_s=updates_per_s,
             loss=loss,
             epsilon=self.config.epsilon(share_done),
             learning_rate=self.config.learning_rate(share_done),
-            training_efficiency_kbit_per_j=self._collector.recent_efficiency_kbit_per_j,
-            training_reward=self._collector.recent_reward,
-            replay_transitions=self._replay.n_decisions,
+            training_efficiency_kbit_per_j=_mean(
+                it.recent_efficiency_kbit_per_j for it in collectors
+            ),
+            training_reward=_mean(it.recent_reward for it in collectors),
+            replay_transitions=sum(course.replay.n_decisions for course in self._courses),
             replay_bytes=self.replay_bytes,
             validation=validation,
             best=self._best,
         )
-
-    @property
-    def n_updates(self) -> int:
-        """Updates so far."""
-        return self._learner.n_updates
 
 
 class _Pace:
@@ -387,10 +432,16 @@ class _Pace:
         return speeds[0], speeds[1], self._loss
 
 
-def _rewarded(scenario: Scenario, config: TrainingConfig) -> Scenario:
-    """The scenario with the training's discount in the place of its own."""
-    discount = {'discount_per_s': config.reward.discount_per_s}
-    return scenario.model_copy(update={'reward': scenario.reward.model_copy(update=discount)})
+def _check_same_size(scenarios: Sequence[Scenario], config: TrainingConfig) -> None:
+    sizes = {
+        observation_size(config.layout, scenario.area.cells_per_side, scenario.n_uavs)
+        for scenario in scenarios
+    }
+    if len(sizes) > 1:
+        raise ConfigError(
+            f'observation is {config.observation!r}: must be egocentric for scenarios of several '
+            'areas or fleets'
+        )
 
 
 def _merit(validation: Validation) -> tuple[float, float]:

@@ -37,6 +37,7 @@ class MixerSettings(Section):
     embedding_size: _Size
     hypernetwork_size: _Size
     pool_side: Annotated[int, whole(1, 64)]
+    pooling: Literal['sum', 'mean']
 
 
 class ExplorationSettings(Section):

@@ -1,14 +1,14 @@
 """One run of a training: follows the trainer, saves what it learns, and says what came out."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 import math
 from pathlib import Path
 import sys
 from time import monotonic
 
-from uav_collect.commands import curves
+from uav_collect.commands import curves, files
 from uav_collect.commands.interruption import Interruption
-from uav_collect.commands.training_display import showing
+from uav_collect.commands.training_display import clock, showing
 from uav_collect.commands.training_folder import (
     BEST_POLICY,
     CHECKPOINT,
@@ -18,6 +18,7 @@ from uav_collect.commands.training_folder import (
     RunFolder,
 )
 from uav_collect.commands.training_plan import PlannedRun, resume_command
+from uav_collect.frozen import PolicyMismatchError
 from uav_collect.learning_curves import learning_curves
 from uav_collect.metrics import percent
 from uav_collect.trainer import Budget, CheckpointError, Progress, Trainer
@@ -51,16 +52,15 @@ def train(run: PlannedRun, checkpoint_s: float, interruption: Interruption) -> N
         _say(f'{run.title}, seed {run.record.seed}, {run.record.budget}: {run.folder}')
         try:
             last = _follow(run, trainer, folder, checkpoint_s, interruption)
-            trainer.save(folder.checkpoint)
+            _save(trainer, folder.checkpoint)
             folder.keep(trainer.policy(), LAST_POLICY)
             folder.finish()
         except OSError:
-            if folder.checkpoint.exists():
+            if _is_saved(folder.checkpoint):
                 _say(f'to go on from the last checkpoint:\n  {resume_command(run.folder)}')
             raise
-    if last.best is not None:
-        draw_curve((run.folder,), run.folder / CURVE, title=run.title)
-    _report(run, last)
+    if last is not None:
+        _report(run, last)
 
 
 def _trainer(run: PlannedRun) -> Trainer:
@@ -71,13 +71,17 @@ def _trainer(run: PlannedRun) -> Trainer:
         ConfigError: the scenario cannot be trained with these settings.
     """
     checkpoint = run.folder / CHECKPOINT
-    if checkpoint.exists():
+    if _is_saved(checkpoint):
         try:
             return Trainer.resume(checkpoint)
         except CheckpointError as error:
             raise TrainingRunError(str(error)) from error
     record = run.record
-    return Trainer(run.scenario, run.config, record.algorithm, record.seed, device=record.device)
+    return Trainer(run.scenarios, run.config, record.algorithm, record.seed, device=record.device)
+
+
+def _is_saved(checkpoint: Path) -> bool:
+    return any(file.suffix != '.part' for file in checkpoint.glob('*'))
 
 
 def _follow(
@@ -86,38 +90,69 @@ def _follow(
     folder: RunFolder,
     checkpoint_s: float,
     interruption: Interruption,
-) -> Progress:
-    """Train until the time is up; the last look at it."""
+) -> Progress | None:
+    """Train until the time is up; the last look at it, None where the time was up before."""
     budget = Budget(minutes=run.record.minutes, decisions=run.record.decisions)
     saved_s = monotonic()
     best = None
     progress = None
-    with showing(f'{run.folder.name}') as show:
-        for progress in trainer.run(budget):
+    with showing(run.folder.name) as show:
+        for progress in _looks(run, trainer, budget):
             folder.note(progress)
             show(progress)
-            if progress.updates_per_s > 0 and not math.isfinite(progress.loss):
-                raise DivergedError(_divergence(run, progress))
-            if progress.best is not None and progress.best != best:
+            if progress.best != best:
                 best = progress.best
                 folder.keep(trainer.best_policy(), BEST_POLICY)
-            if interruption.signal_number is not None or monotonic() - saved_s >= checkpoint_s:
-                trainer.save(folder.checkpoint)
+            is_interrupted = interruption.signal_number is not None
+            if is_interrupted or monotonic() - saved_s >= checkpoint_s:
+                _save(trainer, folder.checkpoint)
                 saved_s = monotonic()
-            if interruption.signal_number is not None:
+            if is_interrupted:
                 raise InterruptedRunError(_interruption(run, progress))
-    if progress is None:
-        raise RuntimeError('the trainer said nothing')
     return progress
 
 
-def _divergence(run: PlannedRun, progress: Progress) -> str:
-    kept = f'its best policy is {run.folder / BEST_POLICY}'
+def _looks(run: PlannedRun, trainer: Trainer, budget: Budget) -> Iterator[Progress]:
+    """The looks at a training as long as its loss is a number.
+
+    Raises:
+        DivergedError: it is none any more.
+    """
+    try:
+        for progress in trainer.run(budget):
+            if progress.updates_per_s > 0 and not math.isfinite(progress.loss):
+                raise DivergedError(_divergence(run, trainer, f'the loss is {progress.loss}'))
+            yield progress
+    except PolicyMismatchError as error:  # weights that are no numbers cannot be validated
+        raise DivergedError(_divergence(run, trainer, str(error))) from error
+
+
+def _divergence(run: PlannedRun, trainer: Trainer, what: str) -> str:
+    best = run.folder / BEST_POLICY
+    kept = 'it has no policy yet' if trainer.best_policy() is None else f'its best policy: {best}'
     return (
-        f'{run.folder}: diverged: the loss is {progress.loss} after {progress.n_updates:,}'
-        f' updates; {kept if progress.best else "it has no policy yet"};'
-        ' a lower learning rate may help, by --override'
+        f'{run.folder}: diverged after {trainer.n_updates:,} updates: {what}; {kept};'
+        ' a lower learning rate may help (--override)'
     )
+
+
+def _save(trainer: Trainer, checkpoint: Path) -> None:
+    """Save a trainer.
+
+    Raises:
+        OSError: naming the checkpoint.
+    """
+    try:
+        with files.naming(checkpoint):
+            trainer.save(checkpoint)
+    except RuntimeError as error:
+        # torch hides a full disk behind an error of its own, raised while it handles the disk's.
+        cause: BaseException | None = error
+        while cause is not None and not isinstance(cause, OSError):
+            cause = cause.__context__
+        if cause is None:
+            raise
+        raise OSError(cause.errno, cause.strerror, str(checkpoint)) from error
 
 
 def _interruption(run: PlannedRun, progress: Progress) -> str:
@@ -141,20 +176,22 @@ def draw_curve(
 
 
 def _report(run: PlannedRun, last: Progress) -> None:
-    """Print what a run came to."""
+    """Print what a run came to, and draw its curve."""
     print(
-        f'trained {last.wall_s / 60:.1f} min: {last.n_missions:,} missions,'
+        f'trained {clock(last.wall_s)}: {last.n_missions:,} missions,'
         f' {last.n_decisions:,} decisions, {last.n_updates:,} updates'
     )
-    if last.best is not None:
-        best = last.best
-        print(
-            f'best policy, after {best.n_decisions:,} decisions:'
-            f' {best.efficiency_kbit_per_j:.3f} kbit/J, {best.completion_s:.1f} s,'
-            f' {best.energy_kj:.1f} kJ, {percent(best.collected_share)} collected in validation'
-        )
-        print(f'policy: {run.folder / BEST_POLICY}')
-        print(f'curve:  {run.folder / CURVE}')
+    if last.best is None:
+        return
+    best = last.best
+    print(
+        f'best policy, after {best.n_decisions:,} decisions:'
+        f' {best.efficiency_kbit_per_j:.3f} kbit/J, {best.completion_s:.1f} s,'
+        f' {best.energy_kj:.1f} kJ, {percent(best.collected_share)} collected in validation'
+    )
+    print(f'policy: {run.folder / BEST_POLICY}')
+    draw_curve((run.folder,), run.folder / CURVE, title=run.title)
+    print(f'curve:  {run.folder / CURVE}')
 
 
 def _say(text: str) -> None:
