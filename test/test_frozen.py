@@ -213,6 +213,7 @@ def not_finite(name: str, value: float) -> dict[str, np.ndarray | None]:
         ({'metadata': {'layout': 'egocentric/1'}}, ["layout is 'egocentric/1'", 'paper/1 or ego']),
         ({'metadata': {'seed': None}}, ['seed is missing']),
         ({'metadata': {'updates': 'many'}}, ["updates is 'many'", 'whole number']),
+        ({'metadata': {'updates': '9' * 5000}}, ["updates is '999", 'whole number']),
         ({'metadata': {'hidden_size': '0'}}, ['hidden_size is 0']),
         ({'metadata': {'hidden_size': '17'}}, ['encoder.weight has shape (16,', 'must be (17,']),
         ({'metadata': {'observation_size': '300'}}, ['observation_size is 300', 'egocentric/2']),

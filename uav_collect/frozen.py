@@ -31,6 +31,7 @@ from uav_collect.observation import Layout, observation_size
 
 FORMAT = 'uav_collect.policy/1'
 SUFFIX = '.safetensors'
+_MAX_DIGITS = 19  # of a number in a header: 63 bits
 
 Weights = Mapping[str, NDArray[np.float32]]
 
@@ -284,7 +285,7 @@ def _parsed(name: str, kind: object, text: str) -> Layout | Validation | int | s
     if kind is Validation:
         return _validation(name, text)
     if kind is int:
-        if not (text.isascii() and text.isdecimal()):
+        if not (text.isascii() and text.isdecimal() and len(text) <= _MAX_DIGITS):
             raise PolicyMismatchError(f'{name} is {text!r}: must be a whole number')
         return int(text)
     return text

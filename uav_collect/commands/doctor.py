@@ -20,7 +20,7 @@ with 0 if a mission can fly and with 1 if not.
 """
 _PYTHONS = ((3, 11), (3, 12))
 _DISTRIBUTION = 'jazzy'
-_NEEDED = ('numpy', 'numba', 'pydantic', 'PyYAML', 'rich', 'matplotlib', 'rosbags')
+_NEEDED = ('numpy', 'numba', 'pydantic', 'PyYAML', 'rich', 'matplotlib', 'rosbags', 'safetensors')
 _OPTIONAL = ('cvxpy', 'clarabel')
 _MAX_DOMAIN = 232  # the DDS port numbers end there
 _RANGES = ('SUBNET', 'LOCALHOST', 'SYSTEM_DEFAULT')  # OFF leaves every node alone
