@@ -41,6 +41,7 @@ class Collector:
         """
         n_worlds = config.rollout.missions_at_once
         self._config = config
+        self._max_decisions = config.max_decisions(scenario.n_cells)
         self._device = torch.device(device)
         self._next_seed = _FIRST_SEED + seed % _SEEDS_PER_RUN * _SEEDS_PER_RUN
         self._flights = Flights(
@@ -52,7 +53,7 @@ class Collector:
                 allocator=config.rollout.bandwidth,
                 reward=config.reward_kind,
                 is_synchronous=algorithm is Algorithm.QMIX,
-                max_decisions=config.rollout.max_decisions,
+                max_decisions=self._max_decisions,
             ),
         )
         size = (n_worlds, scenario.n_uavs, config.network.hidden_size)
@@ -86,7 +87,7 @@ class Collector:
             self.n_decisions += len(actions)
             waiting = self._flights.step(actions)
             is_over = waiting.uav == NONE
-            is_over |= self._flights.n_recorded > self._config.rollout.max_decisions
+            is_over |= self._flights.n_recorded > self._max_decisions
             if is_over.any():
                 ended += [self._restart(int(world)) for world in np.flatnonzero(is_over)]
                 waiting = self._flights.decisions

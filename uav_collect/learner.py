@@ -1,6 +1,6 @@
 """The learner: networks, targets and updates of AQMIX, QMIX and AIQL alike."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from typing import Any, cast
@@ -97,6 +97,12 @@ class Learner:
             fused=True,
         )
         self.n_updates = 0
+
+    def start_from(self, weights: Mapping[str, NDArray[np.float32]]) -> None:
+        """Take over an agent network's weights before the first update."""
+        tensors = {name: torch.from_numpy(np.array(values)) for name, values in weights.items()}
+        self.networks.agent.load_state_dict(tensors)
+        self.target.agent.load_state_dict(tensors)
 
     def update(self, minibatch: Minibatch, learning_rate: float, course: int = 0) -> float:
         """One step of the optimiser.

@@ -13,7 +13,12 @@ from uav_collect import frozen
 from uav_collect.briefing import brief, Briefing
 from uav_collect.collector import Collector
 from uav_collect.evaluation import mission_seeds
-from uav_collect.frozen import FrozenPolicy, PolicyHeader, weights_digest
+from uav_collect.frozen import (
+    FrozenPolicy,
+    PolicyHeader,
+    PolicyMismatchError,
+    weights_digest,
+)
 from uav_collect.learner import Learner
 from uav_collect.metrics import figures
 from uav_collect.minibatch import Algorithm, minibatch
@@ -103,6 +108,7 @@ class Trainer:
         algorithm: str,
         seed: int,
         device: str = 'cpu',
+        initial: FrozenPolicy | None = None,
     ) -> None:
         """Get ready: first missions in the air, weights drawn.
 
@@ -112,9 +118,11 @@ class Trainer:
             algorithm: one of `minibatch.Algorithm`.
             seed: of weights, missions, exploration and what is replayed, 0..2^62.
             device: 'cpu' or 'cuda'.
+            initial: whose weights the agent network starts from; drawn by the seed otherwise.
 
         Raises:
-            ConfigError: the fleet cannot start, or the observation has no room for it.
+            ConfigError: a fleet cannot start, or the observation has no room for it.
+            PolicyMismatchError: the initial policy's network is another one.
         """
         self.scenarios, self.config, self.seed = tuple(scenarios), config, seed
         self.algorithm = Algorithm(algorithm)
@@ -123,6 +131,9 @@ class Trainer:
         self._courses = [self._course(scenario) for scenario in self.scenarios]
         briefings = [course.briefing for course in self._courses]
         self._learner = Learner(config, briefings, self.algorithm, seed, device)
+        if initial is not None:
+            _check_alike(initial, config)
+            self._learner.start_from(initial.weights)
         self._rng = np.random.Generator(np.random.Philox(key=[seed, _REPLAY_KEY]))
         self._turn = 0
         self._trained_s = 0.0
@@ -441,6 +452,15 @@ def _check_same_size(scenarios: Sequence[Scenario], config: TrainingConfig) -> N
         raise ConfigError(
             f'observation is {config.observation!r}: must be egocentric for scenarios of several '
             'areas or fleets'
+        )
+
+
+def _check_alike(initial: FrozenPolicy, config: TrainingConfig) -> None:
+    header, hidden_size = initial.header, config.network.hidden_size
+    if header.layout != config.layout or header.hidden_size != hidden_size:
+        raise PolicyMismatchError(
+            f'the initial policy {header.version} has {header.layout.label} and a hidden size of '
+            f'{header.hidden_size}: must be {config.layout.label} and {hidden_size}'
         )
 
 

@@ -79,7 +79,7 @@ class RolloutSettings(Section):
     """How experience is made."""
 
     missions_at_once: Annotated[int, whole(1, 65536)]
-    max_decisions: Annotated[int, whole(2, 100_000)]
+    max_decisions_per_cell: Annotated[float, number(0, 1000, above=True)]
     decisions_per_update: Annotated[int, whole(1, 10**9)]
     bandwidth: Literal['equal', 'exact']
 
@@ -128,6 +128,10 @@ class TrainingConfig(Section):
         left = 1.0 - settings.decay_from_share
         share = (share_done - settings.decay_from_share) / left if left > 0 else 0.0
         return _between(settings.learning_rate, settings.learning_rate_last, share)
+
+    def max_decisions(self, n_cells: int) -> int:
+        """After how many decisions a mission is cut off."""
+        return max(2, round(self.rollout.max_decisions_per_cell * n_cells))
 
     def to_yaml(self) -> str:
         """The settings as a file that stands alone."""
