@@ -42,7 +42,7 @@ LAYERS = (
     'batch preflight simulation stepping rollout',
     'metrics evaluation lanes plots tables bag bag_writer bag_repair learning_curves',
 )
-LEARNING = 'network mixer learner collector trainer train training_folder'
+LEARNING = 'network mixer learner collector trainer train scalar_events'
 LAYER_OF = {module: rank for rank, line in enumerate(LAYERS) for module in line.split()}
 
 

@@ -10,6 +10,7 @@ import csv
 from dataclasses import dataclass
 import io
 from pathlib import Path
+import textwrap
 from typing import BinaryIO
 
 from matplotlib.axes import Axes
@@ -29,6 +30,7 @@ from uav_collect.training_log import (
 )
 
 _REFERENCE_STYLES = ((0.0, (5.0, 2.0)), (0.0, (1.5, 1.5)), (0.0, (5.0, 1.5, 1.0, 1.5)))
+_TITLE_WIDTH = 100  # characters
 _LABELS = {'aqmix': 'AQMIX', 'qmix': 'QMIX', 'aiql': 'AIQL'}
 
 
@@ -68,7 +70,7 @@ def learning_curves(
 def _kind(record: RunRecord) -> tuple[object, ...]:
     """What all runs of a curve have in common."""
     return (
-        record.algorithm, record.scenario, record.scenario_fingerprint, record.preset,
+        record.algorithm, record.flown, record.scenario_fingerprint, record.preset,
         record.overrides, record.training_fingerprint, record.minutes, record.decisions,
     )  # fmt: skip
 
@@ -76,7 +78,7 @@ def _kind(record: RunRecord) -> tuple[object, ...]:
 def _labels(records: Sequence[RunRecord]) -> list[str]:
     """The algorithm of each curve, and what else tells the curves apart."""
     algorithms = [_LABELS.get(record.algorithm, record.algorithm) for record in records]
-    scenarios = [f'{record.scenario}, {record.n_uavs} UAVs' for record in records]
+    scenarios = [record.flown for record in records]
     settings = [' '.join((record.preset, *record.overrides)) for record in records]
     others = [
         _numbered(scenarios, [record.scenario_fingerprint for record in records]),
@@ -175,7 +177,7 @@ def draw(
     unit = '' if measure.unit == '1' else f' [{measure.unit}]'
     axes.set_xlabel(axis.title)
     axes.set_ylabel(f'{measure.title}{unit}')
-    axes.set_title(title, loc='left', fontsize=10)
+    axes.set_title(textwrap.fill(title, _TITLE_WIDTH), loc='left', fontsize=10)
     axes.set_xlim(left=0.0)
     if axis.scale == 1.0:
         axes.xaxis.set_major_formatter(EngFormatter(sep=''))  # 500k, 2M

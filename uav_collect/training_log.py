@@ -83,9 +83,9 @@ class RunRecord:
 
     training: str  # for people, and how the folders of its seeds begin
     algorithm: str  # aqmix, qmix or aiql
-    scenario: str
-    n_uavs: int
-    scenario_fingerprint: str
+    scenario: str  # names of the scenarios, each once
+    n_uavs: tuple[int, ...]  # of each scenario
+    scenario_fingerprint: str  # of each scenario
     preset: str
     overrides: tuple[str, ...]  # of the preset, KEY=VALUE
     training_fingerprint: str  # of all settings of the training
@@ -99,6 +99,13 @@ class RunRecord:
     versions: Mapping[str, str]  # of Python and packages
     command: str  # that began it
     is_done: bool  # it has had its time
+
+    @property
+    def flown(self) -> str:
+        """The scenarios and their fleets, for people."""
+        least, most = min(self.n_uavs), max(self.n_uavs)
+        fleet = f'{least} to {most} UAVs' if least < most else f'{most} UAVs'
+        return f'{self.scenario}, {fleet}'
 
     @property
     def budget(self) -> str:
@@ -132,7 +139,7 @@ def _record(values: Mapping[str, Any]) -> RunRecord:
     if values['format'] != FORMAT:
         raise ValueError(f'format is {values["format"]!r}: must be {FORMAT!r}')
     known = {field.name: values[field.name] for field in fields(RunRecord)}
-    for name in ('overrides', 'seeds'):
+    for name in ('n_uavs', 'overrides', 'seeds'):
         known[name] = tuple(known[name])
     return RunRecord(**known)
 

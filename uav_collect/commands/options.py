@@ -15,13 +15,42 @@ _ALLOCATOR = 'exact'
 
 
 def add_scenario_options(parser: argparse.ArgumentParser) -> None:
-    """Add what chooses a scenario and changes it."""
+    """Add what chooses a scenario and changes it; `scenario_of` reads it."""
     parser.add_argument(
         '--scenario',
         default=DEFAULT_SCENARIO,
         metavar='NAME|FILE',
         help=f'a shipped scenario or a YAML file (default: {DEFAULT_SCENARIO})',
     )
+    _add_set_option(parser)
+    parser.add_argument(
+        '--uavs',
+        type=whole_number(1, MAX_UAVS),
+        metavar='N',
+        help="fly N UAVs, the scenario's in turn (default: as the scenario has)",
+    )
+
+
+def add_scenarios_options(parser: argparse.ArgumentParser) -> None:
+    """Add what chooses one or several scenarios; `scenarios_of` reads it."""
+    parser.add_argument(
+        '--scenario',
+        nargs='+',
+        metavar='NAME|FILE',
+        help=f'shipped scenarios or YAML files (default: {DEFAULT_SCENARIO})',
+    )
+    _add_set_option(parser)
+    parser.add_argument(
+        '--uavs',
+        nargs='+',
+        type=whole_number(1, MAX_UAVS),
+        metavar='N',
+        help="fly N UAVs, the scenario's in turn; several N: each scenario with each of them"
+        ' (default: as the scenario has)',
+    )
+
+
+def _add_set_option(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--set',
         action='extend',
@@ -29,12 +58,6 @@ def add_scenario_options(parser: argparse.ArgumentParser) -> None:
         default=[],
         metavar='KEY=VALUE',
         help='replace values of the scenario, as demand.cell_share=0.5 fleet.uavs.0.speed_mps=8',
-    )
-    parser.add_argument(
-        '--uavs',
-        type=whole_number(1, MAX_UAVS),
-        metavar='N',
-        help="fly N UAVs, the scenario's in turn (default: as the scenario has)",
     )
 
 
@@ -49,6 +72,21 @@ def scenario_of(arguments: argparse.Namespace) -> 'Scenario':
     overrides = dict(parse_override(assignment) for assignment in arguments.set)
     scenario = load(arguments.scenario, overrides)
     return scenario if arguments.uavs is None else with_uavs(scenario, arguments.uavs)
+
+
+def scenarios_of(arguments: argparse.Namespace) -> 'tuple[Scenario, ...]':
+    """The scenarios that the options choose, at least one.
+
+    Raises:
+        ConfigError: one is not there, not valid, or an override does not fit.
+    """
+    from uav_collect.scenario import load, parse_override
+
+    overrides = dict(parse_override(assignment) for assignment in arguments.set)
+    scenarios = [load(name, overrides) for name in arguments.scenario or [DEFAULT_SCENARIO]]
+    if not arguments.uavs:
+        return tuple(scenarios)
+    return tuple(with_uavs(one, n_uavs) for one in scenarios for n_uavs in arguments.uavs)
 
 
 def with_uavs(scenario: 'Scenario', n_uavs: int) -> 'Scenario':

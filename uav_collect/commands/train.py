@@ -13,9 +13,10 @@ from uav_collect.limits import MAX_SEED
 from uav_collect.training_log import TrainingRunError
 
 _DESCRIPTION = """
-Learns the policy of a fleet's UAVs by flying missions of a scenario, and keeps the one that did
-best in fixed validation missions. A run folder gets the policy, everything that was set, tables
-and curves of how it went, and a checkpoint: Ctrl-C saves and says how to go on.
+Learns the policy of a fleet's UAVs by flying missions of a scenario, or of several in turn, and
+keeps the one that did best in fixed validation missions. A run folder gets the policy, everything
+that was set, tables and curves of how it went, and a checkpoint: Ctrl-C saves and says how to go
+on.
 """
 DIVERGED = 1  # exit status
 _PRESET = 'strong'
@@ -27,8 +28,7 @@ _MAX_DECISIONS = 10**12
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Describe the command and add its arguments; what is None was not given."""
     parser.description = _DESCRIPTION
-    options.add_scenario_options(parser)
-    parser.set_defaults(scenario=None)  # with --resume it must not be given
+    options.add_scenarios_options(parser)
     _add_learning_options(parser)
     time = parser.add_mutually_exclusive_group()
     time.add_argument(
@@ -102,7 +102,7 @@ def run(arguments: argparse.Namespace) -> int:
         _fill_in(arguments)
     training = planned(arguments)
     _check_device(training.runs[0].record.device)
-    progress.say_if_compiling()
+    progress.say_if_compiling('stepping', 'rollout')
     status = _train_all(training, arguments.checkpoint_minutes * 60.0)
     if len(training.folders) > 1 and status == 0:
         _draw_together(training)
@@ -138,7 +138,6 @@ def _check_torch() -> None:
 def _fill_in(arguments: argparse.Namespace) -> None:
     """Give what was not given its default."""
     for name, default in (
-        ('scenario', options.DEFAULT_SCENARIO),
         ('algorithm', _ALGORITHM),
         ('preset', _PRESET),
         ('seed', [0]),

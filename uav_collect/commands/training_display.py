@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:  # loaded when training, so that --help answers at once
     from rich.console import RenderableType
-    from uav_collect.trainer import Progress
+    from uav_collect.trainer import Progress, Validation
 
 _LINE_EVERY_S = 5.0
 _BAR_WIDTH = 40
@@ -24,24 +24,43 @@ def showing(title: str) -> Iterator[Callable[['Progress'], None]]:
     if not console.is_terminal:
         yield _lines(lambda line: console.print(line, highlight=False, soft_wrap=True))
         return
+    validated = Validated()
     with Live(console=console, transient=True, auto_refresh=False) as live:
-        yield lambda progress: live.update(_picture(title, progress), refresh=True)
+        yield lambda progress: live.update(
+            _picture(title, progress, validated.after(progress)), refresh=True
+        )
+
+
+class Validated:
+    """What the last validation said; most looks at a training bring none."""
+
+    def __init__(self) -> None:
+        """There was none."""
+        self._last: Validation | None = None
+
+    def after(self, progress: 'Progress') -> 'Validation | None':
+        """The last validation, that of this look among them."""
+        self._last = progress.validation or self._last
+        return self._last
 
 
 def _lines(say: Callable[[str], None]) -> Callable[['Progress'], None]:
     """A line every few seconds, and one for each validation."""
     said_s = -math.inf
+    validated = Validated()
 
     def show(progress: 'Progress') -> None:
         nonlocal said_s
+        last = validated.after(progress)
         if progress.validation is not None or monotonic() - said_s >= _LINE_EVERY_S:
             said_s = monotonic()
-            say(', '.join((*speeds(progress), *merits(progress), time_left(progress))))
+            parts = (*speeds(progress), *merits(progress, last), time_left(progress))
+            say(', '.join(filter(None, parts)))
 
     return show
 
 
-def _picture(title: str, progress: 'Progress') -> 'RenderableType':
+def _picture(title: str, progress: 'Progress', last: 'Validation | None') -> 'RenderableType':
     from rich.console import Group
     from rich.progress_bar import ProgressBar
     from rich.table import Table
@@ -50,7 +69,7 @@ def _picture(title: str, progress: 'Progress') -> 'RenderableType':
     top = Table.grid(padding=(0, 2))
     bar = ProgressBar(total=1.0, completed=progress.share_done, width=_BAR_WIDTH)
     top.add_row(Text(title, 'bold'), bar, Text(time_left(progress)))
-    lines = (speeds(progress), merits(progress), sizes(progress))
+    lines = (speeds(progress), merits(progress, last), sizes(progress))
     return Group(top, *(Text('  ' + '   '.join(parts)) for parts in lines))
 
 
@@ -60,17 +79,18 @@ def speeds(progress: 'Progress') -> tuple[str, ...]:
         f'{progress.share_done:.0%}',
         f'{progress.decisions_per_s:,.0f} decisions/s',
         f'{progress.updates_per_s:.1f} updates/s',
-        f'loss {progress.loss:.4g}',
+        'no update yet' if math.isnan(progress.loss) else f'loss {progress.loss:.4g}',
     )
 
 
-def merits(progress: 'Progress') -> tuple[str, ...]:
-    """Energy efficiency: of the last missions, which explore, and of the best policy so far."""
-    best = progress.best
-    return (
-        f'{progress.training_efficiency_kbit_per_j:.3f} kbit/J exploring',
-        'not validated yet' if best is None else f'best {best.efficiency_kbit_per_j:.3f} kbit/J',
-    )
+def merits(progress: 'Progress', last: 'Validation | None') -> tuple[str, ...]:
+    """Energy efficiency: of the last missions, which explore, and of policies as validated."""
+    recent = progress.training_efficiency_kbit_per_j
+    exploring = 'no mission yet' if math.isnan(recent) else f'{recent:.3f} kbit/J exploring'
+    if last is None or progress.best is None:
+        return exploring, 'not validated yet'
+    best = progress.best.efficiency_kbit_per_j
+    return exploring, f'{last.efficiency_kbit_per_j:.3f} validated', f'{best:.3f} best'
 
 
 def sizes(progress: 'Progress') -> tuple[str, ...]:
@@ -87,6 +107,10 @@ def time_left(progress: 'Progress') -> str:
     """The time that the rest will take if it goes on as fast as so far."""
     if progress.share_done <= 0:
         return ''
-    left_s = progress.wall_s * (1.0 / progress.share_done - 1.0)
-    minutes, seconds = divmod(round(left_s), 60)
-    return f'{minutes}:{seconds:02d} min left'
+    return f'{clock(progress.wall_s * (1.0 / progress.share_done - 1.0))} left'
+
+
+def clock(duration_s: float) -> str:
+    """A time as minutes and seconds."""
+    minutes, seconds = divmod(round(duration_s), 60)
+    return f'{minutes}:{seconds:02d} min'

@@ -11,11 +11,7 @@ from pathlib import Path
 from typing import Any, TextIO, TYPE_CHECKING
 
 from uav_collect.commands import files
-from uav_collect.commands.training_plan import (
-    CONFIG_FILE,
-    PlannedRun,
-    SCENARIO_FILE,
-)
+from uav_collect.commands.training_plan import CONFIG_FILE, PlannedRun
 from uav_collect.training_log import (
     PROGRESS_COLUMNS,
     PROGRESS_FILE,
@@ -26,7 +22,7 @@ from uav_collect.training_log import (
 )
 
 if TYPE_CHECKING:  # loaded when training, so that --help answers at once
-    from torch.utils.tensorboard import SummaryWriter
+    from uav_collect.commands.scalar_events import ScalarEvents
     from uav_collect.frozen import FrozenPolicy
     from uav_collect.trainer import Progress
 
@@ -35,21 +31,20 @@ BEST_POLICY = 'policy.safetensors'
 LAST_POLICY = 'last.safetensors'
 CURVE = 'curve.png'
 TENSORBOARD = 'tensorboard'
-_TENSORBOARD_S = 10.0  # how often its file grows
 
 
 class RunFolder:
     """Where one run is kept; open it by `opened`."""
 
     def __init__(
-        self, run: PlannedRun, validations: TextIO, progress: TextIO, board: 'SummaryWriter'
+        self, run: PlannedRun, validations: TextIO, progress: TextIO, events: 'ScalarEvents'
     ) -> None:
         """Append to tables and to TensorBoard."""
         self.path = run.folder
         self._run = run
         self._validations = validations
         self._progress = progress
-        self._board = board
+        self._events = events
 
     @property
     def checkpoint(self) -> Path:
@@ -78,9 +73,9 @@ class RunFolder:
     def _show(
         self, group: str, columns: tuple[str, ...], row: Mapping[str, Any], n_decisions: int
     ) -> None:
-        for column in columns:
-            if column != 'n_decisions' and row[column] is not None:
-                self._board.add_scalar(f'{group}/{column}', row[column], n_decisions)
+        scalars = {f'{group}/{column}': row[column] for column in columns[1:]}
+        with files.naming(self.path / TENSORBOARD):
+            self._events.add(n_decisions, scalars)
 
     def keep(self, policy: 'FrozenPolicy | None', name: str) -> None:
         """Write a policy in place of the one of that name, if there is one to write.
@@ -110,12 +105,13 @@ def opened(run: PlannedRun, n_decisions: int) -> Iterator[RunFolder]:
         TrainingRunError: another process trains in the folder.
         OSError: naming what cannot be written.
     """
-    from torch.utils.tensorboard import SummaryWriter
+    from uav_collect.commands.scalar_events import scalar_events
 
     run.folder.mkdir(parents=True, exist_ok=True)
     with ExitStack() as stack:
         stack.enter_context(_locked(run.folder))
-        files.write_atomically(run.folder / SCENARIO_FILE, run.scenario.to_yaml().encode())
+        for path, scenario in zip(run.scenario_files, run.scenarios, strict=True):
+            files.write_atomically(path, scenario.to_yaml().encode())
         files.write_atomically(run.folder / CONFIG_FILE, run.config.to_yaml().encode())
         files.write_atomically(run.folder / RUN_FILE, run.record.to_json())
         tables = [
@@ -124,11 +120,9 @@ def opened(run: PlannedRun, n_decisions: int) -> Iterator[RunFolder]:
                 (VALIDATION_FILE, VALIDATION_COLUMNS), (PROGRESS_FILE, PROGRESS_COLUMNS),
             )
         ]  # fmt: skip
-        board = SummaryWriter(
-            str(run.folder / TENSORBOARD), purge_step=n_decisions + 1, flush_secs=_TENSORBOARD_S
-        )
-        stack.callback(board.close)
-        yield RunFolder(run, tables[0], tables[1], board)
+        with files.naming(run.folder / TENSORBOARD):
+            events = stack.enter_context(scalar_events(run.folder / TENSORBOARD, n_decisions + 1))
+        yield RunFolder(run, tables[0], tables[1], events)
 
 
 @contextmanager

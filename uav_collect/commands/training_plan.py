@@ -20,8 +20,7 @@ if TYPE_CHECKING:  # loaded when training, so that --help answers at once
     from uav_collect.training_config import TrainingConfig
 
 ALGORITHMS = ('aqmix', 'qmix', 'aiql')
-SCENARIO_FILE = 'scenario.yaml'  # of a run folder, resolved
-CONFIG_FILE = 'training.yaml'  # the same of the preset
+CONFIG_FILE = 'training.yaml'  # of a run folder: the preset, resolved
 RUNS = Path('runs') / 'train'
 _PACKAGES = ('numpy', 'numba', 'torch')
 _OWN = ('scenario', 'set', 'uavs', 'algorithm', 'preset', 'override', 'seed', 'device', 'output')
@@ -33,7 +32,7 @@ class PlannedRun:
 
     folder: Path
     record: RunRecord
-    scenario: 'Scenario'
+    scenarios: 'tuple[Scenario, ...]'
     config: 'TrainingConfig'
 
     @property
@@ -41,7 +40,12 @@ class PlannedRun:
         """What is trained, for people; all seeds have the same."""
         record = self.record
         settings = ' '.join((record.preset, *record.overrides))
-        return f'{record.algorithm.upper()}, {record.scenario}, {record.n_uavs} UAVs, {settings}'
+        return f'{record.algorithm.upper()}, {record.flown}, {settings}'
+
+    @property
+    def scenario_files(self) -> tuple[Path, ...]:
+        """Where its scenarios are kept."""
+        return _scenario_files(self.folder, len(self.scenarios))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,17 +70,17 @@ def _new(arguments: argparse.Namespace) -> Training:
     from uav_collect.scenario import parse_override
     from uav_collect.training_config import load_preset
 
-    scenario = options.scenario_of(arguments)
+    scenarios = options.scenarios_of(arguments)
     overrides = dict(parse_override(assignment) for assignment in arguments.override)
     config = load_preset(arguments.preset, overrides)
-    record = _record(arguments, scenario, config)
+    record = _record(arguments, scenarios, config)
     is_alone = len(record.seeds) == 1 and arguments.output is not None
     runs = []
     for seed in record.seeds:
         folder = arguments.output if is_alone else _folder_of(record, arguments.output, seed)
         _check_new(folder)
         one = replace(record, seed=seed)
-        runs.append(PlannedRun(folder=folder, record=one, scenario=scenario, config=config))
+        runs.append(PlannedRun(folder=folder, record=one, scenarios=scenarios, config=config))
     return Training(runs=tuple(runs), folders=tuple(run.folder for run in runs))
 
 
@@ -96,19 +100,22 @@ def _check_new(folder: Path) -> None:
 
 
 def _record(
-    arguments: argparse.Namespace, scenario: 'Scenario', config: 'TrainingConfig'
+    arguments: argparse.Namespace, scenarios: 'Sequence[Scenario]', config: 'TrainingConfig'
 ) -> RunRecord:
     """What the arguments say of the first run."""
     from uav_collect.revision import git_revision
     from uav_collect.scenario import fingerprint
 
-    usual = f'{scenario.name}_n{scenario.n_uavs}_{arguments.algorithm}_{config.name}'
+    n_uavs = tuple(scenario.n_uavs for scenario in scenarios)
+    names = tuple(dict.fromkeys(scenario.name for scenario in scenarios))
     return RunRecord(
-        training=usual if arguments.output is None else arguments.output.name,
+        training=_usual_name(names, n_uavs, arguments.algorithm, config.name)
+        if arguments.output is None
+        else arguments.output.name,
         algorithm=arguments.algorithm,
-        scenario=scenario.name,
-        n_uavs=scenario.n_uavs,
-        scenario_fingerprint=fingerprint(scenario),
+        scenario=' '.join(names),
+        n_uavs=n_uavs,
+        scenario_fingerprint=' '.join(map(fingerprint, scenarios)),
         preset=config.name,
         overrides=tuple(arguments.override),
         training_fingerprint=_fingerprint(config),
@@ -120,9 +127,23 @@ def _record(
         started=datetime.datetime.now().astimezone().isoformat(timespec='seconds'),
         git_revision=git_revision(),
         versions=_versions(),
-        command=shlex.join(sys.argv),
+        command=shlex.join(sys.orig_argv),
         is_done=False,
     )
+
+
+def _usual_name(names: Sequence[str], n_uavs: Sequence[int], algorithm: str, preset: str) -> str:
+    """paper_10x10_n2_aqmix_strong, or paper_8x8+2_n1-6_aqmix_strong for three scenarios."""
+    field = names[0] if len(names) == 1 else f'{names[0]}+{len(names) - 1}'
+    least, most = min(n_uavs), max(n_uavs)
+    fleet = f'{least}-{most}' if least < most else f'{most}'
+    return f'{field}_n{fleet}_{algorithm}_{preset}'
+
+
+def _scenario_files(folder: Path, n_scenarios: int) -> tuple[Path, ...]:
+    """scenario.yaml, scenario_2.yaml, ..."""
+    numbers = ('', *(f'_{number}' for number in range(2, n_scenarios + 1)))
+    return tuple(folder / f'scenario{number}.yaml' for number in numbers)
 
 
 def _fingerprint(config: 'TrainingConfig') -> str:
@@ -182,16 +203,18 @@ def _stored(folder: Path, record: RunRecord) -> PlannedRun:
     from uav_collect.scenario import from_yaml
     from uav_collect.training_config import load_preset
 
-    try:
-        scenario = from_yaml((folder / SCENARIO_FILE).read_text(encoding='utf-8'))
-    except OSError as error:
-        path = folder / SCENARIO_FILE
-        raise TrainingRunError(f'{path}: cannot be read: {error.strerror}') from error
-    config = load_preset(str(folder / CONFIG_FILE), {})
-    return PlannedRun(folder=folder, record=record, scenario=scenario, config=config)
+    scenarios = []
+    for path in _scenario_files(folder, len(record.n_uavs)):
+        try:
+            scenarios.append(from_yaml(path.read_text(encoding='utf-8')))
+        except OSError as error:
+            raise TrainingRunError(f'{path}: cannot be read: {error.strerror}') from error
+    config = load_preset(folder / CONFIG_FILE)
+    return PlannedRun(folder=folder, record=record, scenarios=tuple(scenarios), config=config)
 
 
 def resume_command(folder: Path) -> str:
     """The command line that goes on with a run."""
-    words: Sequence[str] = (sys.executable, '-m', 'uav_collect', 'train', '--resume', str(folder))
-    return shlex.join(words)
+    python, here = Path(sys.executable), Path.cwd()
+    shown = python.relative_to(here) if python.is_relative_to(here) else python
+    return shlex.join((str(shown), '-m', 'uav_collect', 'train', '--resume', str(folder)))
