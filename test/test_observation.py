@@ -11,14 +11,18 @@ from uav_collect.briefing import brief
 from uav_collect.missions import LocalView
 from uav_collect.observation import encode, Layout, observation_size
 from uav_collect.rows import new_row, row_of
-from uav_collect.scenario import Scenario
+from uav_collect.scenario import ConfigError, Scenario
 
 # Parts of the egocentric layout.
-PATCH = 5
+PATCH = 10
 OPEN, SEEN, WALL = (slice(PATCH + 81 * part, PATCH + 81 * (part + 1)) for part in range(3))
 BLOCKS = PATCH + 3 * 81
 OPEN_BLOCKS, SEEN_BLOCKS = slice(BLOCKS, BLOCKS + 49), slice(BLOCKS + 49, BLOCKS + 98)
-PEERS = BLOCKS + 98
+FAR_BLOCKS = BLOCKS + 98
+OPEN_FAR, SEEN_FAR = slice(FAR_BLOCKS, FAR_BLOCKS + 25), slice(FAR_BLOCKS + 25, FAR_BLOCKS + 50)
+PEERS = FAR_BLOCKS + 50
+N_PEERS, PER_PEER = 5, 5
+EGOCENTRIC_SIZE = PEERS + N_PEERS * PER_PEER + N_ACTIONS + 6
 
 
 def encoded(
@@ -50,8 +54,8 @@ def test_a_layout_is_named_with_its_version() -> None:
     [
         (Layout.PAPER, 10, 2, 3 + 100 + 9 + 5 + 2),
         (Layout.PAPER, 4, 1, 3 + 16 + 9 + 5 + 1),
-        (Layout.EGOCENTRIC, 10, 2, 5 + 3 * 81 + 2 * 49 + 4 * 2 + 5 + 2),
-        (Layout.EGOCENTRIC, 20, 16, 5 + 3 * 81 + 2 * 49 + 4 * 16 + 5 + 16),
+        (Layout.EGOCENTRIC, 10, 2, EGOCENTRIC_SIZE),
+        (Layout.EGOCENTRIC, 20, 6, EGOCENTRIC_SIZE),
     ],
 )
 def test_the_size_of_an_observation(
@@ -60,12 +64,17 @@ def test_the_size_of_an_observation(
     assert observation_size(layout, cells_per_side, n_uavs) == size
 
 
+def test_the_egocentric_layout_has_room_for_six_uavs() -> None:
+    with pytest.raises(ConfigError, match=r'7 UAVs; observations egocentric/2 have room for 6'):
+        observation_size(Layout.EGOCENTRIC, 10, 7)
+
+
 @pytest.mark.parametrize('layout', Layout)
 @pytest.mark.parametrize('side', [1, 3, 4, 12])
 def test_every_number_of_an_observation_is_written(layout: Layout, side: int) -> None:
     scenario = tiny(uav(5.0), uav(5.0), sensors=[(25.0, 25.0, 1.0)], area__cells_per_side=side)
     numbers = observation(layout, scenario)
-    assert (np.abs(numbers) <= 1.0 + 1e-12).all()
+    assert (np.abs(numbers) <= 1.5).all()
 
 
 def test_the_paper_layout_of_a_case_made_by_hand() -> None:
@@ -87,17 +96,24 @@ def test_the_paper_layout_counts_demand_in_mbit() -> None:
     assert numbers[19:28].tolist() == [0, 1.0, 0, 0, 0, 0, 0, 0, 0.75]
 
 
-@pytest.mark.parametrize('layout', Layout)
-def test_before_the_first_action_no_previous_action_is_set(layout: Layout) -> None:
-    assert observation(layout, tiny())[-7:].tolist() == [0, 0, 0, 0, 0, 1, 0]
+# Places for UAVs at the end: as many as fly, or as many as the layout has room for.
+PLACES = [(Layout.PAPER, 3), (Layout.EGOCENTRIC, 6)]
 
 
-@pytest.mark.parametrize('layout', Layout)
-def test_the_previous_action_and_the_uav_are_one_hot_at_the_end(layout: Layout) -> None:
+@pytest.mark.parametrize(('layout', 'n_places'), PLACES)
+def test_before_the_first_action_no_previous_action_is_set(layout: Layout, n_places: int) -> None:
+    numbers = observation(layout, tiny(uav(5.0), uav(5.0), uav(5.0)))
+    assert numbers[-5 - n_places :].tolist() == [0] * 5 + [1] + [0] * (n_places - 1)
+
+
+@pytest.mark.parametrize(('layout', 'n_places'), PLACES)
+def test_the_previous_action_and_the_uav_are_one_hot_at_the_end(
+    layout: Layout, n_places: int
+) -> None:
     start = (0, 1)
     scenario = tiny(uav(5.0), uav(5.0, start=start), uav(5.0))
     numbers = observation(layout, scenario, FORWARD, HOVER, RIGHT)
-    assert numbers[-8:].tolist() == [1, 0, 0, 0, 0, 0, 1, 0]
+    assert numbers[-5 - n_places :].tolist() == [1, 0, 0, 0, 0, 0, 1] + [0] * (n_places - 2)
 
 
 # The egocentric layout. A case made by hand, 12 x 12 cells, the UAV at row 2, column 3.
@@ -133,11 +149,18 @@ def cell_of(north: int, east: int) -> int:
     return (HERE[0] + north) * SIDE + HERE[1] + east
 
 
-def test_the_egocentric_layout_starts_with_energy_place_and_the_way_home() -> None:
+def test_the_egocentric_layout_starts_with_energy_place_room_and_the_way_home() -> None:
+    # Lengths are in units of ten cells of 50 m.
     numbers = looking(wide(), [], {})
     assert numbers[0] == 1.0
-    assert numbers[1:3].tolist() == pytest.approx([175.0 / 600.0, 125.0 / 600.0])
-    assert numbers[3:5].tolist() == pytest.approx([150.0 / 600.0, -100.0 / 600.0])
+    assert numbers[1:3].tolist() == pytest.approx([175.0 / 500.0, 125.0 / 500.0])
+    assert numbers[3:5].tolist() == pytest.approx([425.0 / 500.0, 475.0 / 500.0])
+    assert numbers[5:7].tolist() == pytest.approx([150.0 / 500.0, -100.0 / 500.0])
+
+
+def test_then_come_the_own_speed_the_fleets_size_and_what_is_left_to_do() -> None:
+    numbers = looking(wide(uav(5.0)), [0, 1, 2, 3], {})
+    assert numbers[7:10].tolist() == pytest.approx([5.0 / 10.0, 2 / 6, (144 - 4) / 100.0])
 
 
 def test_the_patch_shows_walls_south_row_first() -> None:
@@ -160,7 +183,8 @@ def test_the_patch_shows_the_demand_seen_last_of_incomplete_cells() -> None:
     seen_bit = {cell_of(1, 0): 2e6, cell_of(0, 3): 0.5e6, cell_of(4, 4): 0.25e6}
     seen = looking(wide(), [cell_of(0, 3)], seen_bit)[SEEN]
     shown = {index: seen[index] for index in range(81) if seen[index]}
-    assert shown == {patch_index(1, 0): 2.0, patch_index(4, 4): 0.25}
+    demand = {patch_index(1, 0): math.log1p(2.0), patch_index(4, 4): math.log1p(0.25)}
+    assert shown == pytest.approx(demand)
 
 
 def test_north_is_up_a_row_and_east_is_right_a_column() -> None:
@@ -176,7 +200,8 @@ def test_coarse_blocks_sum_to_what_lies_within_ten_cells() -> None:
     numbers = looking(wide(), complete, seen_bit)
     # Rows 0..11 are within ten of row 2; columns 0..11 of column 3: all 144 but two are open.
     assert numbers[OPEN_BLOCKS].sum() * 9 == pytest.approx(142.0)
-    assert numbers[SEEN_BLOCKS].sum() * 9 == pytest.approx(2.5)
+    demand = math.log1p(2.0) + math.log1p(0.5)
+    assert numbers[SEEN_BLOCKS].sum() * 3 == pytest.approx(demand)
 
 
 def test_what_lies_further_than_ten_cells_is_in_no_block() -> None:
@@ -187,36 +212,47 @@ def test_what_lies_further_than_ten_cells_is_in_no_block() -> None:
     assert numbers[OPEN_BLOCKS].sum() * 9 == pytest.approx(11.0 * 11.0)
 
 
+def test_far_blocks_of_nine_cells_a_side_see_further() -> None:
+    seen_bit = {cell_of(9, 8): 0.5e6}
+    numbers = looking(wide(), [cell_of(5, 5)], seen_bit)
+    assert numbers[OPEN_FAR].sum() * 81 == pytest.approx(143.0)
+    seen = numbers[SEEN_FAR].reshape(5, 5)
+    assert np.argwhere(seen).tolist() == [[3, 3]]  # 5 to 13 cells to the north and to the east
+    assert seen[3, 3] == pytest.approx(math.log1p(0.5) / 9)
+
+
 def test_the_middle_block_is_the_three_by_three_region() -> None:
     near = [cell_of(north, east) for north in (-1, 0, 1) for east in (-1, 0, 1)]
     numbers = looking(wide(), near[:3], {near[4]: 1e6, near[8]: 2e6})
     middle = 3 * 7 + 3
     assert numbers[OPEN_BLOCKS][middle] == pytest.approx(6 / 9)
-    assert numbers[SEEN_BLOCKS][middle] == pytest.approx(3 / 9)
+    assert numbers[SEEN_BLOCKS][middle] == pytest.approx((math.log1p(1.0) + math.log1p(2.0)) / 3)
 
 
 def test_blocks_lie_south_row_first() -> None:
     seen = looking(wide(), [], {cell_of(5, 0): 9e6})[SEEN_BLOCKS].reshape(7, 7)
     assert np.argwhere(seen).tolist() == [[5, 3]]
-    assert seen[5, 3] == pytest.approx(1.0)
+    assert seen[5, 3] == pytest.approx(math.log1p(9.0) / 3)
     seen = looking(wide(), [], {cell_of(0, 8): 9e6})[SEEN_BLOCKS].reshape(7, 7)
     assert np.argwhere(seen).tolist() == [[3, 6]]
 
 
 def test_others_are_shown_where_they_were_last_heard_fading_with_time() -> None:
-    scenario = wide(uav(5.0, start=(9, 9)), uav(5.0, start=(9, 9)))
+    scenario = wide(uav(5.0, start=(9, 9)), uav(10.0, start=(9, 9)))
     belief = belief_of(new_beliefs(brief(scenario), 1), 0)
     hear(belief, 2, row_of([0] * SIDE * SIDE), 475.0, 75.0, 50.0)
     view = Flight(scenario).look().view._replace(time_s=150.0)
-    peers = encoded(Layout.EGOCENTRIC, scenario, 0, belief, view)[PEERS : PEERS + 12]
-    assert peers[:8].tolist() == [0.0] * 8  # itself, and one it never heard
-    offset = [1.0, 300.0 / 600.0, -50.0 / 600.0, math.exp(-1.0)]
-    assert peers[8:].tolist() == pytest.approx(offset)
+    numbers = encoded(Layout.EGOCENTRIC, scenario, 0, belief, view)
+    peers = numbers[PEERS : PEERS + N_PEERS * PER_PEER].reshape(N_PEERS, PER_PEER)
+    assert peers[0].tolist() == [0.5, 0, 0, 0, 0]  # never heard: only its speed is known
+    offset = [300.0 / 500.0, -50.0 / 500.0, math.exp(-1.0)]
+    assert peers[1].tolist() == pytest.approx([1.0, 1.0, *offset])
+    assert (peers[2:] == 0.0).all()
 
 
 def test_a_uav_that_was_just_heard_is_fresh() -> None:
     numbers = observation(Layout.EGOCENTRIC, tiny())
-    assert numbers[PEERS : PEERS + 8].tolist() == [0, 0, 0, 0, 1.0, 0.0, 0.0, 1.0]
+    assert numbers[PEERS : PEERS + PER_PEER].tolist() == [1.0, 1.0, 0.0, 0.0, 1.0]
 
 
 # The mask

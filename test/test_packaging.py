@@ -37,10 +37,13 @@ LAYERS = (
     'arrays compiled limits philox rows shared_files mission_log revision training_log',
     'yaml_text config_files config_rules sensors_csv scenario_model scenario site',
     'radio energy bandwidth_newton bandwidth_reference bandwidth',
-    'actions briefing ground missions world belief observation reward event_log experience',
+    'actions exploration briefing ground missions world belief observation reward event_log',
+    'experience',
     'frozen heuristics policy agent',
-    'batch preflight simulation stepping rollout',
+    'batch preflight simulation airborne stepping rollout',
     'metrics evaluation lanes plots tables bag bag_writer bag_repair learning_curves',
+    'training_config replay minibatch',
+    'network mixer learner collector trainer',
 )
 LEARNING = 'network mixer learner collector trainer train scalar_events'
 LAYER_OF = {module: rank for rank, line in enumerate(LAYERS) for module in line.split()}

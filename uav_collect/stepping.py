@@ -8,40 +8,32 @@ and turning home happen as in a rollout, by the same kernels.
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from uav_collect import actions
-from uav_collect.actions import HOME, HOVER, N_ACTIONS, NONE
-from uav_collect.agent import allocate
-from uav_collect.arrays import Bools, check_shape, Floats, Ints, Row
+from uav_collect.actions import N_ACTIONS, NONE
+from uav_collect.airborne import Air, Desks, explore_batch, go_on, put_back, Rules, step_batch
+from uav_collect.arrays import Bools, check_shape, Floats, Ints
 from uav_collect.bandwidth import AllocationError, EQUAL, EXACT
-from uav_collect.batch import arrive, Batch, new_batch
-from uav_collect.belief import belief_of, forget
+from uav_collect.batch import new_batch
 from uav_collect.briefing import brief, Briefing
-from uav_collect.compiled import kernel, kernels_are_compiled
+from uav_collect.compiled import kernels_are_compiled
 from uav_collect.event_log import (
-    EventLog,
     grown_log,
-    log_event,
-    log_interval,
     logged_events,
     new_log,
 )
-from uav_collect.experience import Episode, new_records, record, Records
-from uav_collect.exploration import explore
-from uav_collect.ground import Ground, lay_out
+from uav_collect.experience import Episode, new_records, Records
+from uav_collect.ground import lay_out
 from uav_collect.mission_log import MissionLog
-from uav_collect.missions import LocalView, Mission, mission_of, restart_mission
-from uav_collect.observation import encode, Layout, observation_size
+from uav_collect.observation import Layout, observation_size
 from uav_collect.preflight import check_can_start
-from uav_collect.reward import discount, energy_reward, interval_reward, Reward, terminal_reward
+from uav_collect.reward import Reward
 from uav_collect.rows import new_map_table, new_row, new_table
 from uav_collect.scenario import Scenario
 from uav_collect.simulation import mission_header
 from uav_collect.site import Site
-from uav_collect.world import end_s, look, next_uav, start_action, wait_for_the_slowest
 
 _FIRST_CAPACITY = 256  # events of a mission that the log has room for before it must grow
 
@@ -56,41 +48,6 @@ class Stepping:
     is_synchronous: bool = False  # UAVs wait for each other and decide at the same instants
     is_logged: bool = False  # missions leave a log
     max_decisions: int = 0  # so many decisions of a mission are recorded for a learner
-
-
-class _Rules(NamedTuple):
-    layout: int
-    allocator: int
-    reward: int
-    is_synchronous: int
-    is_logged: int
-    n_rows: int  # records that a mission has room for
-
-
-class _Desks(NamedTuple):
-    """What each mission waits for; kernels write it."""
-
-    uav: Row[int]  # (W,) NONE once the mission is over
-    time_s: Row[float]  # (W,)
-    duration_s: Row[float]  # (W,)
-    reward: Row[float]  # (W,)
-    legal: Row[Row[int]]  # (W, N_ACTIONS)
-    observation: Row[Row[float]]  # (W, observation_size)
-    heard: Row[int]  # (W,) UAVs in contact, as bits
-    n_records: Row[int]  # (W,)
-    complete: Row[Row[int]]  # (W, C) the union of the UAVs' maps
-
-
-class _Air(NamedTuple):
-    """All that kernels need of the flights."""
-
-    rules: _Rules
-    briefing: Briefing
-    ground: Ground
-    batch: Batch
-    desks: _Desks
-    log: EventLog
-    records: Records
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,15 +82,15 @@ class Flights:
             ConfigError: no UAV has the energy to start, or the layout has no room for the fleet.
         """
         self._scenario, self._stepping = scenario, stepping
-        briefing = brief(scenario)
+        briefing, ground = brief(scenario), lay_out(scenario, site)
         check_can_start(scenario, briefing)
         rules = _rules(stepping)
         n_worlds = len(mission_seeds)
-        self._air = _Air(
+        self._air = Air(
             rules=rules,
             briefing=briefing,
-            ground=lay_out(scenario, site),
-            batch=new_batch(briefing, lay_out(scenario, site), mission_seeds),
+            ground=ground,
+            batch=new_batch(briefing, ground, mission_seeds),
             desks=_new_desks(stepping.layout, briefing, n_worlds),
             log=new_log(n_worlds, _FIRST_CAPACITY if stepping.is_logged else 1),
             records=new_records(max(1, n_worlds * rules.n_rows), briefing),
@@ -190,20 +147,20 @@ class Flights:
         self._make_room()
         row = np.ascontiguousarray(actions, dtype=np.int64)
         answers: Any = row if kernels_are_compiled() else row.tolist()
-        _step_batch(self._air, answers)
+        step_batch(self._air, answers)
         return self.decisions
 
     def explore(self, epsilon: float, hover_share: float) -> Ints:
         """Random actions where UAVs explore, NONE elsewhere, (W,); see `exploration.explore`."""
         actions = new_row(len(self._air.desks.uav), NONE)
-        _explore_batch(self._air, epsilon, hover_share, actions)
+        explore_batch(self._air, epsilon, hover_share, actions)
         return np.asarray(actions)
 
     def restart(self, world: int, mission_seed: int) -> None:
         """Let another mission take off in the place of one."""
         self._air.batch.missions.seed[world][0] = mission_seed
-        _put_back(self._air, world)
-        _go_on(self._air, world)
+        put_back(self._air, world)
+        go_on(self._air, world)
 
     def episode(self, world: int) -> Episode:
         """What was recorded of a mission, copied; cut off if the mission is still under way."""
@@ -267,13 +224,13 @@ def _arrays(rows: tuple[Any, ...]) -> Iterator[NDArray[Any]]:
             yield part
 
 
-def _rules(stepping: Stepping) -> _Rules:
+def _rules(stepping: Stepping) -> Rules:
     codes = {'exact': EXACT, 'equal': EQUAL}
     if stepping.allocator not in codes:
         raise AllocationError(
             f'allocator {stepping.allocator!r} cannot be stepped; there are {", ".join(codes)}'
         )
-    return _Rules(
+    return Rules(
         layout=int(stepping.layout),
         allocator=codes[stepping.allocator],
         reward=int(stepping.reward),
@@ -283,10 +240,10 @@ def _rules(stepping: Stepping) -> _Rules:
     )
 
 
-def _new_desks(layout: Layout, briefing: Briefing, n_worlds: int) -> _Desks:
+def _new_desks(layout: Layout, briefing: Briefing, n_worlds: int) -> Desks:
     side = briefing.cells_per_side
     size = observation_size(layout, side, briefing.n_uavs)
-    return _Desks(
+    return Desks(
         uav=new_row(n_worlds, 0),
         time_s=new_row(n_worlds, 0.0),
         duration_s=new_row(n_worlds, 0.0),
@@ -297,140 +254,3 @@ def _new_desks(layout: Layout, briefing: Briefing, n_worlds: int) -> _Desks:
         n_records=new_row(n_worlds, 0),
         complete=new_map_table(n_worlds, side * side),
     )
-
-
-@kernel
-def _explore_batch(air: _Air, epsilon: float, hover_share: float, actions: Row[int]) -> None:
-    for world in range(len(actions)):
-        uav = air.desks.uav[world]
-        if uav != NONE:
-            mission = mission_of(air.batch.missions, world)
-            seed, decision = mission.seed[0], mission.n_decisions[uav]
-            legal = air.desks.legal[world]
-            actions[world] = explore(seed, uav, decision, epsilon, hover_share, legal)
-
-
-@kernel
-def _step_batch(air: _Air, answers: Row[int]) -> None:
-    briefing, batch, desks = air.briefing, air.batch, air.desks
-    for world in range(len(answers)):
-        uav = desks.uav[world]
-        if uav == NONE:
-            desks.duration_s[world] = 0.0
-            desks.reward[world] = 0.0
-            continue
-        mission = mission_of(batch.missions, world)
-        # A second look shows the same channels as the first.
-        view = look(briefing, air.ground, mission, uav, batch.view_rows)
-        if answers[world] == HOVER:
-            allocate(air.rules.allocator, briefing, view, batch.desk)
-        if desks.n_records[world] > 0:
-            row = world * air.rules.n_rows + desks.n_records[world] - 1
-            air.records.action[row] = answers[world]
-        bit = start_action(briefing, mission, uav, view, answers[world], batch.desk.share_hz)
-        _log(air, world, uav, view, actions.BY_POLICY, bit, desks.heard[world])
-        _go_on(air, world)
-
-
-@kernel
-def _put_back(air: _Air, world: int) -> None:
-    briefing, batch = air.briefing, air.batch
-    restart_mission(briefing, air.ground, mission_of(batch.missions, world))
-    for uav in range(briefing.n_uavs):
-        forget(belief_of(batch.beliefs, world * briefing.n_uavs + uav))
-    batch.n_events[world][0] = 0
-    air.desks.n_records[world] = 0
-    for cell in range(briefing.cells_per_side * briefing.cells_per_side):
-        air.desks.complete[world][cell] = 0
-
-
-@kernel
-def _go_on(air: _Air, world: int) -> None:
-    """Go on to the next decision, past the UAVs that turn home."""
-    briefing, ground, batch, desks = air.briefing, air.ground, air.batch, air.desks
-    mission = mission_of(batch.missions, world)
-    first_s = mission.clock_s[0]
-    start_s = first_s
-    reward = 0.0
-    last = desks.n_records[world] - 1
-    while True:
-        if air.rules.is_synchronous == 1:
-            wait_for_the_slowest(briefing, mission)
-        uav = next_uav(mission)
-        stop_s = mission.leg_end_s[uav] if uav >= 0 else end_s(mission)
-        gained = _interval_reward(air, mission, start_s, stop_s)
-        reward += discount(ground, start_s - first_s) * gained
-        n_events = batch.n_events[world][0]
-        if air.rules.is_logged == 1 and n_events > 0:
-            log_interval(air.log, world, n_events - 1, briefing, ground, mission, stop_s)
-        start_s = stop_s
-        if uav < 0:
-            break
-        view, reason, heard = arrive(air.rules.allocator, briefing, ground, batch, world, uav)
-        reward += discount(ground, start_s - first_s) * _news_reward(air, world, uav)
-        if reason == NONE:
-            belief = belief_of(batch.beliefs, world * briefing.n_uavs + uav)
-            encode(air.rules.layout, briefing, uav, belief, view, desks.observation[world])
-            desks.heard[world] = heard
-            _record(air, world, uav, view)
-            break
-        start_action(briefing, mission, uav, view, HOME, batch.desk.share_hz)
-        _log(air, world, uav, view, reason, 0.0, heard)
-    for action in range(N_ACTIONS):
-        desks.legal[world][action] = batch.desk.legal[action] if uav >= 0 else 0
-    desks.uav[world] = uav
-    desks.time_s[world] = start_s
-    desks.duration_s[world] = start_s - first_s
-    desks.reward[world] = reward
-    if last >= 0:
-        air.records.reward[world * air.rules.n_rows + last] = reward
-        air.records.duration_s[world * air.rules.n_rows + last] = start_s - first_s
-
-
-@kernel
-def _interval_reward(air: _Air, mission: Mission, start_s: float, stop_s: float) -> float:
-    if air.rules.reward == 1:  # Reward.ENERGY
-        return energy_reward(air.briefing, air.ground, mission, start_s, stop_s)
-    return interval_reward(air.briefing, air.ground, mission, start_s, stop_s) + terminal_reward(
-        air.briefing, air.ground, mission, start_s
-    )
-
-
-@kernel
-def _news_reward(air: _Air, world: int, uav: int) -> float:
-    """One for each cell that the deciding UAV is the first to know complete."""
-    if air.rules.reward != 1:
-        return 0.0
-    known = air.batch.beliefs.complete[world * air.briefing.n_uavs + uav]
-    n_new = 0
-    for cell in range(len(known)):
-        if known[cell] == 1 and air.desks.complete[world][cell] == 0:
-            air.desks.complete[world][cell] = 1
-            n_new += 1
-    return 1.0 * n_new
-
-
-@kernel
-def _log(
-    air: _Air, world: int, uav: int, view: LocalView, reason: int, bit: float, heard: int
-) -> None:
-    if air.rules.is_logged == 0:
-        return
-    index = air.batch.n_events[world][0]
-    mission = mission_of(air.batch.missions, world)
-    n_complete = air.batch.beliefs.n_complete[world * air.briefing.n_uavs + uav][0]
-    log_event(air.log, world, index, mission, n_complete, uav, view, reason, bit, heard)
-    air.batch.n_events[world][0] = index + 1
-
-
-@kernel
-def _record(air: _Air, world: int, uav: int, view: LocalView) -> None:
-    """Open the record of the decision waited for."""
-    n_records = air.desks.n_records[world]
-    if n_records == air.rules.n_rows:
-        return
-    row = world * air.rules.n_rows + n_records
-    mission, beliefs = mission_of(air.batch.missions, world), air.batch.beliefs
-    first_belief, legal = world * air.briefing.n_uavs, air.batch.desk.legal
-    record(air.records, row, air.briefing, mission, beliefs, first_belief, uav, view, legal)
-    air.desks.n_records[world] = n_records + 1

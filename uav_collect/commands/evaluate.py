@@ -157,7 +157,7 @@ def _kernels(contenders: Iterable[_Contender]) -> set[str]:
     from uav_collect.policy import LearnedPolicy
 
     return {
-        'stepping' if isinstance(contender.policy, LearnedPolicy) else 'rollout'
+        'airborne' if isinstance(contender.policy, LearnedPolicy) else 'rollout'
         for contender in contenders
     }
 
