@@ -42,10 +42,10 @@ LAYERS = (
     'frozen heuristics policy agent',
     'batch preflight simulation airborne stepping rollout',
     'metrics evaluation lanes plots tables bag bag_writer bag_repair learning_curves',
-    'training_config replay minibatch',
-    'network mixer learner collector trainer',
+    'training_config training_progress replay minibatch',
+    'network mixer learner collector checkpoint trainer',
 )
-LEARNING = 'network mixer learner collector trainer train scalar_events'
+LEARNING = 'network mixer learner collector checkpoint train scalar_events'
 LAYER_OF = {module: rank for rank, line in enumerate(LAYERS) for module in line.split()}
 
 

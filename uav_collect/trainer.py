@@ -2,15 +2,13 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, fields
-import os
 from pathlib import Path
-from time import monotonic
 from typing import Any
 
 import numpy as np
-import torch
 from uav_collect import frozen
 from uav_collect.briefing import brief, Briefing
+from uav_collect.checkpoint import read_checkpoint, write_checkpoint
 from uav_collect.collector import Collector
 from uav_collect.evaluation import mission_seeds
 from uav_collect.frozen import (
@@ -30,57 +28,10 @@ from uav_collect.rollout import fly
 from uav_collect.scenario import ConfigError, fingerprint, from_yaml, Scenario
 from uav_collect.site import build_site, Site
 from uav_collect.training_config import TrainingConfig
+from uav_collect.training_progress import Budget, Pace, Progress, Validation
 
 _VALIDATION_SEED = 2**60  # of the first validation mission
-_PROGRESS_EVERY_S = 1.0
 _REPLAY_KEY = 1  # of the run's seed: which missions are learned from
-_STATE_FILE = 'state.pt'
-
-
-@dataclass(frozen=True, kw_only=True)
-class Budget:
-    """How long to train: one of the two."""
-
-    minutes: float | None = None
-    decisions: int | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class Validation:
-    """How the policy flew the validation missions."""
-
-    wall_s: float
-    n_decisions: int
-    n_updates: int
-    efficiency_kbit_per_j: float
-    completion_s: float
-    energy_kj: float
-    collected_share: float
-    complete_share: float
-    safe_share: float
-    team_reward: float  # the scenario's reward, summed over a mission
-
-
-@dataclass(frozen=True, kw_only=True)
-class Progress:
-    """How the training stands."""
-
-    share_done: float
-    wall_s: float
-    n_decisions: int
-    n_updates: int
-    n_missions: int
-    decisions_per_s: float
-    updates_per_s: float
-    loss: float
-    epsilon: float
-    learning_rate: float
-    training_efficiency_kbit_per_j: float
-    training_reward: float
-    replay_transitions: int
-    replay_bytes: int
-    validation: Validation | None
-    best: Validation | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,10 +43,6 @@ class _Course:
     briefing: Briefing
     collector: Collector
     replay: Replay
-
-
-class CheckpointError(ValueError):
-    """A checkpoint that cannot be gone on from: which, and why."""
 
 
 class Trainer:
@@ -163,7 +110,7 @@ class Trainer:
             How it stands, about once a second and after each validation. The weights change only
             between two of them: stop, save or look at any.
         """
-        pace = _Pace(self)
+        pace = Pace(self)
         while (share_done := self._share_done(budget)) < 1.0:
             loss = self._advance(share_done, pace)
             is_due = self._learner.n_updates % self.config.validation.every_updates == 0
@@ -212,16 +159,7 @@ class Trainer:
             'best': self._best and asdict(self._best),
             'best_weights': best and dict(best.weights),
         }
-        folder.mkdir(parents=True, exist_ok=True)
-        partial = folder / f'{_STATE_FILE}.part'
-        try:
-            with partial.open('wb') as file:
-                torch.save(state, file)
-                file.flush()
-                os.fsync(file.fileno())
-            partial.replace(folder / _STATE_FILE)
-        finally:
-            partial.unlink(missing_ok=True)
+        write_checkpoint(folder, state)
 
     @classmethod
     def resume(cls, folder: Path) -> 'Trainer':
@@ -230,13 +168,7 @@ class Trainer:
         Raises:
             CheckpointError: there is nothing, or it is broken.
         """
-        path = folder / _STATE_FILE
-        try:
-            state = torch.load(path, map_location='cpu', weights_only=False)
-        except OSError as error:
-            raise CheckpointError(f'{path}: cannot be read: {error.strerror}') from error
-        except Exception as error:  # torch raises what its readers raise
-            raise CheckpointError(f'{path}: is no whole checkpoint: {error}') from error
+        state = read_checkpoint(folder)
         scenarios = [from_yaml(text) for text in state['scenarios']]
         config = TrainingConfig.model_validate(state['config'])
         trainer = cls(scenarios, config, state['algorithm'], state['seed'], state['device'])
@@ -286,7 +218,7 @@ class Trainer:
             raise ValueError('a budget needs minutes or decisions')
         return min(1.0, self._trained_s / (60.0 * budget.minutes))
 
-    def _advance(self, share_done: float, pace: '_Pace') -> float | None:
+    def _advance(self, share_done: float, pace: Pace) -> float | None:
         """Fly a little, then learn once.
 
         Returns:
@@ -373,7 +305,7 @@ class Trainer:
             validation=_told(validation, config.validation.missions * len(sides)),
         )
 
-    def _progress(self, budget: Budget, pace: '_Pace', validation: Validation | None) -> Progress:
+    def _progress(self, budget: Budget, pace: Pace, validation: Validation | None) -> Progress:
         share_done = self._share_done(budget)
         collectors = [course.collector for course in self._courses]
         decisions_per_s, updates_per_s, loss = pace.read()
@@ -397,50 +329,6 @@ class Trainer:
             validation=validation,
             best=self._best,
         )
-
-
-class _Pace:
-    """How fast a training goes; reads the clock, which no result depends on."""
-
-    def __init__(self, trainer: Trainer) -> None:
-        self._trainer = trainer
-        self._lap_from_s = self._read_s = monotonic()
-        self._read_at = trainer.n_decisions, trainer.n_updates
-        self._losses: list[float] = []
-        self._loss = np.nan
-
-    def note(self, loss: float) -> None:
-        self._losses.append(loss)
-
-    def lap_s(self) -> float:
-        """Time since the last call."""
-        now_s = monotonic()
-        lap_s, self._lap_from_s = now_s - self._lap_from_s, now_s
-        return lap_s
-
-    def pause(self) -> None:
-        """Validation does not count as training."""
-        self._paused_s = monotonic()
-
-    def go_on(self) -> None:
-        paused_s = monotonic() - self._paused_s
-        self._lap_from_s += paused_s
-        self._read_s += paused_s
-
-    def is_due(self) -> bool:
-        return monotonic() - self._read_s >= _PROGRESS_EVERY_S
-
-    def read(self) -> tuple[float, float, float]:
-        """Decisions and updates per second, and the mean loss, since the last call."""
-        now_s = monotonic()
-        here = self._trainer.n_decisions, self._trainer.n_updates
-        elapsed_s = max(now_s - self._read_s, 1e-9)
-        speeds = [(new - old) / elapsed_s for new, old in zip(here, self._read_at, strict=True)]
-        if self._losses:
-            self._loss = float(np.mean(self._losses))
-        self._losses.clear()
-        self._read_s, self._read_at = now_s, here
-        return speeds[0], speeds[1], self._loss
 
 
 def _check_same_size(scenarios: Sequence[Scenario], config: TrainingConfig) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, TextIO, TYPE_CHECKING
 
 from uav_collect.commands import files
-from uav_collect.commands.training_plan import CONFIG_FILE, PlannedRun
+from uav_collect.commands.training_plan import CONFIG_FILE, INITIAL_POLICY, PlannedRun
 from uav_collect.training_log import (
     PROGRESS_COLUMNS,
     PROGRESS_FILE,
@@ -24,7 +24,7 @@ from uav_collect.training_log import (
 if TYPE_CHECKING:  # loaded when training, so that --help answers at once
     from uav_collect.commands.scalar_events import ScalarEvents
     from uav_collect.frozen import FrozenPolicy
-    from uav_collect.trainer import Progress
+    from uav_collect.training_progress import Progress
 
 CHECKPOINT = 'checkpoint'
 BEST_POLICY = 'policy.safetensors'
@@ -83,11 +83,7 @@ class RunFolder:
         Raises:
             OSError: naming the file.
         """
-        from uav_collect.frozen import save_policy
-
-        if policy is not None:
-            with files.naming(self.path / name):
-                save_policy(self.path / name, policy)
+        _keep(policy, self.path / name)
 
     def finish(self) -> None:
         """Note that the run has had its time."""
@@ -113,6 +109,7 @@ def opened(run: PlannedRun, n_decisions: int) -> Iterator[RunFolder]:
         for path, scenario in zip(run.scenario_files, run.scenarios, strict=True):
             files.write_atomically(path, scenario.to_yaml().encode())
         files.write_atomically(run.folder / CONFIG_FILE, run.config.to_yaml().encode())
+        _keep(run.initial, run.folder / INITIAL_POLICY)
         files.write_atomically(run.folder / RUN_FILE, run.record.to_json())
         tables = [
             stack.enter_context(_table(run.folder / name, columns, n_decisions))
@@ -123,6 +120,14 @@ def opened(run: PlannedRun, n_decisions: int) -> Iterator[RunFolder]:
         with files.naming(run.folder / TENSORBOARD):
             events = stack.enter_context(scalar_events(run.folder / TENSORBOARD, n_decisions + 1))
         yield RunFolder(run, tables[0], tables[1], events)
+
+
+def _keep(policy: 'FrozenPolicy | None', path: Path) -> None:
+    from uav_collect.frozen import save_policy
+
+    if policy is not None:
+        with files.naming(path):
+            save_policy(path, policy)
 
 
 @contextmanager

@@ -6,6 +6,7 @@ from pathlib import Path
 import sys
 from time import monotonic
 
+from uav_collect.checkpoint import CheckpointError
 from uav_collect.commands import curves, files
 from uav_collect.commands.interruption import Interruption
 from uav_collect.commands.training_display import clock, showing
@@ -21,8 +22,9 @@ from uav_collect.commands.training_plan import PlannedRun, resume_command
 from uav_collect.frozen import PolicyMismatchError
 from uav_collect.learning_curves import learning_curves
 from uav_collect.metrics import percent
-from uav_collect.trainer import Budget, CheckpointError, Progress, Trainer
+from uav_collect.trainer import Trainer
 from uav_collect.training_log import AXES, MEASURES, TrainingRunError
+from uav_collect.training_progress import Budget, Progress
 
 
 class DivergedError(RuntimeError):
@@ -69,6 +71,7 @@ def _trainer(run: PlannedRun) -> Trainer:
     Raises:
         TrainingRunError: the checkpoint cannot be read.
         ConfigError: the scenario cannot be trained with these settings.
+        PolicyMismatchError: the network is not that of the policy to start from.
     """
     checkpoint = run.folder / CHECKPOINT
     if _is_saved(checkpoint):
@@ -77,7 +80,14 @@ def _trainer(run: PlannedRun) -> Trainer:
         except CheckpointError as error:
             raise TrainingRunError(str(error)) from error
     record = run.record
-    return Trainer(run.scenarios, run.config, record.algorithm, record.seed, device=record.device)
+    return Trainer(
+        run.scenarios,
+        run.config,
+        record.algorithm,
+        record.seed,
+        device=record.device,
+        initial=run.initial,
+    )
 
 
 def _is_saved(checkpoint: Path) -> bool:

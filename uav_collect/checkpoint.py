@@ -1,0 +1,47 @@
+"""The file that a training goes on from: written whole or not at all."""
+
+import os
+from pathlib import Path
+from typing import Any
+
+import torch
+
+_FILE = 'state.pt'
+
+
+class CheckpointError(ValueError):
+    """A checkpoint that cannot be gone on from: which, and why."""
+
+
+def write_checkpoint(folder: Path, state: dict[str, Any]) -> None:
+    """Put a state in the place of the last one.
+
+    Raises:
+        OSError: it cannot be written; the last one is still there.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    partial = folder / f'{_FILE}.part'
+    try:
+        with partial.open('wb') as file:
+            torch.save(state, file)
+            file.flush()
+            os.fsync(file.fileno())
+        partial.replace(folder / _FILE)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def read_checkpoint(folder: Path) -> dict[str, Any]:
+    """The state that was written last.
+
+    Raises:
+        CheckpointError: there is none, or it is broken.
+    """
+    path = folder / _FILE
+    try:
+        state: dict[str, Any] = torch.load(path, map_location='cpu', weights_only=False)
+    except OSError as error:
+        raise CheckpointError(f'{path}: cannot be read: {error.strerror}') from error
+    except Exception as error:  # torch raises whatever its readers do
+        raise CheckpointError(f'{path}: is no whole checkpoint: {error}') from error
+    return state
