@@ -101,7 +101,7 @@ def test_double_q_lets_the_online_network_choose_and_the_target_network_judge(
 
 
 def test_lambda_returns_mix_in_what_the_next_entry_is_learned_towards() -> None:
-    # 4; 2 + 0.25 (7 + 4) / 2; 1 + (6 + 3.375) / 2.
+    # From the end: 4, then 2 + 0.25 (7 + 4) / 2, then 1 + (6 + 3.375) / 2.
     batch = by_hand(THREE_EVENTS, AQMIX)
     assert targets(AQMIX, batch, target__trace=0.5) == [5.6875, 3.375, 4.0]
     assert targets(AQMIX, batch, target__trace=1.0) == [4.0, 3.0, 4.0]  # the rewards alone

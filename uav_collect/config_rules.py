@@ -6,7 +6,7 @@ Built on pydantic: sections are frozen models, leaves carry a rule that knows it
 from collections.abc import Callable
 from dataclasses import dataclass
 import math
-from typing import Any, get_args, get_origin, TypeVar
+from typing import Any, get_args, get_origin, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import core_schema, ErrorDetails, PydanticCustomError
@@ -75,6 +75,17 @@ def whole(low: int, high: int) -> Rule:
         return value
 
     return Rule(f'a whole number from {low} to {high}', parse)
+
+
+def truth() -> Rule:
+    """True or false, and no number or word that might mean it."""
+
+    def parse(value: object) -> bool:
+        if not isinstance(value, bool):
+            raise ValueError
+        return value
+
+    return Rule('true or false', parse)
 
 
 def text(max_length: int) -> Rule:
@@ -192,6 +203,8 @@ def _allowed(section: type[BaseModel], key: str | int) -> str:
     rules = [rule.allowed for rule in field.metadata if isinstance(rule, Rule)]
     if rules:
         return rules[0]
+    if get_origin(field.annotation) is Literal:
+        return ' or '.join(repr(word) for word in get_args(field.annotation))
     sections = _models_in(field.annotation)
     is_list = get_origin(field.annotation) is tuple
     known = ', '.join(sections[0].model_fields) if len(sections) == 1 else 'kind'

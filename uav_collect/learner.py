@@ -142,7 +142,8 @@ class Learner:
         """Go on from where another learner of the same settings was."""
         self.networks.load_state_dict(state['networks'])
         self.target.load_state_dict(state['target'])
-        self.optimiser.load_state_dict(state['optimiser'])
+        # torch would go on writing into the other one's moments.
+        self.optimiser.load_state_dict(deepcopy(state['optimiser']))
         self.n_updates = state['n_updates']
 
     def loss(self, minibatch: Minibatch, course: int = 0) -> Tensor:

@@ -80,7 +80,8 @@ def minibatch(
     time_s = records.time_s
     instant = _instants(mission, time_s, algorithm)
     decides = (latest >= 0) & (instant[latest] == instant[:, None])
-    order, entry_next = _successors(records, mission, instant, is_whole, algorithm)
+    closes = _closing(mission, instant, latest, is_whole, algorithm)
+    order, entry_next = _successors(records, mission, closes, is_whole, algorithm)
     entry, next_entry = order[entry_next != _UNKNOWN], entry_next[entry_next != _UNKNOWN]
     follows = np.append(entry[1:], NOBODY)
     reward, discount = _returns(records, mission, entry, next_entry, discount_per_s)
@@ -150,8 +151,22 @@ def _instants(mission: Ints, time_s: Floats, algorithm: Algorithm) -> Ints:
     return np.concatenate([[0], np.cumsum(is_new)])
 
 
+def _closing(
+    mission: Ints, instant: Ints, latest: Ints, is_whole: Bools, algorithm: Algorithm
+) -> Bools:
+    """Whether a decision completes the joint choice of its instant."""
+    is_last = np.append(instant[1:] != instant[:-1], True)
+    if algorithm is not Algorithm.QMIX:
+        return is_last
+    # Where a mission was cut off between two UAVs' turns, what all may do best is not known.
+    is_running = (latest >= 0) & (instant[latest] != instant[:, None])
+    is_cut = np.append(mission[1:] != mission[:-1], True) & ~is_whole[mission]
+    closing: Bools = is_last & ~(is_cut & is_running.any(axis=1))
+    return closing
+
+
 def _successors(
-    records: Records, mission: Ints, instant: Ints, is_whole: Bools, algorithm: Algorithm
+    records: Records, mission: Ints, closes: Bools, is_whole: Bools, algorithm: Algorithm
 ) -> tuple[Ints, Ints]:
     """Decisions in the order of chains, and what follows each: NOBODY at the end, or _UNKNOWN."""
     index = np.arange(len(mission))
@@ -159,7 +174,7 @@ def _successors(
         order = np.lexsort((index, records.uav, mission))
         chain = mission * (1 + int(np.max(records.uav))) + records.uav
     else:
-        order = index[np.append(instant[1:] != instant[:-1], True)]
+        order = index[closes]
         chain = mission
     chain = chain[order]
     is_last = np.append(chain[1:] != chain[:-1], True)

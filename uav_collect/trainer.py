@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from uav_collect import frozen
 from uav_collect.briefing import brief, Briefing
-from uav_collect.checkpoint import read_checkpoint, write_checkpoint
+from uav_collect.checkpoint import CheckpointError, read_checkpoint, write_checkpoint
 from uav_collect.collector import Collector
 from uav_collect.evaluation import mission_seeds
 from uav_collect.frozen import (
@@ -169,10 +169,15 @@ class Trainer:
             CheckpointError: there is nothing, or it is broken.
         """
         state = read_checkpoint(folder)
-        scenarios = [from_yaml(text) for text in state['scenarios']]
-        config = TrainingConfig.model_validate(state['config'])
-        trainer = cls(scenarios, config, state['algorithm'], state['seed'], state['device'])
-        trainer._restore(state)
+        try:
+            scenarios = [from_yaml(text) for text in state['scenarios']]
+            config = TrainingConfig.model_validate(state['config'])
+            trainer = cls(scenarios, config, state['algorithm'], state['seed'], state['device'])
+            trainer._restore(state)
+        except (KeyError, TypeError, ValueError, RuntimeError) as error:
+            raise CheckpointError(
+                f'{folder}: is no checkpoint of this version: {error}'
+            ) from error
         return trainer
 
     def _restore(self, state: dict[str, Any]) -> None:

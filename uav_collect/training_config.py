@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from uav_collect import config_files, yaml_text
-from uav_collect.config_rules import number, Section, text, validated, whole
+from uav_collect.config_rules import number, Section, text, truth, validated, whole
 from uav_collect.observation import Layout
 from uav_collect.reward import Reward
 from uav_collect.shared_files import shared_folders
@@ -20,7 +20,7 @@ _Size = Annotated[int, whole(1, 4096)]
 class RewardSettings(Section):
     """What the team is rewarded for."""
 
-    kind: Literal['paper', 'energy']
+    goal: Literal['paper', 'energy']
     discount_per_s: Annotated[float, number(0, 1, 'per s', above=True)]
     scale: Annotated[float, number(0, 1e6, above=True)]
 
@@ -53,7 +53,7 @@ class TargetSettings(Section):
     """What action values are learned towards."""
 
     trace: _Share
-    double_q: bool
+    double_q: Annotated[bool, truth()]
     update_rate: Annotated[float, number(0, 1, above=True)]
 
 
@@ -65,7 +65,7 @@ class OptimiserSettings(Section):
     decay_from_share: _Share
     adam_epsilon: Annotated[float, number(0, 1, above=True)]
     clip_norm: Annotated[float, number(0, 1e6, above=True)]
-    bf16: bool
+    bf16: Annotated[bool, truth()]
 
 
 class ReplaySettings(Section):
@@ -114,7 +114,7 @@ class TrainingConfig(Section):
     @property
     def reward_kind(self) -> Reward:
         """What the team is rewarded for."""
-        return Reward[self.reward.kind.upper()]
+        return Reward[self.reward.goal.upper()]
 
     def epsilon(self, share_done: float) -> float:
         """Probability to explore after a share of the training."""

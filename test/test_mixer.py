@@ -1,0 +1,137 @@
+"""The mixing network: monotonic in every UAV's value, so that each UAV may maximise its own."""
+
+from lessons import single_threaded_torch
+import pytest
+from tiny import tiny
+
+torch = single_threaded_torch()
+from uav_collect.actions import N_ACTIONS  # noqa: E402
+from uav_collect.briefing import brief  # noqa: E402
+from uav_collect.mixer import Mixer, pooling_windows  # noqa: E402
+
+N_MIXERS = 2_500  # for each of four fleets
+N_CELLS = 16
+
+
+def drawn_mixer(n_uavs: int, generator: torch.Generator, pooling: str = 'sum') -> Mixer:
+    """A mixer of random weights."""
+    mixer = Mixer(
+        n_uavs=n_uavs,
+        n_uav_scalars=4,
+        cells_per_side=4,
+        pool_side=3,
+        pooling=pooling,
+        embedding_size=3,
+        hypernetwork_size=3,
+    )
+    for parameter in mixer.parameters():
+        parameter.data.normal_(std=0.5, generator=generator)
+    return mixer.double()
+
+
+def drawn_values(generator: torch.Generator, *shape: int) -> torch.Tensor:
+    return torch.randn(shape, generator=generator, dtype=torch.float64)
+
+
+def drawn_state(
+    n_states: int, n_uavs: int, generator: torch.Generator
+) -> tuple[torch.Tensor, torch.Tensor]:
+    fleet = torch.rand((n_states, n_uavs * 4), generator=generator, dtype=torch.float64)
+    complete = torch.randint(2, (n_states, n_uavs + 1, N_CELLS), generator=generator)
+    return fleet, complete.to(torch.uint8)
+
+
+@pytest.mark.parametrize('n_uavs', [2, 3, 4, 6])
+def test_the_deciding_uavs_own_best_action_is_the_teams_best(n_uavs: int) -> None:
+    # Lemma 1, by enumeration in 10,000 mixers in all: every action of the UAV that decides, while
+    # the others' running ones stay.
+    generator = torch.Generator().manual_seed(n_uavs)
+    mixer = drawn_mixer(n_uavs, generator)
+    weights = {
+        name: 0.5 * drawn_values(generator, N_MIXERS, *parameter.shape)
+        for name, parameter in mixer.named_parameters()
+    }
+    own = drawn_values(generator, N_MIXERS, N_ACTIONS)
+    joint = drawn_values(generator, N_MIXERS, 1, n_uavs).repeat(1, N_ACTIONS, 1)
+    deciding = torch.randint(n_uavs, (N_MIXERS,), generator=generator)
+    joint[torch.arange(N_MIXERS), :, deciding] = own
+    fleet, complete = (
+        part.unsqueeze(1).expand(-1, N_ACTIONS, *part.shape[1:])
+        for part in drawn_state(N_MIXERS, n_uavs, generator)
+    )
+
+    def mixed(own_weights: dict[str, torch.Tensor], *inputs: torch.Tensor) -> torch.Tensor:
+        return torch.func.functional_call(mixer, own_weights, inputs)
+
+    with torch.no_grad():
+        team = torch.func.vmap(mixed)(weights, joint, fleet, complete)
+    best = team.gather(1, own.argmax(dim=1, keepdim=True)).squeeze(1)
+    # An ELU may be flat to the last bit; then the team's values differ by their rounding.
+    torch.testing.assert_close(best, team.max(dim=1).values, rtol=1e-13, atol=1e-13)
+    assert (team.argmax(dim=1) == own.argmax(dim=1)).double().mean() > 0.999
+
+
+def test_a_team_value_falls_in_no_uavs_value() -> None:
+    generator = torch.Generator().manual_seed(1)
+    for n_uavs in (1, 2, 6):
+        mixer = drawn_mixer(n_uavs, generator)
+        values = drawn_values(generator, 500, n_uavs).requires_grad_()
+        mixer(values, *drawn_state(500, n_uavs, generator)).sum().backward()
+        assert (values.grad >= 0.0).all()
+        assert (values.grad > 0.0).double().mean() > 0.99
+
+
+def test_a_team_value_depends_on_every_part_of_the_state() -> None:
+    generator = torch.Generator().manual_seed(2)
+    mixer = drawn_mixer(2, generator)
+    fleet, complete = drawn_state(200, 2, generator)
+    values = drawn_values(generator, 200, 2)
+    with torch.no_grad():
+        team = mixer(values, fleet, complete)
+        for place in range(fleet.shape[1]):
+            moved = fleet.clone()
+            moved[:, place] += 1.0
+            assert (mixer(values, moved, complete) != team).any()
+        for index in range(3):
+            for cell in range(N_CELLS):
+                flipped = complete.clone()
+                flipped[:, index, cell] = 1 - flipped[:, index, cell]
+                assert (mixer(values, fleet, flipped) != team).any()
+
+
+def test_a_state_is_mixed_alike_alone_and_among_others() -> None:
+    generator = torch.Generator().manual_seed(3)
+    mixer = drawn_mixer(3, generator)
+    values = drawn_values(generator, 7, 3)
+    fleet, complete = drawn_state(7, 3, generator)
+    together = mixer(values, fleet, complete)
+    alone = mixer(values[4:5], fleet[4:5], complete[4:5])
+    torch.testing.assert_close(together[4:5], alone)
+
+
+@pytest.mark.parametrize('pool_side', [1, 2, 3, 4, 5])
+def test_pooling_sums_the_cells_of_each_window_those_at_the_edge_too(pool_side: int) -> None:
+    complete = torch.rand(10, 10)
+    n_windows = -(-10 // pool_side)
+    expected = [
+        complete[row : row + pool_side, column : column + pool_side].sum()
+        for row in range(0, n_windows * pool_side, pool_side)
+        for column in range(0, n_windows * pool_side, pool_side)
+    ]
+    pooled = complete.flatten() @ pooling_windows(10, pool_side)
+    torch.testing.assert_close(pooled, torch.stack(expected))
+
+
+def test_the_state_of_the_paper_is_four_numbers_a_uav_and_their_pooled_maps() -> None:
+    side = brief(tiny()).cells_per_side
+    mixer = drawn_mixer(2, torch.Generator())
+    assert mixer.state_layer.in_features == 2 * 4 + 3 * (-(-side // 3)) ** 2
+
+
+def test_mean_pooling_is_sum_pooling_over_the_cells_of_a_whole_window() -> None:
+    generator = torch.Generator().manual_seed(4)
+    mixers = [drawn_mixer(2, generator, pooling) for pooling in ('sum', 'mean')]
+    mixers[1].load_state_dict(mixers[0].state_dict())
+    mixers[1].state_layer.weight.data[:, 8:] *= 9.0  # after two UAVs' four numbers each
+    values, state = drawn_values(generator, 5, 2), drawn_state(5, 2, generator)
+    torch.testing.assert_close(mixers[0](values, *state), mixers[1](values, *state))

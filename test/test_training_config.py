@@ -1,0 +1,179 @@
+"""Presets of a training: values in YAML, each known, each in its range, each switched alone."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from uav_collect.observation import Layout
+from uav_collect.reward import Reward
+from uav_collect.scenario import ConfigError
+from uav_collect.training_config import load_preset, preset_names, TrainingConfig
+
+
+def leaves(section: dict[str, Any], path: str = '') -> dict[str, object]:
+    """The settings by their dotted paths."""
+    found: dict[str, object] = {}
+    for name, value in section.items():
+        here = f'{path}.{name}' if path else name
+        found |= leaves(value, here) if isinstance(value, dict) else {here: value}
+    return found
+
+
+def settings(name: str) -> dict[str, object]:
+    values = leaves(load_preset(name).model_dump())
+    del values['name']
+    return values
+
+
+def written(folder: Path, text: str) -> Path:
+    (folder / 'mine.yaml').write_text(text)
+    return folder / 'mine.yaml'
+
+
+def test_the_shipped_presets_are_paper_and_strong() -> None:
+    assert preset_names() == ('paper', 'strong')
+    assert [load_preset(name).name for name in preset_names()] == ['paper', 'strong']
+
+
+def test_the_paper_preset_holds_the_values_of_the_paper() -> None:
+    # Section VII-A: 256 neurons in all hidden layers, 5e-5, 32, 1e6 samples, 0.99.
+    paper = load_preset('paper')
+    assert (paper.layout, paper.reward_kind) == (Layout.PAPER, Reward.PAPER)
+    assert paper.network.hidden_size == 256
+    assert (paper.mixer.embedding_size, paper.mixer.hypernetwork_size) == (256, 256)
+    assert paper.optimiser.learning_rate == paper.optimiser.learning_rate_last == 5e-5
+    assert (paper.replay.decisions, paper.replay.missions_per_batch) == (10**6, 32)
+    assert paper.reward.discount_per_s == 0.99
+    assert (paper.target.trace, paper.target.double_q) == (0.0, False)
+
+
+def test_each_difference_of_strong_to_paper_can_be_switched_alone() -> None:
+    paper, strong = settings('paper'), settings('strong')
+    assert paper.keys() == strong.keys()
+    different = {path: value for path, value in strong.items() if value != paper[path]}
+    assert len(different) > 10
+    for path, value in different.items():
+        switched = leaves(load_preset('paper', {path: value}).model_dump())
+        assert {it for it in paper if switched[it] != paper[it]} == {path}
+    assert leaves(load_preset('paper', different).model_dump()) == strong | {'name': 'paper'}
+
+
+def test_settings_written_out_read_back_the_same(tmp_path: Path) -> None:
+    strong = load_preset('strong', {'target.trace': 0.35})
+    assert load_preset(written(tmp_path, strong.to_yaml())) == strong
+
+
+def test_a_file_extends_a_preset_and_is_called_by_its_name(tmp_path: Path) -> None:
+    mine = load_preset(written(tmp_path, 'extends: strong\nnetwork: {hidden_size: 32}\n'))
+    assert mine.name == 'mine'
+    assert mine.network.hidden_size == 32
+    assert mine.model_copy(update={'name': 'strong'}) == load_preset(
+        'strong', {'network.hidden_size': 32}
+    )
+
+
+WRONG = {
+    'network: {hidden_sise: 8}': 'network.hidden_sise is an unknown key: must be',
+    'nets: {hidden_size: 8}': 'nets is an unknown key: must be one of name, observation, reward',
+    'network: {hidden_size: 0}': 'network.hidden_size is 0: must be a whole number from 1 to 4096',
+    'network: {hidden_size: 64.5}': 'network.hidden_size is 64.5: must be a whole number',
+    'network: {hidden_size: large}': "network.hidden_size is 'large': must be a whole number",
+    'reward: {goal: money}': "reward.goal is 'money': must be 'paper' or 'energy'",
+    'reward: {discount_per_s: 0}': 'reward.discount_per_s is 0: must be a number > 0 and <= 1',
+    'reward: {discount_per_s: 1.01}': 'reward.discount_per_s is 1.01: must be a number > 0',
+    'observation: wide': "observation is 'wide': must be 'paper' or 'egocentric'",
+    'target: {trace: 1.5}': 'target.trace is 1.5: must be a number from 0 to 1',
+    'target: {double_q: 2}': 'target.double_q is 2: must be true or false',
+    'target: {double_q: 1}': 'target.double_q is 1: must be true or false',
+    "target: {double_q: 'yes'}": "target.double_q is 'yes': must be true or false",
+    'target: {update_rate: 0}': 'target.update_rate is 0: must be a number > 0 and <= 1',
+    'optimiser: {learning_rate: .nan}': 'optimiser.learning_rate is .nan: must be a number > 0',
+    'optimiser: {learning_rate: }': 'optimiser.learning_rate is empty: must be a number > 0',
+    'exploration: {hover_share: -1.5}': 'exploration.hover_share is -1.5: must be a number',
+    'replay: {decisions: 10}': 'replay.decisions is 10: must be a whole number from 1000',
+    'rollout: {bandwidth: cvxpy}': "rollout.bandwidth is 'cvxpy': must be 'equal' or 'exact'",
+    'rollout: 5': 'rollout is 5: must be a mapping of keys',
+}
+
+
+@pytest.mark.parametrize(('text', 'problem'), WRONG.items(), ids=list(WRONG))
+def test_what_is_wrong_is_named_with_file_line_key_and_what_is_allowed(
+    text: str, problem: str, tmp_path: Path
+) -> None:
+    path = written(tmp_path, f'extends: strong\n{text}\n')
+    with pytest.raises(ConfigError) as raised:
+        load_preset(path)
+    assert str(raised.value).startswith(f'{path}:2: {problem}')
+
+
+@pytest.mark.parametrize(
+    ('key', 'problem'),
+    [
+        ('hover_share', 'exploration.hover_share is missing: must be a number from -1 to 1'),
+        ('goal', "reward.goal is missing: must be 'paper' or 'energy'"),
+        ('double_q', 'target.double_q is missing: must be true or false'),
+    ],
+)
+def test_a_missing_setting_is_named(key: str, problem: str, tmp_path: Path) -> None:
+    complete = load_preset('strong').to_yaml()
+    lines = [line for line in complete.splitlines() if f'{key}:' not in line]
+    with pytest.raises(ConfigError) as raised:
+        load_preset(written(tmp_path, '\n'.join(lines)))
+    assert problem in str(raised.value)
+
+
+def test_a_setting_of_a_section_is_replaced_and_the_others_stay(tmp_path: Path) -> None:
+    mine = load_preset(written(tmp_path, 'extends: paper\nreward: {goal: energy}\n'))
+    assert mine.reward.model_dump() == {'goal': 'energy', 'discount_per_s': 0.99, 'scale': 1.0}
+
+
+def test_several_mistakes_are_all_named(tmp_path: Path) -> None:
+    path = written(tmp_path, 'extends: strong\ntarget: {trace: 2}\nreward: {scale: -1}\n')
+    with pytest.raises(ConfigError) as raised:
+        load_preset(path)
+    assert len(str(raised.value).splitlines()) == 2
+
+
+def test_a_preset_that_is_not_there_is_named_with_those_that_are() -> None:
+    with pytest.raises(ConfigError, match=r"preset is 'weak'.*paper, strong"):
+        load_preset('weak')
+
+
+def test_an_override_that_is_wrong_is_named() -> None:
+    with pytest.raises(ConfigError, match=r'target\.traces is an unknown key'):
+        load_preset('strong', {'target.traces': 0.5})
+
+
+def test_settings_never_change() -> None:
+    with pytest.raises(ValueError, match='frozen'):
+        load_preset('strong').network.hidden_size = 8  # type: ignore[misc]
+
+
+def of_schedule(**overrides: float) -> TrainingConfig:
+    return load_preset('strong', {key.replace('__', '.'): it for key, it in overrides.items()})
+
+
+def test_epsilon_falls_over_a_share_of_the_training_and_stays() -> None:
+    config = of_schedule(
+        exploration__epsilon_first=1.0, exploration__epsilon_last=0.2, exploration__decay_share=0.5
+    )
+    found = [config.epsilon(share) for share in (0.0, 0.25, 0.5, 0.75, 1.0)]
+    assert found == pytest.approx([1.0, 0.6, 0.2, 0.2, 0.2])
+    assert of_schedule(exploration__decay_share=0.0).epsilon(0.0) == pytest.approx(0.03)
+
+
+def test_the_learning_rate_stays_then_falls_to_the_end() -> None:
+    config = of_schedule(
+        optimiser__learning_rate=5e-4,
+        optimiser__learning_rate_last=1e-4,
+        optimiser__decay_from_share=0.5,
+    )
+    found = [config.learning_rate(share) for share in (0.0, 0.5, 0.75, 1.0, 1.2)]
+    assert found == pytest.approx([5e-4, 5e-4, 3e-4, 1e-4, 1e-4])
+    constant = of_schedule(optimiser__decay_from_share=1.0)
+    assert constant.learning_rate(1.0) == constant.learning_rate(0.0)
+
+
+def test_missions_are_cut_off_by_the_size_of_their_area() -> None:
+    config = of_schedule(rollout__max_decisions_per_cell=1.6)
+    assert [config.max_decisions(n_cells) for n_cells in (1, 64, 100)] == [2, 102, 160]
