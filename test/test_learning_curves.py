@@ -112,6 +112,7 @@ def test_a_line_that_a_killed_run_left_half_is_ignored(tmp_path: Path) -> None:
          ['AQMIX, strong', 'AQMIX, strong gru=32']),
         ({'training_fingerprint': '2'},
          ['AQMIX, strong (fedcba9876543210)', 'AQMIX, strong (2)']),
+        ({'initial': 'old@3'}, ['AQMIX, from scratch', 'AQMIX, from old@3']),
         ({'decisions': None, 'minutes': 4.0}, ['AQMIX, 300 decisions', 'AQMIX, 4 min']),
     ],
 )  # fmt: skip

@@ -32,6 +32,7 @@ COMPILING_S = 400.0  # of a first process, on a busy machine
 TRAIN = (sys.executable, '-m', 'uav_collect', 'train')
 DECISIONS = 1200
 EFFICIENCY = 'efficiency_kbit_per_j'
+SCENARIOS = ('scenario.yaml', 'scenario_2.yaml')
 
 Start = Callable[..., RunningProcess]
 Finished = tuple[Path, subprocess.CompletedProcess[str]]
@@ -90,6 +91,14 @@ def learned(run: Path) -> dict[str, object]:
     del validations['wall_s']
     policies = [load_policy(run / f'{name}.safetensors').digest for name in ('policy', 'last')]
     return {'validations': validations, 'policies': policies}
+
+
+def said(capsys: pytest.CaptureFixture[str]) -> str:
+    """The one line that it wrote."""
+    shown = capsys.readouterr()
+    [line] = [line for line in shown.err.splitlines() if 'compiling (once)' not in line]
+    assert shown.out == ''
+    return line
 
 
 # What a run leaves.
@@ -187,6 +196,27 @@ def test_another_seed_learns_something_else(
 ) -> None:
     assert main(['train', *settings, '--seed', '1', '--output', str(tmp_path / 'run')]) == 0
     assert learned(tmp_path / 'run') != learned(finished[0])
+
+
+def test_a_run_starts_from_the_weights_of_a_policy(
+    finished: Finished, settings: list[str], tmp_path: Path
+) -> None:
+    initial, folder = finished[0] / 'policy.safetensors', tmp_path / 'run'
+    few = ['--decisions', '1', '--start-from', str(initial), '--output', str(folder)]
+    assert main(['train', *settings[:4], *few]) == 0
+    learned_from, kept = load_policy(initial), load_policy(folder / 'initial.safetensors')
+    assert kept.digest == load_policy(folder / 'last.safetensors').digest == learned_from.digest
+    assert read_run(folder).initial == learned_from.header.version
+
+
+def test_one_policy_learns_to_fly_several_fleets(settings: list[str], tmp_path: Path) -> None:
+    folder = tmp_path / 'run'
+    assert main(['train', *settings, '--uavs', '1', '2', '--output', str(folder)]) == 0
+    header = load_policy(folder / 'policy.safetensors').header
+    assert (header.n_uavs_min, header.n_uavs_max) == (1, 2)
+    assert read_run(folder).flown == 'field, 1 to 2 UAVs'
+    scenarios = [from_yaml((folder / name).read_text()) for name in SCENARIOS]
+    assert [scenario.n_uavs for scenario in scenarios] == [1, 2]
 
 
 # Interrupted, and resumed.
@@ -297,9 +327,7 @@ def test_a_run_that_is_done_goes_on_only_if_it_gets_more(
     run = tmp_path / 'run'
     shutil.copytree(finished[0], run)
     assert main(['train', '--resume', str(run)]) == 2
-    said = capsys.readouterr().err
-    assert said.startswith(f'error: {run}: has had its 1,200 decisions: give it more')
-    assert said.count('\n') == 1
+    assert f'error: {run}: has had its 1,200 decisions: give it more' in said(capsys)
     assert main(['train', '--resume', str(run), '--decisions', '1600']) == 0
     assert columns(run / 'validation.csv')['n_decisions'][-1] == '1600'
     assert read_run(run).decisions == 1600
@@ -317,7 +345,7 @@ def test_no_two_processes_train_in_one_folder(
     status = main(['train', '--resume', str(run)])
     os.close(other)
     assert status == 2
-    assert capsys.readouterr().err == f'error: {run}: another process trains in it\n'
+    assert said(capsys) == f'error: {run}: another process trains in it'
 
 
 @pytest.mark.usefixtures('finished')  # kernels are compiled by now, and need no room
@@ -360,9 +388,9 @@ def test_a_loss_that_is_no_number_ends_the_run_and_keeps_the_best_policy(
     poisoned(monkeypatch, after)
     folder = tmp_path / 'run'
     assert main(['train', *settings, '--output', str(folder)]) == train.DIVERGED
-    said = capsys.readouterr().err.splitlines()[-1]
-    assert said.startswith(f'error: {folder}: diverged after ')
-    assert f'its best policy: {folder}/policy.safetensors' in said
+    line = capsys.readouterr().err.splitlines()[-1]
+    assert line.startswith(f'error: {folder}: diverged after ')
+    assert f'its best policy: {folder}/policy.safetensors' in line
     assert load_policy(folder / 'policy.safetensors').header.updates <= after
     assert not read_run(folder).is_done
 
@@ -374,9 +402,7 @@ def test_a_run_is_not_overwritten(
 ) -> None:
     run, _ = finished
     assert main(['train', *settings, '--output', str(run)]) == 2
-    said = capsys.readouterr().err
-    assert said.count('\n') == 1
-    assert f'--resume {run}' in said
+    assert f'--resume {run}' in said(capsys)
 
 
 def test_of_several_seeds_none_is_trained_where_one_has_a_folder(
@@ -386,7 +412,7 @@ def test_of_several_seeds_none_is_trained_where_one_has_a_folder(
     (tmp_path / 'pair_s4' / 'notes.txt').touch()
     output = ['--output', str(tmp_path / 'pair')]
     assert main(['train', *settings, '--seed', '3', '4', *output]) == 2
-    assert f'{tmp_path}/pair_s4: is there already' in capsys.readouterr().err
+    assert f'{tmp_path}/pair_s4: is there already' in said(capsys)
     assert not (tmp_path / 'pair_s3').exists()
 
 
@@ -402,7 +428,9 @@ def test_of_several_seeds_none_is_trained_where_one_has_a_folder(
         (['--seed', '1', '2', '1'], ['--seed 1 2 1', 'twice']),
         (['--output', '/dev/null/run'], ['/dev/null/run', 'Not a directory']),
         (['--output', '/dev/null'], ['/dev/null', 'is there already']),
+        (['--start-from', '/dev/null'], ['/dev/null']),
         (['--resume', '/dev'], ['/dev', 'holds no run.json']),
+        (['--resume', '/dev', '--start-from', 'x'], ['--start-from cannot be given']),
         (['--resume', '/dev', '--seed', '1'], ['--seed cannot be given with --resume']),
         (['--resume', '/dev', '--set', 'a=1'], ['--set cannot be given with --resume']),
         (['--uavs', '7', '--output', '/nowhere/run'], ['7', '6']),
@@ -412,11 +440,9 @@ def test_what_cannot_be_trained_is_said_in_one_line(
     arguments: list[str], words: Sequence[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(['train', '--decisions', '100', *arguments]) == 2
-    shown = capsys.readouterr()
-    [said] = [line for line in shown.err.splitlines() if 'compiling' not in line]
-    assert shown.out == ''
-    assert said.startswith('error: ')
-    assert all(word in said for word in words)
+    line = said(capsys)
+    assert line.startswith('error: ')
+    assert all(word in line for word in words)
 
 
 @pytest.mark.parametrize(
@@ -453,9 +479,7 @@ def test_a_broken_checkpoint_is_named(
     (tmp_path / 'checkpoint').mkdir()
     (tmp_path / 'checkpoint' / 'state.pt').write_bytes(b'nothing')
     assert main(['train', '--resume', str(tmp_path), '--decisions', '2000']) == 2
-    said = capsys.readouterr().err
-    assert said.count('\n') == 1
-    assert f'{tmp_path}/checkpoint/state.pt' in said
+    assert f'{tmp_path}/checkpoint/state.pt: is no whole checkpoint' in said(capsys)
 
 
 def test_training_without_torch_says_how_to_get_it(
@@ -463,9 +487,8 @@ def test_training_without_torch_says_how_to_get_it(
 ) -> None:
     monkeypatch.setattr(train.importlib.util, 'find_spec', lambda name: None)
     assert main(['train']) == 2
-    said = capsys.readouterr().err
-    assert said.startswith('error: train needs torch and tensorboard: "make train" installs')
-    assert said.count('\n') == 1
+    line = said(capsys)
+    assert line.startswith('error: train needs torch and tensorboard: "make train" installs')
 
 
 def test_a_gpu_that_is_not_there_is_said_in_one_line(
@@ -473,7 +496,7 @@ def test_a_gpu_that_is_not_there_is_said_in_one_line(
 ) -> None:
     monkeypatch.setattr('torch.cuda.is_available', lambda: False)
     assert main(['train', '--device', 'cuda', '--output', str(tmp_path / 'run')]) == 2
-    assert 'finds no CUDA device' in capsys.readouterr().err
+    assert 'finds no CUDA device' in said(capsys)
     assert not (tmp_path / 'run').exists()
 
 

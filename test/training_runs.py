@@ -22,6 +22,7 @@ RECORD = RunRecord(
     preset='strong',
     overrides=(),
     training_fingerprint='fedcba9876543210',
+    initial='',
     seed=0,
     minutes=None,
     decisions=300,

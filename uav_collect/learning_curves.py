@@ -71,7 +71,8 @@ def _kind(record: RunRecord) -> tuple[object, ...]:
     """What all runs of a curve have in common."""
     return (
         record.algorithm, record.flown, record.scenario_fingerprint, record.preset,
-        record.overrides, record.training_fingerprint, record.minutes, record.decisions,
+        record.overrides, record.training_fingerprint, record.initial, record.minutes,
+        record.decisions,
     )  # fmt: skip
 
 
@@ -83,6 +84,7 @@ def _labels(records: Sequence[RunRecord]) -> list[str]:
     others = [
         _numbered(scenarios, [record.scenario_fingerprint for record in records]),
         _numbered(settings, [record.training_fingerprint for record in records]),
+        [f'from {record.initial or "scratch"}' for record in records],
         [record.budget for record in records],
     ]
     told = [names for names in others if len(set(names)) > 1]

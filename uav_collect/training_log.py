@@ -89,6 +89,7 @@ class RunRecord:
     preset: str
     overrides: tuple[str, ...]  # of the preset, KEY=VALUE
     training_fingerprint: str  # of all settings of the training
+    initial: str  # version of the policy whose weights it starts from; '' for drawn ones
     seed: int
     minutes: float | None  # how long to train; None where decisions are counted
     decisions: int | None

@@ -83,6 +83,12 @@ def _add_learning_options(parser: argparse.ArgumentParser) -> None:
         help='replace values of the preset',
     )
     parser.add_argument(
+        '--start-from',
+        type=Path,
+        metavar='FILE',
+        help='start from the weights of a policy (.safetensors) instead of random ones',
+    )
+    parser.add_argument(
         '--seed',
         nargs='+',
         type=options.whole_number(0, MAX_SEED),

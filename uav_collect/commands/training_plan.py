@@ -16,14 +16,19 @@ from uav_collect.commands import options
 from uav_collect.training_log import read_run, RUN_FILE, RunRecord, TrainingRunError
 
 if TYPE_CHECKING:  # loaded when training, so that --help answers at once
+    from uav_collect.frozen import FrozenPolicy
     from uav_collect.scenario import Scenario
     from uav_collect.training_config import TrainingConfig
 
 ALGORITHMS = ('aqmix', 'qmix', 'aiql')
 CONFIG_FILE = 'training.yaml'  # of a run folder: the preset, resolved
+INITIAL_POLICY = 'initial.safetensors'
 RUNS = Path('runs') / 'train'
 _PACKAGES = ('numpy', 'numba', 'torch')
-_OWN = ('scenario', 'set', 'uavs', 'algorithm', 'preset', 'override', 'seed', 'device', 'output')
+_OWN = (
+    'scenario', 'set', 'uavs', 'algorithm', 'preset', 'override', 'start_from', 'seed', 'device',
+    'output',
+)  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,6 +39,7 @@ class PlannedRun:
     record: RunRecord
     scenarios: 'tuple[Scenario, ...]'
     config: 'TrainingConfig'
+    initial: 'FrozenPolicy | None'  # whose weights it starts from
 
     @property
     def title(self) -> str:
@@ -67,20 +73,26 @@ def planned(arguments: argparse.Namespace) -> Training:
 
 
 def _new(arguments: argparse.Namespace) -> Training:
+    from uav_collect.frozen import load_policy
     from uav_collect.scenario import parse_override
     from uav_collect.training_config import load_preset
 
     scenarios = options.scenarios_of(arguments)
     overrides = dict(parse_override(assignment) for assignment in arguments.override)
     config = load_preset(arguments.preset, overrides)
-    record = _record(arguments, scenarios, config)
+    initial = load_policy(arguments.start_from) if arguments.start_from else None
+    record = _record(arguments, scenarios, config, initial)
     is_alone = len(record.seeds) == 1 and arguments.output is not None
     runs = []
     for seed in record.seeds:
         folder = arguments.output if is_alone else _folder_of(record, arguments.output, seed)
         _check_new(folder)
-        one = replace(record, seed=seed)
-        runs.append(PlannedRun(folder=folder, record=one, scenarios=scenarios, config=config))
+        runs.append(
+            PlannedRun(
+                folder=folder, record=replace(record, seed=seed), scenarios=scenarios,
+                config=config, initial=initial,
+            )
+        )  # fmt: skip
     return Training(runs=tuple(runs), folders=tuple(run.folder for run in runs))
 
 
@@ -100,7 +112,10 @@ def _check_new(folder: Path) -> None:
 
 
 def _record(
-    arguments: argparse.Namespace, scenarios: 'Sequence[Scenario]', config: 'TrainingConfig'
+    arguments: argparse.Namespace,
+    scenarios: 'Sequence[Scenario]',
+    config: 'TrainingConfig',
+    initial: 'FrozenPolicy | None',
 ) -> RunRecord:
     """What the arguments say of the first run."""
     from uav_collect.revision import git_revision
@@ -119,6 +134,7 @@ def _record(
         preset=config.name,
         overrides=tuple(arguments.override),
         training_fingerprint=_fingerprint(config),
+        initial='' if initial is None else initial.header.version,
         seed=arguments.seed[0],
         minutes=arguments.minutes,
         decisions=arguments.decisions,
@@ -161,9 +177,9 @@ def _resumed(arguments: argparse.Namespace) -> Training:
     """The named run, then the other runs of its training that are not done."""
     given = [name for name in _OWN if getattr(arguments, name) not in (None, [])]
     if given:
-        raise TrainingRunError(
-            f'--{given[0]} cannot be given with --resume: the run goes on as it was begun'
-        )
+        option = f'--{given[0].replace("_", "-")}'
+        what = f'{option} cannot be given with --resume: the run goes on as it was begun'
+        raise TrainingRunError(what)
     folder: Path = arguments.resume
     record = _extended(read_run(folder), arguments)
     folders = _siblings(folder, record)
@@ -200,6 +216,7 @@ def _extended(record: RunRecord, arguments: argparse.Namespace) -> RunRecord:
 
 
 def _stored(folder: Path, record: RunRecord) -> PlannedRun:
+    from uav_collect.frozen import load_policy
     from uav_collect.scenario import from_yaml
     from uav_collect.training_config import load_preset
 
@@ -209,8 +226,13 @@ def _stored(folder: Path, record: RunRecord) -> PlannedRun:
             scenarios.append(from_yaml(path.read_text(encoding='utf-8')))
         except OSError as error:
             raise TrainingRunError(f'{path}: cannot be read: {error.strerror}') from error
-    config = load_preset(folder / CONFIG_FILE)
-    return PlannedRun(folder=folder, record=record, scenarios=tuple(scenarios), config=config)
+    return PlannedRun(
+        folder=folder,
+        record=record,
+        scenarios=tuple(scenarios),
+        config=load_preset(folder / CONFIG_FILE),
+        initial=load_policy(folder / INITIAL_POLICY) if record.initial else None,
+    )
 
 
 def resume_command(folder: Path) -> str:
