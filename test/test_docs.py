@@ -12,7 +12,7 @@ import shlex
 from interpreted import interpreted
 import pytest
 from uav_collect.__main__ import SUMMARIES
-from uav_collect.commands import evaluate, mission, report
+from uav_collect.commands import curves, evaluate, mission, report, train
 from uav_collect.scenario import load, scenario_names
 from uav_collect.site import build_site
 
@@ -23,7 +23,10 @@ DOCUMENTS = [
 ]
 README = (ROOT / 'README.md').read_text()
 PAPER_MAP = (ROOT / 'docs' / 'paper_map.md').read_text()
-COMMANDS = {'evaluate': evaluate, 'mission': mission, 'report': report}
+COMMANDS = {
+    **{'curves': curves, 'evaluate': evaluate, 'mission': mission, 'report': report},
+    **{'train': train},
+}
 ABROAD = {'ros2', 'rviz2', 'colcon', 'source', 'export'}  # programs that are not ours
 
 

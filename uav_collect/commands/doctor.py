@@ -21,7 +21,12 @@ with 0 if a mission can fly and with 1 if not.
 _PYTHONS = ((3, 11), (3, 12))
 _DISTRIBUTION = 'jazzy'
 _NEEDED = ('numpy', 'numba', 'pydantic', 'PyYAML', 'rich', 'matplotlib', 'rosbags', 'safetensors')
-_OPTIONAL = ('cvxpy', 'clarabel')
+_OPTIONAL = {  # and what needs it
+    'cvxpy': '--bandwidth cvxpy',
+    'clarabel': '--bandwidth cvxpy',
+    'torch': 'train',
+    'tensorboard': 'train',
+}
 _MAX_DOMAIN = 232  # the DDS port numbers end there
 _RANGES = ('SUBNET', 'LOCALHOST', 'SYSTEM_DEFAULT')  # OFF leaves every node alone
 _IMPORT_TIMEOUT_S = 60.0
@@ -81,8 +86,8 @@ def examine(environment: Mapping[str, str]) -> Iterator[Finding]:
     )
     yield _python(sys.version_info[:2])
     yield Finding(topic='machine', found=f'{platform.platform()}, {_n_cores()} cores')
-    yield from (_package(name, is_needed=True) for name in _NEEDED)
-    yield from (_package(name, is_needed=False) for name in _OPTIONAL)
+    yield from (_package(name) for name in _NEEDED)
+    yield from (_package(name, user) for name, user in _OPTIONAL.items())
     yield _distribution(environment)
     yield _imported('rclpy', _TRY_RCLPY, 'source a ROS 2 Jazzy, or run make setup')
     yield _imported('messages', _TRY_MESSAGES, 'run make setup, then source install/setup.bash')
@@ -106,13 +111,13 @@ def _n_cores() -> int:
     return len(os.sched_getaffinity(0))
 
 
-def _package(name: str, *, is_needed: bool) -> Finding:
+def _package(name: str, only_user: str = '') -> Finding:
     try:
         return Finding(topic=name, found=metadata.version(name))
     except metadata.PackageNotFoundError:
-        if is_needed:
-            return Finding(topic=name, found='missing', problem='must be installed: make setup')
-        return Finding(topic=name, found='missing; only --bandwidth cvxpy needs it')
+        if only_user:
+            return Finding(topic=name, found=f'missing; only {only_user} needs it')
+        return Finding(topic=name, found='missing', problem='must be installed: make setup')
 
 
 def _distribution(environment: Mapping[str, str]) -> Finding:
