@@ -43,7 +43,7 @@ LAYERS = (
     'batch preflight simulation airborne stepping rollout',
     'metrics evaluation lanes plots tables bag bag_writer bag_repair learning_curves',
     'training_config training_progress replay minibatch',
-    'network mixer learner collector checkpoint trainer',
+    'network mixer learner collector checkpoint course trainer',
 )
 LEARNING = 'network mixer learner collector checkpoint train scalar_events'
 LAYER_OF = {module: rank for rank, line in enumerate(LAYERS) for module in line.split()}

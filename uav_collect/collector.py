@@ -19,6 +19,7 @@ from uav_collect.training_config import TrainingConfig
 # Training missions come from a range of seeds that users do not evaluate on by chance.
 _FIRST_SEED = 2**61
 _SEEDS_PER_RUN = 2**32
+_N_RUNS = 2**28  # whose missions all differ
 _N_RECENT = 100  # missions that the figures of the training's own missions are taken from
 
 
@@ -43,7 +44,7 @@ class Collector:
         self._config = config
         self._max_decisions = config.max_decisions(scenario.n_cells)
         self._device = torch.device(device)
-        self._next_seed = _FIRST_SEED + seed % _SEEDS_PER_RUN * _SEEDS_PER_RUN
+        self._next_seed = _FIRST_SEED + seed % _N_RUNS * _SEEDS_PER_RUN
         self._flights = Flights(
             scenario,
             site,

@@ -20,6 +20,7 @@ class Replay:
             capacity: decisions that there is room for; `replay_bytes` tells what they need.
         """
         self._capacity = capacity
+        self.n_bytes = replay_bytes(capacity, briefing)
         self._records = new_records(capacity, briefing)
         self._missions: deque[_Mission] = deque()
         self._next = 0

@@ -1,15 +1,14 @@
 """Training in one process: fly, learn, validate, keep the best; and go on where it stopped."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from uav_collect import frozen
-from uav_collect.briefing import brief, Briefing
 from uav_collect.checkpoint import CheckpointError, read_checkpoint, write_checkpoint
-from uav_collect.collector import Collector
+from uav_collect.course import new_courses
 from uav_collect.evaluation import mission_seeds
 from uav_collect.frozen import (
     FrozenPolicy,
@@ -19,30 +18,16 @@ from uav_collect.frozen import (
 )
 from uav_collect.learner import Learner
 from uav_collect.metrics import figures
-from uav_collect.minibatch import Algorithm, minibatch
+from uav_collect.minibatch import Algorithm
 from uav_collect.observation import observation_size
 from uav_collect.policy import LearnedPolicy
-from uav_collect.replay import Replay, replay_bytes
 from uav_collect.revision import git_revision
-from uav_collect.rollout import fly
-from uav_collect.scenario import ConfigError, fingerprint, from_yaml, Scenario
-from uav_collect.site import build_site, Site
+from uav_collect.scenario import fingerprint, from_yaml, Scenario
 from uav_collect.training_config import TrainingConfig
 from uav_collect.training_progress import Budget, Pace, Progress, Validation
 
 _VALIDATION_SEED = 2**60  # of the first validation mission
 _REPLAY_KEY = 1  # of the run's seed: which missions are learned from
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Course:
-    """One of the scenarios that a policy learns to fly, and the experience with it."""
-
-    scenario: Scenario
-    site: Site
-    briefing: Briefing
-    collector: Collector
-    replay: Replay
 
 
 class Trainer:
@@ -74,8 +59,7 @@ class Trainer:
         self.scenarios, self.config, self.seed = tuple(scenarios), config, seed
         self.algorithm = Algorithm(algorithm)
         self._device = device
-        _check_same_size(self.scenarios, config)
-        self._courses = [self._course(scenario) for scenario in self.scenarios]
+        self._courses = new_courses(self.scenarios, config, self.algorithm, seed, device)
         briefings = [course.briefing for course in self._courses]
         self._learner = Learner(config, briefings, self.algorithm, seed, device)
         if initial is not None:
@@ -101,7 +85,7 @@ class Trainer:
     @property
     def replay_bytes(self) -> int:
         """Memory that the replays take."""
-        return sum(replay_bytes(self._replay_size, it.briefing) for it in self._courses)
+        return sum(course.replay.n_bytes for course in self._courses)
 
     def run(self, budget: Budget) -> Iterator[Progress]:
         """Train on until the budget is spent, resumed or not.
@@ -197,25 +181,6 @@ class Trainer:
             header = self._header(self._best, state['best_weights'])
             self._best_policy = FrozenPolicy(header, state['best_weights'])
 
-    @property
-    def _replay_size(self) -> int:
-        return self.config.replay.decisions // len(self.scenarios)
-
-    def _course(self, scenario: Scenario) -> '_Course':
-        config, site = self.config, build_site(scenario)
-        discount = {'discount_per_s': config.reward.discount_per_s}
-        reward = scenario.reward.model_copy(update=discount)
-        learned = scenario.model_copy(update={'reward': reward})
-        return _Course(
-            scenario=scenario,
-            site=site,
-            briefing=brief(scenario),
-            collector=Collector(
-                learned, site, config, self.algorithm, self.seed, device=self._device
-            ),
-            replay=Replay(self._replay_size, brief(scenario)),
-        )
-
     def _share_done(self, budget: Budget) -> float:
         if budget.decisions is not None:
             return min(1.0, self.n_decisions / budget.decisions)
@@ -229,22 +194,15 @@ class Trainer:
         Returns:
             The loss; None while too few missions have ended to learn from.
         """
-        config, course = self.config, self._courses[self._turn % len(self._courses)]
+        config, index = self.config, self._turn % len(self._courses)
+        course, agent = self._courses[index], self._learner.networks.agent
         self._turn += 1
-        agent, n_missions = self._learner.networks.agent, config.replay.missions_per_batch
         epsilon, n_decisions = config.epsilon(share_done), config.rollout.decisions_per_update
         for episode in course.collector.collect(agent, n_decisions, epsilon):
             course.replay.add(episode)
         loss = None
-        if course.replay.n_missions >= n_missions:
-            batch = minibatch(
-                course.replay.sample(n_missions, self._rng),
-                course.briefing,
-                config.layout,
-                self.algorithm,
-                config.reward.discount_per_s,
-            )
-            index = self._courses.index(course)
+        if course.replay.n_missions >= config.replay.missions_per_batch:
+            batch = course.minibatch(config, self.algorithm, self._rng)
             loss = self._learner.update(batch, config.learning_rate(share_done), index)
             pace.note(loss)
         self._trained_s += pace.lap_s()
@@ -261,11 +219,7 @@ class Trainer:
         """Fly the validation missions, equal bandwidth, without exploration."""
         pilot = LearnedPolicy('validated', self._frozen(None))
         seeds = mission_seeds(_VALIDATION_SEED, self.config.validation.missions)
-        logs = [
-            log
-            for course in self._courses
-            for log in fly(course.scenario, course.site, seeds, lambda: pilot, 'equal')
-        ]
+        logs = [log for course in self._courses for log in course.validate(pilot, seeds)]
         flown = [figures(log) for log in logs]
         return Validation(
             wall_s=self._trained_s,
@@ -333,18 +287,6 @@ class Trainer:
             replay_bytes=self.replay_bytes,
             validation=validation,
             best=self._best,
-        )
-
-
-def _check_same_size(scenarios: Sequence[Scenario], config: TrainingConfig) -> None:
-    sizes = {
-        observation_size(config.layout, scenario.area.cells_per_side, scenario.n_uavs)
-        for scenario in scenarios
-    }
-    if len(sizes) > 1:
-        raise ConfigError(
-            f'observation is {config.observation!r}: must be egocentric for scenarios of several '
-            'areas or fleets'
         )
 
 
