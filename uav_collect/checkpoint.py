@@ -1,5 +1,6 @@
 """The file that a training goes on from: written whole or not at all."""
 
+import io
 import os
 from pathlib import Path
 from typing import Any
@@ -19,11 +20,13 @@ def write_checkpoint(folder: Path, state: dict[str, Any]) -> None:
     Raises:
         OSError: it cannot be written; the last one is still there.
     """
+    written = io.BytesIO()  # torch hides what the disk says behind errors of its own
+    torch.save(state, written)
     folder.mkdir(parents=True, exist_ok=True)
     partial = folder / f'{_FILE}.part'
     try:
         with partial.open('wb') as file:
-            torch.save(state, file)
+            file.write(written.getbuffer())
             file.flush()
             os.fsync(file.fileno())
         partial.replace(folder / _FILE)

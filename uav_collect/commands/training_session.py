@@ -152,17 +152,8 @@ def _save(trainer: Trainer, checkpoint: Path) -> None:
     Raises:
         OSError: naming the checkpoint.
     """
-    try:
-        with files.naming(checkpoint):
-            trainer.save(checkpoint)
-    except RuntimeError as error:
-        # torch hides a full disk behind an error of its own, raised while it handles the disk's.
-        cause: BaseException | None = error
-        while cause is not None and not isinstance(cause, OSError):
-            cause = cause.__context__
-        if cause is None:
-            raise
-        raise OSError(cause.errno, cause.strerror, str(checkpoint)) from error
+    with files.naming(checkpoint):
+        trainer.save(checkpoint)
 
 
 def _interruption(run: PlannedRun, progress: Progress) -> str:
