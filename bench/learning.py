@@ -117,8 +117,7 @@ def _of(values: Tensor, action: Tensor) -> Tensor:
 
 
 def _mixed(networks: Networks, values: Tensor, steps: Padded) -> Tensor:
-    by_uav = (values * steps.has_action).flatten(0, 1)
-    total: Tensor = networks.mixer(0)(
-        by_uav, steps.fleet.flatten(0, 1), steps.complete.flatten(0, 1)
-    )
+    mixer = networks.mixer(0)
+    state = mixer.state(steps.fleet.flatten(0, 1), steps.complete.flatten(0, 1))
+    total: Tensor = mixer((values * steps.has_action).flatten(0, 1), state)
     return total.view(steps.reward.shape)

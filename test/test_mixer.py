@@ -29,13 +29,20 @@ def drawn_mixer(n_uavs: int, generator: torch.Generator, pooling: str = 'sum') -
     return mixer.double()
 
 
+def drawn_state(
+    mixer: Mixer, n_states: int, n_uavs: int, generator: torch.Generator
+) -> torch.Tensor:
+    return mixer.state(*drawn_maps(n_states, n_uavs, generator))
+
+
 def drawn_values(generator: torch.Generator, *shape: int) -> torch.Tensor:
     return torch.randn(shape, generator=generator, dtype=torch.float64)
 
 
-def drawn_state(
+def drawn_maps(
     n_states: int, n_uavs: int, generator: torch.Generator
 ) -> tuple[torch.Tensor, torch.Tensor]:
+    """The UAVs' numbers and all completion maps."""
     fleet = torch.rand((n_states, n_uavs * 4), generator=generator, dtype=torch.float64)
     complete = torch.randint(2, (n_states, n_uavs + 1, N_CELLS), generator=generator)
     return fleet, complete.to(torch.uint8)
@@ -55,16 +62,14 @@ def test_the_deciding_uavs_own_best_action_is_the_teams_best(n_uavs: int) -> Non
     joint = drawn_values(generator, N_MIXERS, 1, n_uavs).repeat(1, N_ACTIONS, 1)
     deciding = torch.randint(n_uavs, (N_MIXERS,), generator=generator)
     joint[torch.arange(N_MIXERS), :, deciding] = own
-    fleet, complete = (
-        part.unsqueeze(1).expand(-1, N_ACTIONS, *part.shape[1:])
-        for part in drawn_state(N_MIXERS, n_uavs, generator)
-    )
+    state = drawn_state(mixer, N_MIXERS, n_uavs, generator).unsqueeze(1)
+    state = state.expand(-1, N_ACTIONS, -1)
 
     def mixed(own_weights: dict[str, torch.Tensor], *inputs: torch.Tensor) -> torch.Tensor:
         return torch.func.functional_call(mixer, own_weights, inputs)
 
     with torch.no_grad():
-        team = torch.func.vmap(mixed)(weights, joint, fleet, complete)
+        team = torch.func.vmap(mixed)(weights, joint, state)
     best = team.gather(1, own.argmax(dim=1, keepdim=True)).squeeze(1)
     # An ELU may be flat to the last bit; then the team's values differ by their rounding.
     torch.testing.assert_close(best, team.max(dim=1).values, rtol=1e-13, atol=1e-13)
@@ -76,7 +81,7 @@ def test_a_team_value_falls_in_no_uavs_value() -> None:
     for n_uavs in (1, 2, 6):
         mixer = drawn_mixer(n_uavs, generator)
         values = drawn_values(generator, 500, n_uavs).requires_grad_()
-        mixer(values, *drawn_state(500, n_uavs, generator)).sum().backward()
+        mixer(values, drawn_state(mixer, 500, n_uavs, generator)).sum().backward()
         assert (values.grad >= 0.0).all()
         assert (values.grad > 0.0).double().mean() > 0.99
 
@@ -84,28 +89,28 @@ def test_a_team_value_falls_in_no_uavs_value() -> None:
 def test_a_team_value_depends_on_every_part_of_the_state() -> None:
     generator = torch.Generator().manual_seed(2)
     mixer = drawn_mixer(2, generator)
-    fleet, complete = drawn_state(200, 2, generator)
+    fleet, complete = drawn_maps(200, 2, generator)
     values = drawn_values(generator, 200, 2)
     with torch.no_grad():
-        team = mixer(values, fleet, complete)
+        team = mixer(values, mixer.state(fleet, complete))
         for place in range(fleet.shape[1]):
             moved = fleet.clone()
             moved[:, place] += 1.0
-            assert (mixer(values, moved, complete) != team).any()
+            assert (mixer(values, mixer.state(moved, complete)) != team).any()
         for index in range(3):
             for cell in range(N_CELLS):
                 flipped = complete.clone()
                 flipped[:, index, cell] = 1 - flipped[:, index, cell]
-                assert (mixer(values, fleet, flipped) != team).any()
+                assert (mixer(values, mixer.state(fleet, flipped)) != team).any()
 
 
 def test_a_state_is_mixed_alike_alone_and_among_others() -> None:
     generator = torch.Generator().manual_seed(3)
     mixer = drawn_mixer(3, generator)
     values = drawn_values(generator, 7, 3)
-    fleet, complete = drawn_state(7, 3, generator)
-    together = mixer(values, fleet, complete)
-    alone = mixer(values[4:5], fleet[4:5], complete[4:5])
+    state = drawn_state(mixer, 7, 3, generator)
+    together = mixer(values, state)
+    alone = mixer(values[4:5], state[4:5])
     torch.testing.assert_close(together[4:5], alone)
 
 
@@ -125,13 +130,15 @@ def test_pooling_sums_the_cells_of_each_window_those_at_the_edge_too(pool_side: 
 def test_the_state_of_the_paper_is_four_numbers_a_uav_and_their_pooled_maps() -> None:
     side = brief(tiny()).cells_per_side
     mixer = drawn_mixer(2, torch.Generator())
-    assert mixer.state_layer.in_features == 2 * 4 + 3 * (-(-side // 3)) ** 2
+    n_windows = (-(-side // 3)) ** 2
+    state = drawn_state(mixer, 5, 2, torch.Generator())
+    assert state.shape == (5, 2 * 4 + 3 * n_windows)
 
 
 def test_mean_pooling_is_sum_pooling_over_the_cells_of_a_whole_window() -> None:
     generator = torch.Generator().manual_seed(4)
     mixers = [drawn_mixer(2, generator, pooling) for pooling in ('sum', 'mean')]
-    mixers[1].load_state_dict(mixers[0].state_dict())
-    mixers[1].state_layer.weight.data[:, 8:] *= 9.0  # after two UAVs' four numbers each
-    values, state = drawn_values(generator, 5, 2), drawn_state(5, 2, generator)
-    torch.testing.assert_close(mixers[0](values, *state), mixers[1](values, *state))
+    maps = drawn_maps(5, 2, generator)
+    sums, means = (mixer.state(*maps) for mixer in mixers)
+    torch.testing.assert_close(means[:, 8:], sums[:, 8:] / 9.0)  # after two UAVs' four numbers
+    assert torch.equal(means[:, :8], sums[:, :8])

@@ -51,8 +51,8 @@ def make_constant(networks: Networks, values: Sequence[float]) -> None:
         parameter.data.zero_()
     networks.agent.head.bias.data.copy_(torch.tensor(values))
     for mixer in networks.mixers:
-        mixer.inner_weight.bias.data.view(-1, 4)[:, 0] = 1.0  # the first of four embeddings
-        mixer.outer_weight.bias.data[0] = 1.0
+        mixer.inner_weight[-1].bias.data.view(-1, 4)[:, 0] = 1.0  # the first of four embeddings
+        mixer.outer_weight[-1].bias.data[0] = 1.0
 
 
 def constant_learner(algorithm: Algorithm, **overrides: object) -> Learner:

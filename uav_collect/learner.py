@@ -51,16 +51,17 @@ def _mixer(config: TrainingConfig, briefing: Briefing) -> Mixer:
 
 @dataclass(frozen=True, kw_only=True)
 class _Tensors:
-    """A minibatch on the device."""
+    """A minibatch on the device, see `Minibatch`."""
 
+    course: int
+    step_sizes: list[int]
     observation: Tensor
     legal: Tensor
     row: Tensor
     action: Tensor
     latest: Tensor
     decides: Tensor
-    fleet: Tensor
-    complete: Tensor
+    state: Tensor  # (E, ...) the mixer's; empty where there is none
     entry: Tensor
     next_entry: Tensor
     is_chained: Tensor
@@ -148,55 +149,46 @@ class Learner:
 
     def loss(self, minibatch: Minibatch, course: int = 0) -> Tensor:
         """Mean squared error of the entries' action values against their targets."""
-        tensors = self._on_device(minibatch)
-        with torch.autocast(
-            self._device.type, torch.bfloat16, enabled=self._config.optimiser.bf16
-        ):
-            values = self.networks.agent(tensors.observation, minibatch.step_sizes)
-        values = values.float()
+        tensors = self._on_device(minibatch, course)
+        values = self._values(self.networks, tensors)
         chosen = self._chosen(values, tensors)
-        team = self._team_values(chosen, tensors, course)
+        by_uav = self._by_uav(chosen, tensors)
+        team = self._team_values(self.networks, chosen, by_uav, tensors, tensors.entry)
         with torch.no_grad():
-            target = self._targets(values.detach(), tensors, minibatch, course)
+            target = self._targets(values.detach(), tensors)
         return nn.functional.mse_loss(team, target)
 
     def targets(self, minibatch: Minibatch, course: int = 0) -> Tensor:
         """What the entries' action values are to become, shape (L,)."""
-        tensors = self._on_device(minibatch)
+        tensors = self._on_device(minibatch, course)
         with torch.no_grad():
-            values = self.networks.agent(tensors.observation, minibatch.step_sizes)
-            return self._targets(values, tensors, minibatch, course)
+            return self._targets(self._values(self.networks, tensors), tensors)
 
-    def _targets(
-        self, online: Tensor, tensors: _Tensors, minibatch: Minibatch, course: int
-    ) -> Tensor:
+    def _targets(self, online: Tensor, tensors: _Tensors) -> Tensor:
         """lambda-returns over the chains of entries; one-step targets where lambda is 0.
 
         y = R + gamma^tau ((1 - lambda) max Q + lambda y'); Peng and Williams, 1996.
         """
         config = self._config.target
-        with torch.autocast(
-            self._device.type, torch.bfloat16, enabled=self._config.optimiser.bf16
-        ):
-            values = self.target.agent(tensors.observation, minibatch.step_sizes)
-        values = values.float()
+        values = self._values(self.target, tensors)
         judge = online if config.double_q else values
         best = judge.masked_fill(~tensors.legal, -torch.inf).argmax(dim=1)
         best_value = values.gather(1, best[:, None]).squeeze(1)[tensors.row]
-        running = self._chosen(values, tensors)
-        next_entry = tensors.next_entry.clamp(min=0)
-        mixer = self.target.mixer(course)
-        if mixer is None:
-            future = best_value[next_entry]
-        else:
-            decisions = torch.where(tensors.decides, best_value[tensors.latest.clamp(min=0)], 0.0)
-            waiting = torch.where(tensors.decides, 0.0, self._by_uav(running, tensors))
-            mixed = (decisions + waiting)[next_entry]
-            future = mixer(mixed, tensors.fleet[next_entry], tensors.complete[next_entry])
+        deciding = best_value[tensors.latest.clamp(min=0)]
+        waiting = self._by_uav(self._chosen(values, tensors), tensors)
+        by_uav = torch.where(tensors.decides, deciding, waiting)
+        follows = tensors.next_entry.clamp(min=0)
+        future = self._team_values(self.target, best_value, by_uav, tensors, follows)
         future = tensors.discount * future
         trace = torch.where(tensors.is_chained, config.trace, 0.0)
         fixed = tensors.reward + (1.0 - trace) * future
-        return scan(fixed, trace * tensors.discount, minibatch.longest_chain)
+        return scan(fixed, trace * tensors.discount, longest=len(fixed))
+
+    def _values(self, networks: Networks, tensors: _Tensors) -> Tensor:
+        """Q values of all rows, shape (R, N_ACTIONS)."""
+        with self._autocast():
+            values: Tensor = networks.agent(tensors.observation, tensors.step_sizes)
+        return values.float()
 
     def _chosen(self, values: Tensor, tensors: _Tensors) -> Tensor:
         """The value of each decision's own action, shape (E,)."""
@@ -206,13 +198,20 @@ class Learner:
         """The value of each UAV's latest action at each decision; 0 where it has none, (E, U)."""
         return torch.where(tensors.latest >= 0, chosen[tensors.latest.clamp(min=0)], 0.0)
 
-    def _team_values(self, chosen: Tensor, tensors: _Tensors, course: int) -> Tensor:
-        entry, mixer = tensors.entry, self.networks.mixer(course)
+    def _team_values(
+        self, networks: Networks, own: Tensor, by_uav: Tensor, tensors: _Tensors, at: Tensor
+    ) -> Tensor:
+        """The UAVs' values mixed at some decisions; the deciding UAV's own without a mixer."""
+        mixer = networks.mixer(tensors.course)
         if mixer is None:
-            return chosen[entry]
-        by_uav = self._by_uav(chosen, tensors)[entry]
-        total: Tensor = mixer(by_uav, tensors.fleet[entry], tensors.complete[entry])
-        return total
+            return own[at]
+        with self._autocast():
+            total: Tensor = mixer(by_uav[at], tensors.state[at])
+        return total.float()
+
+    def _autocast(self) -> torch.autocast:
+        is_enabled = self._config.optimiser.bf16
+        return torch.autocast(self._device.type, torch.bfloat16, enabled=is_enabled)
 
     def _move_target(self) -> None:
         rate = self._config.target.update_rate
@@ -220,16 +219,20 @@ class Learner:
         sources: list[Tensor] = [*self.networks.parameters()]
         torch._foreach_lerp_(targets, sources, rate)
 
-    def _on_device(self, minibatch: Minibatch) -> _Tensors:
-        scale = self._config.reward.scale
+    def _on_device(self, minibatch: Minibatch, course: int) -> _Tensors:
+        fleet = self._tensor(minibatch.fleet)
+        mixer = self.networks.mixer(course)
+        as_they_are = (
+            *('observation', 'legal', 'row', 'action', 'latest', 'decides'),
+            *('entry', 'next_entry', 'is_chained'),
+        )
         return _Tensors(
-            reward=self._tensor((scale * minibatch.reward).astype(np.float32)),
+            course=course,
+            step_sizes=minibatch.step_sizes,
+            state=mixer.state(fleet, self._tensor(minibatch.complete)) if mixer else fleet[:, :0],
+            reward=self._tensor((self._config.reward.scale * minibatch.reward).astype(np.float32)),
             discount=self._tensor(minibatch.discount.astype(np.float32)),
-            **{
-                name: self._tensor(getattr(minibatch, name))
-                for name in _Tensors.__dataclass_fields__
-                if name not in ('reward', 'discount')
-            },
+            **{name: self._tensor(getattr(minibatch, name)) for name in as_they_are},
         )
 
     def _tensor(self, values: NDArray[Any]) -> Tensor:

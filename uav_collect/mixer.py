@@ -39,33 +39,50 @@ class Mixer(nn.Module):
             windows /= pool_side * pool_side
         self.register_buffer('_windows', windows, persistent=False)
         state_size = n_uavs * n_uav_scalars + (n_uavs + 1) * windows.shape[1]
-        # The hypernetworks' first layers, side by side: one product instead of four.
-        self.state_layer = nn.Linear(state_size, 4 * hypernetwork_size)
-        self.inner_weight = nn.Linear(hypernetwork_size, n_uavs * embedding_size)
-        self.inner_bias = nn.Linear(hypernetwork_size, embedding_size)
-        self.outer_weight = nn.Linear(hypernetwork_size, embedding_size)
-        self.outer_bias = nn.Linear(hypernetwork_size, 1)
+        sizes = state_size, hypernetwork_size
+        self.inner_weight = _hypernetwork(*sizes, n_uavs * embedding_size)
+        self.inner_bias = _hypernetwork(*sizes, embedding_size)
+        self.outer_weight = _hypernetwork(*sizes, embedding_size)
+        self.outer_bias = _hypernetwork(*sizes, 1)
 
-    def forward(self, values: Tensor, fleet: Tensor, complete: Tensor) -> Tensor:
-        """Mix.
+    def state(self, fleet: Tensor, complete: Tensor) -> Tensor:
+        """The global state, its maps pooled; all mixers of a fleet and area pool alike.
 
         Args:
-            values: of each UAV's action, shape (N, U).
             fleet: the state's numbers of each UAV, shape (N, U * n_uav_scalars).
             complete: completion maps of all UAVs and the true one, shape (N, U + 1, C).
 
         Returns:
+            Shape (N, state size).
+        """
+        pooled = complete.to(fleet.dtype) @ self._windows
+        return torch.cat((fleet, pooled.flatten(1)), dim=1)
+
+    def forward(self, values: Tensor, state: Tensor) -> Tensor:
+        """Mix.
+
+        Args:
+            values: of each UAV's action, shape (N, U).
+            state: shape (N, state size).
+
+        Returns:
             The team's action value, shape (N,).
         """
-        pooled = (complete.to(values.dtype) @ self._windows).flatten(1)
-        features = torch.relu(self.state_layer(torch.cat((fleet, pooled), dim=1)))
-        for_inner, for_bias, for_outer, for_last = features.chunk(4, dim=1)
-        inner = self.inner_weight(for_inner).abs()
+        inner = self.inner_weight(state).abs()
         inner = inner.view(-1, self._n_uavs, self._embedding_size)
-        mixed = (values.unsqueeze(2) * inner).sum(dim=1) + self.inner_bias(for_bias)
-        outer = self.outer_weight(for_outer).abs()
+        bias = self.inner_bias(state).unsqueeze(1)
+        mixed = torch.baddbmm(bias, values.unsqueeze(1), inner).squeeze(1)
+        outer = self.outer_weight(state).abs()
         total = (nn.functional.elu(mixed) * outer).sum(dim=1)
-        return total + self.outer_bias(for_last).squeeze(1)
+        return total + self.outer_bias(state).squeeze(1)
+
+
+def _hypernetwork(state_size: int, hypernetwork_size: int, n_weights: int) -> nn.Module:
+    return nn.Sequential(
+        nn.Linear(state_size, hypernetwork_size),
+        nn.ReLU(inplace=True),
+        nn.Linear(hypernetwork_size, n_weights),
+    )
 
 
 def pooling_windows(cells_per_side: int, pool_side: int) -> Tensor:

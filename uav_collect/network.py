@@ -43,73 +43,78 @@ class Drqn(nn.Module):
         Returns:
             Q values, shape (R, N_ACTIONS).
         """
-        encoded = torch.relu(self.encoder(observation))
-        from_input = nn.functional.linear(encoded, self.gru.weight_ih, self.gru.bias_ih)
-        hidden = _Recurrence.apply(from_input, self.gru.weight_hh, self.gru.bias_hh, step_sizes)
+        encoded = torch.relu_(self.encoder(observation))
+        gru = self.gru
+        weights = gru.weight_ih, gru.weight_hh, gru.bias_ih, gru.bias_hh
+        with torch.autocast(encoded.device.type, enabled=False):
+            hidden = _Recurrence.apply(
+                encoded, *(it.to(encoded.dtype) for it in weights), step_sizes
+            )
         return self.head(hidden)
 
 
 class _Recurrence(torch.autograd.Function):
-    """A GRU's recurrence over packed sequences, with its own way back.
+    """A GRU over packed sequences, with its own way back.
 
-    Step by step only what depends on the step before is computed; all else, the weights' gradient
-    above all, is one operation over all rows.
+    Step by step only what depends on the step before is computed, in place; all else, the weights'
+    gradients above all, is one operation over all rows. The gates come in the order reset, update,
+    new.
     """
 
     @staticmethod
-    @torch.amp.custom_fwd(device_type='cpu', cast_inputs=torch.float32)
     def forward(
         context: Any,  # noqa: ANN401 - torch's own
-        from_input: Tensor,
-        weight: Tensor,
-        bias: Tensor,
+        encoded: Tensor,
+        weight_ih: Tensor,
+        weight_hh: Tensor,
+        bias_ih: Tensor,
+        bias_hh: Tensor,
         step_sizes: Sequence[int],
     ) -> Tensor:
-        """Hidden states (R, H) of gate inputs (R, 3 H) in the order reset, update, new."""
-        size, sizes = weight.shape[1], list(step_sizes)
-        hidden = from_input.new_empty(len(from_input), size)
-        switches = from_input.new_empty(len(from_input), 2 * size)  # reset and update gate
-        new = torch.empty_like(hidden)
-        recurrent = torch.empty_like(from_input)
-        turned = weight.t()
-        before = from_input.new_zeros(sizes[0], size)
+        """Hidden states (R, H) of inputs (R, H)."""
+        size, sizes = weight_hh.shape[1], list(step_sizes)
+        parts = [2 * size, size]  # the two switches, which take the sum of both biases; the new
+        into_switches, into_new = weight_ih.split(parts)
+        back_switches, back_new = weight_hh.t().split(parts, dim=1)
+        bias_switches, bias_new = (bias_ih + bias_hh)[: 2 * size], bias_ih[2 * size :]
+        switches = torch.addmm(bias_switches, encoded, into_switches.t())
+        new = torch.addmm(bias_new, encoded, into_new.t())
+        gated, hidden = torch.empty_like(new), torch.empty_like(new)
+        before = new.new_zeros(sizes[0], size)
         # Views of all steps at once: a slice at each step would cost as much as its product.
-        for rows in zip(
-            from_input[:, : 2 * size].split(sizes),
-            from_input[:, 2 * size :].split(sizes),
-            recurrent.split(sizes),
-            recurrent[:, : 2 * size].split(sizes),
-            recurrent[:, 2 * size :].split(sizes),
+        for switch, reset, update, recurrent, candidate, after in zip(
             switches.split(sizes),
             switches[:, :size].split(sizes),
             switches[:, size:].split(sizes),
+            gated.split(sizes),
             new.split(sizes),
             hidden.split(sizes),
             strict=True,
         ):
-            into_switch, into_new, back, back_switch, back_new, switch, reset, update = rows[:8]
-            before = before[: len(into_new)]
-            torch.addmm(bias, before, turned, out=back)
-            torch.add(into_switch, back_switch, out=switch).sigmoid_()
-            torch.addcmul(into_new, reset, back_new, out=rows[8]).tanh_()
-            before = torch.lerp(rows[8], before, update, out=rows[9])
-        context.save_for_backward(weight, hidden, switches, new, recurrent)
+            before = before[: len(after)]
+            torch.addmm(switch, before, back_switches, out=switch).sigmoid_()
+            torch.addmm(bias_hh[2 * size :], before, back_new, out=recurrent).mul_(reset)
+            candidate.add_(recurrent).tanh_()
+            before = torch.lerp(candidate, before, update, out=after)
+        context.save_for_backward(encoded, weight_ih, weight_hh, switches, new, gated, hidden)
         context.step_sizes = sizes
         return hidden
 
     @staticmethod
-    @torch.amp.custom_bwd(device_type='cpu')
     def backward(context: Any, from_above: Tensor) -> tuple[Tensor | None, ...]:  # noqa: ANN401
-        """Gradients of the gate inputs, the weight and the bias."""
-        weight, hidden, switches, new, recurrent = context.saved_tensors
+        """Gradients of the inputs, the weights and the biases."""
+        encoded, weight_ih, weight_hh, switches, new, gated, hidden = context.saved_tensors
         sizes: list[int] = context.step_sizes
-        size = weight.shape[1]
+        size = weight_hh.shape[1]
         before = _shifted(hidden, sizes)
         reset, update = switches.split(size, dim=1)
-        by_new = (1.0 - update) * (1.0 - new * new)
-        by_reset = by_new * recurrent[:, 2 * size :] * reset * (1.0 - reset)
-        by_update = (before - new) * update * (1.0 - update)
-        slope = torch.stack((by_reset, by_update, by_new * reset), dim=1)  # (R, 3, H)
+        keep = 1.0 - update
+        by_new = torch.addcmul(keep, keep * new, new, value=-1.0)
+        slope = new.new_empty(len(new), 3, size)  # of what the weight's product adds to
+        by_gated = by_new * gated
+        torch.addcmul(by_gated, by_gated, reset, value=-1.0, out=slope[:, 0])
+        torch.mul((before - new).mul_(update), keep, out=slope[:, 1])
+        torch.mul(by_new, reset, out=slope[:, 2])
         total = from_above.clone()
         back = torch.empty_like(slope)
         carried = from_above.new_zeros(0, size)
@@ -122,11 +127,12 @@ class _Recurrence(torch.autograd.Function):
         ):
             gradient[: len(carried)] += carried
             torch.mul(gradient.unsqueeze(1), slopes, out=into)
-            carried = torch.addmm(gradient * kept, into.flatten(1), weight)
+            carried = torch.addmm(gradient * kept, into.flatten(1), weight_hh)
         rows = back.flatten(1)
-        from_input = rows.clone()
-        from_input[:, 2 * size :] = total * by_new
-        return from_input, rows.t() @ before, rows.sum(dim=0), None
+        of_hh = rows.t() @ before, rows.sum(dim=0)
+        torch.mul(total, by_new, out=back[:, 2])  # the same for both switches
+        of_ih = rows.t() @ encoded, rows.sum(dim=0)
+        return rows @ weight_ih, of_ih[0], of_hh[0], of_ih[1], of_hh[1], None
 
 
 def _shifted(hidden: Tensor, step_sizes: Sequence[int]) -> Tensor:
