@@ -34,7 +34,7 @@ UNITS = {
 # A module imports from its own line and the lines above. nodes/ and commands/ import from all, but
 # not from each other.
 LAYERS = (
-    'arrays compiled limits philox rows shared_files mission_log revision training_log',
+    'arrays compiled limits memory philox rows shared_files mission_log revision training_log',
     'yaml_text config_files config_rules sensors_csv scenario_model scenario site',
     'radio energy bandwidth_newton bandwidth_reference bandwidth',
     'actions exploration briefing ground missions world belief observation reward event_log',

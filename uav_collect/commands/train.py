@@ -10,6 +10,7 @@ from uav_collect.commands import options, progress
 from uav_collect.commands.interruption import noted
 from uav_collect.commands.training_plan import ALGORITHMS, planned, Training
 from uav_collect.limits import MAX_SEED
+from uav_collect.memory import keep_freed_memory
 from uav_collect.training_log import TrainingRunError
 
 _DESCRIPTION = """
@@ -163,6 +164,7 @@ def _check_device(device: str) -> None:
     if device == 'cuda' and not torch.cuda.is_available():
         raise TrainingRunError(f'--device cuda: torch {torch.__version__} finds no CUDA device')
     torch.set_num_threads(1)  # measured: more threads on busy cores are several times slower
+    keep_freed_memory()
 
 
 def _draw_together(training: Training) -> None:
