@@ -1,20 +1,45 @@
-"""The reference of bench/learning.py: a learner as most are written, plainly, over padded steps.
+"""Measures an update and a rollout on one core, beside a plain learner and the products' floor.
 
-Missions lie side by side as steps; at each one every UAV's GRU cell runs, whether that UAV decides
-or another one, and what belongs to no decision is masked afterwards, as EPyMARL's QLearner does.
-It learns the same as `uav_collect.learner` does, AQMIX with one-step targets or lambda-returns:
-loss and gradients agree to rounding.
+python bench/learning.py [--quick]
+
+The plain learner is one as most are written, over padded steps: missions lie side by side as
+steps; at each one every UAV's GRU cell runs, whether that UAV decides or another one, and what
+belongs to no decision is masked afterwards, as EPyMARL's QLearner does. It learns the same as
+`uav_collect.learner` does, AQMIX with one-step targets or lambda-returns: losses and gradients
+agree to rounding.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from copy import deepcopy
+import sys
+import time
 from typing import Any, NamedTuple
 
 import numpy as np
+from rich.console import Console
+from rich.table import Table
 import torch
-from torch import Tensor
-from uav_collect.learner import Networks
-from uav_collect.minibatch import Minibatch, NOBODY
+from torch import nn, Tensor
+from uav_collect.actions import NONE
+from uav_collect.briefing import brief
+from uav_collect.collector import Collector
+from uav_collect.experience import Episode
+from uav_collect.learner import Learner, Networks
+from uav_collect.memory import keep_freed_memory
+from uav_collect.minibatch import Algorithm, Minibatch, minibatch, NOBODY
 from uav_collect.network import Drqn
+from uav_collect.scenario import load, Scenario
+from uav_collect.site import build_site
+from uav_collect.stepping import Flights, Stepping
+from uav_collect.training_config import load_preset, TrainingConfig
+
+N_EVENTS = 120
+SIZES = (('paper', 2), ('paper', 6), ('strong', 2))  # preset, UAVs
+PLAIN_TARGETS = {('paper', 2): 1.75, ('paper', 6): 3.3}  # times faster than the plain learner
+FLOOR_TARGET = 0.65  # of the speed that one large product has
+ROLLOUT_TARGET = 20_000  # decisions per second
+GEMM_SIZE = 2048
+RATE = 1e-5
 
 
 class Padded(NamedTuple):
@@ -121,3 +146,216 @@ def _mixed(networks: Networks, values: Tensor, steps: Padded) -> Tensor:
     state = mixer.state(steps.fleet.flatten(0, 1), steps.complete.flatten(0, 1))
     total: Tensor = mixer((values * steps.has_action).flatten(0, 1), state)
     return total.view(steps.reward.shape)
+
+
+def plain_update(learner: Learner, steps: Padded, config: TrainingConfig) -> None:
+    """One step of the optimiser, plainly."""
+    target, networks = learner.target, learner.networks
+    how = {'double_q': config.target.double_q, 'trace': config.target.trace}
+    loss = plain_loss(networks, target, steps, **how)
+    learner.optimiser.zero_grad(set_to_none=True)
+    loss.backward()
+    nn.utils.clip_grad_norm_(networks.parameters(), config.optimiser.clip_norm)
+    learner.optimiser.step()
+    for slow, fast in zip(target.parameters(), networks.parameters(), strict=True):
+        slow.data.lerp_(fast.data, config.target.update_rate)
+
+
+def fleet_of(n_uavs: int) -> Scenario:
+    """The paper's area; UAVs of 5 and 10 m/s in turn."""
+    fleet = [{'speed_mps': (5.0, 10.0)[uav % 2]} for uav in range(n_uavs)]
+    return load('paper_10x10', {'fleet.uavs': fleet})
+
+
+def fly_randomly(scenario: Scenario, config: TrainingConfig) -> list[Episode]:
+    """As many missions as a minibatch has, by random legal actions."""
+    seeds = range(config.replay.missions_per_batch)
+    stepping = Stepping(layout=config.layout, reward=config.reward_kind, max_decisions=N_EVENTS)
+    flights = Flights(scenario, build_site(scenario), seeds, stepping)
+    decisions, rng = flights.decisions, np.random.default_rng(0)
+    for _ in range(N_EVENTS):
+        drawn = decisions.legal * rng.uniform(0.1, 1.0, decisions.legal.shape)
+        decisions = flights.step(drawn.argmax(axis=1))
+    if (decisions.uav == NONE).any():
+        raise RuntimeError(f'a mission was over before {N_EVENTS} events')
+    return [flights.episode(world) for world in range(len(seeds))]
+
+
+def n_flops(learner: Learner, batch: Minibatch) -> int:
+    """Operations of the products that an update cannot do without."""
+    total = 0
+    parts = (learner.networks.agent, len(batch.row)), (learner.networks.mixer(0), len(batch.entry))
+    for part, n_rows in parts:
+        for name, weight in part.named_parameters():
+            # Forward in both networks; then the gradients of the weight and of what it is fed,
+            # which are no weights' where that is an observation or a state.
+            is_first = name == 'encoder.weight' or name.endswith('.0.weight')
+            if weight.ndim == 2:
+                total += 2 * n_rows * weight.numel() * (3 if is_first else 4)
+    return total
+
+
+class Case(NamedTuple):
+    """What is measured side by side, by name: calls, and CPU times of each [s]."""
+
+    preset: str
+    n_uavs: int
+    n_flops: int
+    calls: dict[str, Callable[[], Any]]
+    times_s: dict[str, list[float]]
+
+
+def case(preset: str, n_uavs: int) -> Case:
+    """The learners of a size, all with the same weights and missions."""
+    scenario, config = fleet_of(n_uavs), load_preset(preset)
+    episodes, briefing = fly_randomly(scenario, config), brief(scenario)
+
+    def ready() -> Minibatch:
+        discount_per_s = config.reward.discount_per_s
+        return minibatch(episodes, briefing, config.layout, Algorithm.AQMIX, discount_per_s)
+
+    batch = ready()
+    steps = padded(batch, [it.n_decisions for it in episodes], config.reward.scale)
+    packed = Learner(config, [briefing], Algorithm.AQMIX, seed=0)
+    plain = Learner(config, [briefing], Algorithm.AQMIX, seed=0)
+    rounded = load_preset(preset, {'optimiser.bf16': True})
+    half = Learner(rounded, [briefing], Algorithm.AQMIX, seed=0)
+    square = torch.rand(GEMM_SIZE, GEMM_SIZE)
+    calls: dict[str, Callable[[], Any]] = {
+        'product': lambda: square @ square,
+        'plain': lambda: plain_update(plain, steps, config),
+        'packed': lambda: packed.update(batch, RATE),
+        'bf16': lambda: half.update(batch, RATE),
+        'ready': ready,
+    }
+    if torch.cuda.is_available():
+        device = Learner(config, [briefing], Algorithm.AQMIX, seed=0, device='cuda')
+        calls['cuda'] = lambda: device.update(batch, RATE)
+    check(packed, batch, steps, config)
+    return Case(preset, n_uavs, n_flops(packed, batch), calls, {name: [] for name in calls})
+
+
+def check(learner: Learner, batch: Minibatch, steps: Padded, config: TrainingConfig) -> None:
+    """Refuse to compare learners that do not learn the same."""
+    how = {'double_q': config.target.double_q, 'trace': config.target.trace}
+    with torch.no_grad():
+        plain = float(plain_loss(learner.networks, deepcopy(learner.target), steps, **how))
+        packed = float(learner.loss(batch))
+    if abs(plain - packed) > 1e-5 * plain:
+        raise RuntimeError(f'the loss is {packed:.8g}, of the plain learner {plain:.8g}')
+
+
+def measure(measured: Case, n_repeats: int) -> None:
+    """Call all in turn, so that whatever else the machine does hits all alike."""
+    for name, call in measured.calls.items():
+        # A device works beside the CPU; the loss that an update returns waits for it.
+        clock = time.perf_counter if name == 'cuda' else time.process_time
+        call()
+        measured.times_s[name].clear()
+    for _ in range(n_repeats):
+        for name, call in measured.calls.items():
+            clock = time.perf_counter if name == 'cuda' else time.process_time
+            start_s = clock()
+            call()
+            measured.times_s[name].append(clock() - start_s)
+
+
+def coloured(text: str, *, is_kept: bool | None) -> str:
+    """Green where a target is kept, red where it is not."""
+    return text if is_kept is None else f'[{"green" if is_kept else "red"}]{text}[/]'
+
+
+LABELS = {
+    'plain': 'plain, over padded steps',
+    'packed': 'packed',
+    'bf16': 'packed, products in bfloat16',
+    'cuda': 'packed, CUDA, wall time',
+    'ready': 'making the minibatch ready',
+}
+
+
+def rows(measured: Case) -> Iterator[tuple[str, ...]]:
+    """One row for each way, and one for the floor."""
+    median_s = {name: float(np.median(times)) for name, times in measured.times_s.items()}
+    floor_s = measured.n_flops / (2 * GEMM_SIZE**3) * median_s['product']
+    target = PLAIN_TARGETS.get((measured.preset, measured.n_uavs))
+    size = measured.preset, str(measured.n_uavs)
+    for name, label in LABELS.items():
+        if name not in median_s:
+            continue
+        faster, share = median_s['plain'] / median_s[name], floor_s / median_s[name]
+        is_faster = faster >= target if target and name == 'packed' else None
+        is_near = share >= FLOOR_TARGET if target and name == 'packed' else None
+        beside = (
+            coloured(f'{faster:.2f}', is_kept=is_faster),
+            coloured(f'{share:.0%}', is_kept=is_near),
+        )
+        yield (
+            *size,
+            label,
+            f'{median_s[name] * 1e3:.1f}',
+            *(('', '') if name == 'ready' else beside),
+        )
+    yield (*size, 'floor: its products alone', f'{floor_s * 1e3:.1f}', '', '')
+
+
+def rollout_per_s(n_decisions: int) -> tuple[float, float, float]:
+    """Decisions per second of CPU time: the rollout, its network alone, its world alone."""
+    config, scenario = load_preset('strong'), fleet_of(2)
+    collector = Collector(scenario, build_site(scenario), config, Algorithm.AQMIX, seed=0)
+    agent = Learner(config, [brief(scenario)], Algorithm.AQMIX, seed=0).networks.agent
+    n_worlds = config.rollout.missions_at_once
+    observation = torch.rand(n_worlds, agent.encoder.in_features)
+    hidden = torch.zeros(n_worlds, agent.hidden_size)
+    flights = Flights(scenario, build_site(scenario), range(n_worlds), Stepping(reward=1))
+
+    def step() -> None:
+        flights.step(flights.decisions.legal.argmax(axis=1))
+
+    def network() -> None:
+        with torch.no_grad():
+            agent.step(observation, hidden)
+
+    found = []
+    for call, n_each in (
+        (lambda: collector.collect(agent, n_decisions, 0.05), n_decisions),
+        (lambda: [network() for _ in range(n_decisions // n_worlds)], n_decisions),
+        (lambda: [step() for _ in range(50)], 50 * n_worlds),
+    ):
+        call()
+        start_s = time.process_time()
+        call()
+        found.append(n_each / (time.process_time() - start_s))
+    return found[0], found[1], found[2]
+
+
+def main() -> None:
+    """Measure and print."""
+    is_quick = '--quick' in sys.argv[1:]
+    torch.set_num_threads(1)
+    keep_freed_memory()
+    table = Table(
+        title=f'An update of AQMIX on paper_10x10, missions of {N_EVENTS} events: CPU time in ms',
+        caption='targets at the sizes of paper: packed at least 1.75 times as fast as the plain '
+        f'learner with 2 UAVs and 3.3 with 6, and at least {FLOOR_TARGET:.0%} of the speed of its '
+        f'products alone, taken from one of {GEMM_SIZE} x {GEMM_SIZE} numbers in the same run',
+    )
+    for heading in ('preset', 'UAVs', 'update', 'ms', 'plain / this', 'floor / this'):
+        table.add_column(heading, justify='left' if heading in ('preset', 'update') else 'right')
+    for preset, n_uavs in SIZES:
+        measured = case(preset, n_uavs)
+        measure(measured, 3 if is_quick else 15)
+        for row in rows(measured):
+            table.add_row(*row)
+    console = Console(width=None if sys.stdout.isatty() else 132)
+    console.print(table)
+    rollout, network, world = rollout_per_s(10_000 if is_quick else 100_000)
+    per_s = coloured(f'{rollout:,.0f}', is_kept=rollout >= ROLLOUT_TARGET)
+    console.print(
+        f'rollout with the policy of strong: {per_s} decisions/s (target {ROLLOUT_TARGET:,}); its '
+        f'network alone {network:,.0f}, its world alone {world:,.0f}'
+    )
+
+
+if __name__ == '__main__':
+    main()
