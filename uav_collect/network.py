@@ -77,33 +77,34 @@ class _Recurrence(torch.autograd.Function):
         into_switches, into_new = weight_ih.split(parts)
         back_switches, back_new = weight_hh.t().split(parts, dim=1)
         bias_switches, bias_new = (bias_ih + bias_hh)[: 2 * size], bias_ih[2 * size :]
+        bias_before = bias_hh[2 * size :]
         switches = torch.addmm(bias_switches, encoded, into_switches.t())
         new = torch.addmm(bias_new, encoded, into_new.t())
-        gated, hidden = torch.empty_like(new), torch.empty_like(new)
+        recurrent, hidden = torch.empty_like(new), torch.empty_like(new)
         before = new.new_zeros(sizes[0], size)
         # Views of all steps at once: a slice at each step would cost as much as its product.
-        for switch, reset, update, recurrent, candidate, after in zip(
+        for switch, reset, update, from_before, candidate, after in zip(
             switches.split(sizes),
             switches[:, :size].split(sizes),
             switches[:, size:].split(sizes),
-            gated.split(sizes),
+            recurrent.split(sizes),
             new.split(sizes),
             hidden.split(sizes),
             strict=True,
         ):
             before = before[: len(after)]
             torch.addmm(switch, before, back_switches, out=switch).sigmoid_()
-            torch.addmm(bias_hh[2 * size :], before, back_new, out=recurrent).mul_(reset)
-            candidate.add_(recurrent).tanh_()
+            torch.addmm(bias_before, before, back_new, out=from_before)
+            torch.addcmul(candidate, reset, from_before, out=candidate).tanh_()
             before = torch.lerp(candidate, before, update, out=after)
-        context.save_for_backward(encoded, weight_ih, weight_hh, switches, new, gated, hidden)
+        context.save_for_backward(encoded, weight_ih, weight_hh, switches, new, recurrent, hidden)
         context.step_sizes = sizes
         return hidden
 
     @staticmethod
     def backward(context: Any, from_above: Tensor) -> tuple[Tensor | None, ...]:  # noqa: ANN401
         """Gradients of the inputs, the weights and the biases."""
-        encoded, weight_ih, weight_hh, switches, new, gated, hidden = context.saved_tensors
+        encoded, weight_ih, weight_hh, switches, new, recurrent, hidden = context.saved_tensors
         sizes: list[int] = context.step_sizes
         size = weight_hh.shape[1]
         before = _shifted(hidden, sizes)
@@ -111,24 +112,26 @@ class _Recurrence(torch.autograd.Function):
         keep = 1.0 - update
         by_new = torch.addcmul(keep, keep * new, new, value=-1.0)
         slope = new.new_empty(len(new), 3, size)  # of what the weight's product adds to
-        by_gated = by_new * gated
-        torch.addcmul(by_gated, by_gated, reset, value=-1.0, out=slope[:, 0])
-        torch.mul((before - new).mul_(update), keep, out=slope[:, 1])
         torch.mul(by_new, reset, out=slope[:, 2])
+        by_reset = slope[:, 2] * recurrent
+        torch.addcmul(by_reset, by_reset, reset, value=-1.0, out=slope[:, 0])
+        torch.mul((before - new).mul_(update), keep, out=slope[:, 1])
         total = from_above.clone()
         back = torch.empty_like(slope)
         carried = from_above.new_zeros(0, size)
-        for gradient, slopes, kept, into in zip(
+        rows = back.flatten(1)
+        for gradient, of_gates, slopes, kept, into, flat in zip(
             reversed(total.split(sizes)),
+            reversed(total.unsqueeze(1).split(sizes)),
             reversed(slope.split(sizes)),
             reversed(update.split(sizes)),
             reversed(back.split(sizes)),
+            reversed(rows.split(sizes)),
             strict=True,
         ):
-            gradient[: len(carried)] += carried
-            torch.mul(gradient.unsqueeze(1), slopes, out=into)
-            carried = torch.addmm(gradient * kept, into.flatten(1), weight_hh)
-        rows = back.flatten(1)
+            gradient[: len(carried)].add_(carried)
+            torch.mul(of_gates, slopes, out=into)
+            carried = torch.addmm(gradient * kept, flat, weight_hh)
         of_hh = rows.t() @ before, rows.sum(dim=0)
         torch.mul(total, by_new, out=back[:, 2])  # the same for both switches
         of_ih = rows.t() @ encoded, rows.sum(dim=0)
