@@ -196,13 +196,12 @@ def n_flops(learner: Learner, batch: Minibatch) -> int:
 
 
 class Case(NamedTuple):
-    """What is measured side by side, by name: calls, and CPU times of each [s]."""
+    """What is measured side by side."""
 
     preset: str
     n_uavs: int
     n_flops: int
-    calls: dict[str, Callable[[], Any]]
-    times_s: dict[str, list[float]]
+    calls: dict[str, Callable[[], Any]]  # by the keys of LABELS
 
 
 def case(preset: str, n_uavs: int) -> Case:
@@ -232,7 +231,7 @@ def case(preset: str, n_uavs: int) -> Case:
         device = Learner(config, [briefing], Algorithm.AQMIX, seed=0, device='cuda')
         calls['cuda'] = lambda: device.update(batch, RATE)
     check(packed, batch, steps, config)
-    return Case(preset, n_uavs, n_flops(packed, batch), calls, {name: [] for name in calls})
+    return Case(preset, n_uavs, n_flops(packed, batch), calls)
 
 
 def check(learner: Learner, batch: Minibatch, steps: Padded, config: TrainingConfig) -> None:
@@ -245,19 +244,21 @@ def check(learner: Learner, batch: Minibatch, steps: Padded, config: TrainingCon
         raise RuntimeError(f'the loss is {packed:.8g}, of the plain learner {plain:.8g}')
 
 
-def measure(measured: Case, n_repeats: int) -> None:
-    """Call all in turn, so that whatever else the machine does hits all alike."""
-    for name, call in measured.calls.items():
-        # A device works beside the CPU; the loss that an update returns waits for it.
-        clock = time.perf_counter if name == 'cuda' else time.process_time
-        call()
-        measured.times_s[name].clear()
-    for _ in range(n_repeats):
+def measure(measured: Case, n_repeats: int) -> dict[str, float]:
+    """Call all in turn, so that whatever else the machine does hits all alike.
+
+    Returns:
+        The median time of each [s]; what the first call compiles or fetches is left out.
+    """
+    times_s: dict[str, list[float]] = {name: [] for name in measured.calls}
+    for _ in range(n_repeats + 1):
         for name, call in measured.calls.items():
+            # A device works beside the CPU; the loss that an update returns waits for it.
             clock = time.perf_counter if name == 'cuda' else time.process_time
             start_s = clock()
             call()
-            measured.times_s[name].append(clock() - start_s)
+            times_s[name].append(clock() - start_s)
+    return {name: float(np.median(times[1:])) for name, times in times_s.items()}
 
 
 def coloured(text: str, *, is_kept: bool | None) -> str:
@@ -274,28 +275,23 @@ LABELS = {
 }
 
 
-def rows(measured: Case) -> Iterator[tuple[str, ...]]:
+def rows(measured: Case, median_s: dict[str, float]) -> Iterator[tuple[str, ...]]:
     """One row for each way, and one for the floor."""
-    median_s = {name: float(np.median(times)) for name, times in measured.times_s.items()}
     floor_s = measured.n_flops / (2 * GEMM_SIZE**3) * median_s['product']
-    target = PLAIN_TARGETS.get((measured.preset, measured.n_uavs))
     size = measured.preset, str(measured.n_uavs)
     for name, label in LABELS.items():
         if name not in median_s:
             continue
         faster, share = median_s['plain'] / median_s[name], floor_s / median_s[name]
-        is_faster = faster >= target if target and name == 'packed' else None
-        is_near = share >= FLOOR_TARGET if target and name == 'packed' else None
+        target = (
+            PLAIN_TARGETS.get((measured.preset, measured.n_uavs)) if name == 'packed' else None
+        )
         beside = (
-            coloured(f'{faster:.2f}', is_kept=is_faster),
-            coloured(f'{share:.0%}', is_kept=is_near),
+            coloured(f'{faster:.2f}', is_kept=target and faster >= target),
+            coloured(f'{share:.0%}', is_kept=target and share >= FLOOR_TARGET),
         )
-        yield (
-            *size,
-            label,
-            f'{median_s[name] * 1e3:.1f}',
-            *(('', '') if name == 'ready' else beside),
-        )
+        took = f'{median_s[name] * 1e3:.1f}'
+        yield (*size, label, took, *(('', '') if name == 'ready' else beside))
     yield (*size, 'floor: its products alone', f'{floor_s * 1e3:.1f}', '', '')
 
 
@@ -308,24 +304,18 @@ def rollout_per_s(n_decisions: int) -> tuple[float, float, float]:
     observation = torch.rand(n_worlds, agent.encoder.in_features)
     hidden = torch.zeros(n_worlds, agent.hidden_size)
     flights = Flights(scenario, build_site(scenario), range(n_worlds), Stepping(reward=1))
-
-    def step() -> None:
-        flights.step(flights.decisions.legal.argmax(axis=1))
-
-    def network() -> None:
-        with torch.no_grad():
-            agent.step(observation, hidden)
-
     found = []
-    for call, n_each in (
-        (lambda: collector.collect(agent, n_decisions, 0.05), n_decisions),
-        (lambda: [network() for _ in range(n_decisions // n_worlds)], n_decisions),
-        (lambda: [step() for _ in range(50)], 50 * n_worlds),
+    for call, n_calls, n_each in (
+        (lambda: collector.collect(agent, n_decisions, 0.05), 1, n_decisions),
+        (lambda: agent.step(observation, hidden), 50, n_worlds),
+        (lambda: flights.step(flights.decisions.legal.argmax(axis=1)), 50, n_worlds),
     ):
-        call()
-        start_s = time.process_time()
-        call()
-        found.append(n_each / (time.process_time() - start_s))
+        with torch.no_grad():
+            call()
+            start_s = time.process_time()
+            for _ in range(n_calls):
+                call()
+        found.append(n_calls * n_each / (time.process_time() - start_s))
     return found[0], found[1], found[2]
 
 
@@ -344,8 +334,7 @@ def main() -> None:
         table.add_column(heading, justify='left' if heading in ('preset', 'update') else 'right')
     for preset, n_uavs in SIZES:
         measured = case(preset, n_uavs)
-        measure(measured, 3 if is_quick else 15)
-        for row in rows(measured):
+        for row in rows(measured, measure(measured, 3 if is_quick else 15)):
             table.add_row(*row)
     console = Console(width=None if sys.stdout.isatty() else 132)
     console.print(table)
