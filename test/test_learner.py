@@ -249,11 +249,5 @@ def test_a_scan_is_the_plain_recursion(size: int) -> None:
     for value, factor in zip(reversed(values.tolist()), reversed(factors.tolist()), strict=True):
         total = value + factor * total
         expected.append(total)
-    solved = scan(values, factors, longest=size)
+    solved = scan(values, factors)
     torch.testing.assert_close(solved, torch.tensor(expected[::-1], dtype=torch.float64))
-
-
-def test_a_scan_needs_to_look_no_further_than_the_longest_chain() -> None:
-    values, factors = torch.rand(2, 64, dtype=torch.float64)
-    factors[7::8] = 0.0
-    torch.testing.assert_close(scan(values, factors, longest=8), scan(values, factors, longest=64))

@@ -208,6 +208,6 @@ def test_for_one_uav_aqmix_and_qmix_are_the_same_to_the_bit(trace: float) -> Non
         config = small(target__trace=trace)
         learner = Learner(config, [brief(scenario)], algorithm, seed=0)
         episodes = synchronous_missions(scenario, learner)
-        batch = batch_of([it for it in episodes if it.is_whole], scenario, config, algorithm)
+        batch = batch_of(episodes, scenario, config, algorithm)
         losses.append([learner.update(batch, 1e-3) for _ in range(3)])
     assert losses[0] == losses[1]

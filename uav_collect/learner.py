@@ -182,7 +182,7 @@ class Learner:
         future = tensors.discount * future
         trace = torch.where(tensors.is_chained, config.trace, 0.0)
         fixed = tensors.reward + (1.0 - trace) * future
-        return scan(fixed, trace * tensors.discount, longest=len(fixed))
+        return scan(fixed, trace * tensors.discount)
 
     def _values(self, networks: Networks, tensors: _Tensors) -> Tensor:
         """Q values of all rows, shape (R, N_ACTIONS)."""
@@ -239,13 +239,13 @@ class Learner:
         return torch.from_numpy(values).to(self._device)
 
 
-def scan(values: Tensor, factors: Tensor, longest: int) -> Tensor:
-    """Solve y_i = value_i + factor_i y_{i+1} from the end, in log2(longest) steps, shape (N,).
+def scan(values: Tensor, factors: Tensor) -> Tensor:
+    """Solve y_i = value_i + factor_i y_{i+1} from the end, in log2(N) steps, shape (N,).
 
     Source: Hillis and Steele, Data parallel algorithms, 1986.
     """
     shift = 1
-    while shift < min(longest, len(values)):
+    while shift < len(values):
         later = torch.nn.functional.pad(values[shift:], (0, shift))
         values = values + factors * later
         factors = factors * torch.nn.functional.pad(factors[shift:], (0, shift))

@@ -53,11 +53,6 @@ class Minibatch:
     reward: Floats  # (L,) until then, discounted to the entry
     discount: Floats  # (L,) of what follows
 
-    @property
-    def longest_chain(self) -> int:
-        """No more entries than this follow one another."""
-        return len(self.entry)
-
 
 def minibatch(
     episodes: Sequence[Episode],
