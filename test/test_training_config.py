@@ -30,9 +30,17 @@ def written(folder: Path, text: str) -> Path:
     return folder / 'mine.yaml'
 
 
-def test_the_shipped_presets_are_paper_and_strong() -> None:
-    assert preset_names() == ('paper', 'strong')
-    assert [load_preset(name).name for name in preset_names()] == ['paper', 'strong']
+def test_every_shipped_preset_is_valid_and_has_its_files_name() -> None:
+    assert preset_names() == ('paper', 'refine', 'strong')
+    assert [load_preset(name).name for name in preset_names()] == [*preset_names()]
+
+
+def test_refining_differs_from_strong_in_exploration_and_learning_rate_alone() -> None:
+    same = {'name': 'same', 'exploration': None, 'optimiser': None}
+    strong, refine = load_preset('strong'), load_preset('refine')
+    assert strong.model_copy(update=same) == refine.model_copy(update=same)
+    assert refine.epsilon(0.0) < strong.epsilon(0.0)
+    assert refine.learning_rate(1.0) < strong.learning_rate(1.0)
 
 
 def test_the_paper_preset_holds_the_values_of_the_paper() -> None:
@@ -135,7 +143,7 @@ def test_several_mistakes_are_all_named(tmp_path: Path) -> None:
 
 
 def test_a_preset_that_is_not_there_is_named_with_those_that_are() -> None:
-    with pytest.raises(ConfigError, match=r"preset is 'weak'.*paper, strong"):
+    with pytest.raises(ConfigError, match=r"preset is 'weak'.*paper, refine, strong"):
         load_preset('weak')
 
 
