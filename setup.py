@@ -46,6 +46,7 @@ setup(
             'mission = uav_collect.__main__:mission',
             'train = uav_collect.__main__:train',
             'curves = uav_collect.__main__:curves',
+            'bound = uav_collect.__main__:bound',
             'report = uav_collect.__main__:report',
         ],
     },

@@ -12,7 +12,7 @@ import shlex
 from interpreted import interpreted
 import pytest
 from uav_collect.__main__ import SUMMARIES
-from uav_collect.commands import curves, evaluate, mission, report, train
+from uav_collect.commands import bound, curves, evaluate, mission, report, train
 from uav_collect.scenario import load, scenario_names
 from uav_collect.site import build_site
 
@@ -25,7 +25,7 @@ README = (ROOT / 'README.md').read_text()
 PAPER_MAP = (ROOT / 'docs' / 'paper_map.md').read_text()
 COMMANDS = {
     **{'curves': curves, 'evaluate': evaluate, 'mission': mission, 'report': report},
-    **{'train': train},
+    **{'train': train, 'bound': bound},
 }
 ABROAD = {'ros2', 'rviz2', 'colcon', 'source', 'export'}  # programs that are not ours
 

@@ -18,6 +18,7 @@ from uav_collect.site import build_site
 
 TIGHT = 'fleet.default.energy_budget_kj=60'  # random weights fly until it is used up
 SEED = 2
+PLANS = ['shortest', 'thriftiest']
 
 
 @pytest.fixture
@@ -36,7 +37,7 @@ def text(scenario: Scenario, policy: str) -> bytes:
 
 
 def policies_in(output: str) -> list[str]:
-    """The policies of the comparison, in order."""
+    """The policies of the comparison, in order, and the plans after them."""
     _, _, table = output.partition('the same mission by')
     _, _, rows = table.rpartition('──')
     return [line.split()[0] for line in rows.splitlines() if line.strip()]
@@ -53,7 +54,7 @@ def test_a_mission_flies_a_policy_file_and_shows_what_rules_make_of_the_same_mis
     flown = command(processes, '--policy', str(path), '--output', str(run))
     assert flown.wait_for_exit() == 0
     assert (run / f'mission_{SEED}.jsonl').read_bytes() == text(scenario, str(path))
-    assert policies_in(flown.output) == ['mine', 'hert', 'sweep']
+    assert policies_in(flown.output) == ['mine', 'hert', 'sweep', *PLANS]
 
 
 @pytest.mark.ros
@@ -64,7 +65,7 @@ def test_the_policy_shipped_for_the_scenario_flies_unless_another_is_named(
     flown = command(processes, '--output', str(run))
     assert flown.wait_for_exit() == 0
     assert (run / f'mission_{SEED}.jsonl').read_bytes() == text(scenario, 'paper_10x10_n2_aqmix')
-    assert policies_in(flown.output) == ['paper_10x10_n2_aqmix', 'hert', 'sweep']
+    assert policies_in(flown.output) == ['paper_10x10_n2_aqmix', 'hert', 'sweep', *PLANS]
 
 
 @pytest.mark.ros
@@ -157,4 +158,4 @@ def test_a_policy_is_not_compared_with_itself(
     path = tmp_path / 'mission.jsonl'
     path.write_bytes(text(scenario, 'sweep'))
     mission._compare(path, scenario, 'exact')
-    assert policies_in(capsys.readouterr().out) == ['sweep', 'hert']
+    assert policies_in(capsys.readouterr().out) == ['sweep', 'hert', *PLANS]

@@ -16,7 +16,7 @@ import uav_collect
 ROOT = Path(__file__).parent.parent
 EXECUTABLES = (
     *('world_sim', 'uav_agent', 'recorder', 'mission', 'evaluate', 'report', 'doctor'),
-    *('train', 'curves'),
+    *('train', 'curves', 'bound'),
 )
 INTERFACES = sorted((ROOT / 'msg_defs').glob('*/*.[ms][sr][gv]'))
 MODULES = sorted((ROOT / 'uav_collect').rglob('*.py'))
@@ -41,7 +41,8 @@ LAYERS = (
     'experience',
     'frozen heuristics policy agent',
     'batch preflight simulation airborne stepping rollout',
-    'metrics evaluation lanes plots tables bag bag_writer bag_repair learning_curves',
+    'metrics evaluation errands plan_search plan_bound bound bound_estimates',
+    'lanes plots tables bound_tables bag bag_writer bag_repair learning_curves',
     'training_config training_progress replay minibatch',
     'network mixer learner collector checkpoint course trainer',
 )

@@ -17,6 +17,7 @@ SUMMARIES = {
     'evaluate': 'fly many missions in this process; mean figures with 95 % intervals',
     'train': 'learn a policy for a scenario, from missions flown in this process',
     'curves': 'draw the learning curves of trainings, mean and deviation over seeds',
+    'bound': 'plan missions whose demand is known: what time and energy they take at least',
     'report': 'tables and pictures of missions that were flown, from their log or bag',
     'doctor': 'say whether a mission can fly on this machine, and what it would run on',
 }
@@ -77,6 +78,11 @@ def curves() -> int:
     return _run('curves', sys.argv[1:], prog='curves')
 
 
+def bound() -> int:
+    """Plan missions whose demand is known."""
+    return _run('bound', sys.argv[1:], prog='bound')
+
+
 def report() -> int:
     """Show missions that were flown."""
     return _run('report', sys.argv[1:], prog='report')
@@ -121,6 +127,8 @@ def _command(name: str) -> _Command:
             from uav_collect.commands.train import add_arguments, run
         case 'curves':
             from uav_collect.commands.curves import add_arguments, run
+        case 'bound':
+            from uav_collect.commands.bound import add_arguments, run
         case 'report':
             from uav_collect.commands.report import add_arguments, run
         case 'doctor':

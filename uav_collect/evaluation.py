@@ -91,7 +91,7 @@ def estimates(missions: Sequence[MissionFigures], seed: int) -> tuple[Estimate, 
     Raises:
         ValueError: there is no mission.
     """
-    return _estimates(_values(missions), seed)
+    return column_estimates(_values(missions), seed)
 
 
 def differences(
@@ -109,7 +109,7 @@ def differences(
     """
     if [mission.mission_seed for mission in missions] != [other.mission_seed for other in others]:
         raise ValueError('a paired difference needs the same missions in the same order')
-    return _estimates(_values(missions) - _values(others), seed)
+    return column_estimates(_values(missions) - _values(others), seed)
 
 
 def _values(missions: Sequence[MissionFigures]) -> Floats:
@@ -119,7 +119,12 @@ def _values(missions: Sequence[MissionFigures]) -> Floats:
     return np.array([[measure.of(mission) for measure in MEASURES] for mission in missions])
 
 
-def _estimates(values: Floats, seed: int) -> tuple[Estimate, ...]:
+def column_estimates(values: Floats, seed: int) -> tuple[Estimate, ...]:
+    """Estimate the mean of each column of values, one row per mission, shape (N, M).
+
+    Args:
+        seed: keys the bootstrap; rows are drawn together, so columns stay paired.
+    """
     low, high = bootstrap_interval(values, seed)
     columns = (_within(values, values.mean(axis=0)), low, high, np.median(values, axis=0))
     return tuple(

@@ -1,11 +1,13 @@
 """Tables for the terminal: one mission, and many missions of several policies."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+import math
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
+from uav_collect.bound import Bound, efficiency_share, Plan, time_share
 from uav_collect.evaluation import Estimate, LEVEL, MEASURES
 from uav_collect.metrics import FAILSAFE, MissionFigures, percent, UavFigures, UNFINISHED
 from uav_collect.mission_log import MissionHeader
@@ -15,7 +17,10 @@ _MAX_SEEDS = 5  # named in one line
 
 
 def mission_tables(
-    header: MissionHeader, mission: MissionFigures, n_radio_messages: int | None = None
+    header: MissionHeader,
+    mission: MissionFigures,
+    n_radio_messages: int | None = None,
+    bound: Bound | None = None,
 ) -> RenderableType:
     """What a mission achieved, each UAV's part, and what went wrong.
 
@@ -23,6 +28,7 @@ def mission_tables(
         header: of the mission's log.
         mission: its figures.
         n_radio_messages: delivered between UAVs; None where only the log is known.
+        bound: the mission's; None where it is not known.
     """
     policies = ', '.join(dict.fromkeys(uav.policy for uav in header.uavs))
     allocators = ', '.join(dict.fromkeys(uav.allocator for uav in header.uavs))
@@ -30,7 +36,7 @@ def mission_tables(
     title.append(f': {policies}, {allocators} bandwidth', style='not bold')
     return Group(
         title,
-        _fleet_table(mission, n_radio_messages),
+        _fleet_table(mission, n_radio_messages, bound),
         _uav_table(mission),
         *(Text(f'warning: {line}', style=_WARNING) for line in mission_warnings(mission)),
     )
@@ -57,7 +63,9 @@ def _ending_warning(uav: UavFigures) -> str:
     return f'UAV {uav.id} was flown home by the failsafe: its agent did not answer'
 
 
-def _fleet_table(mission: MissionFigures, n_radio_messages: int | None) -> Table:
+def _fleet_table(
+    mission: MissionFigures, n_radio_messages: int | None, bound: Bound | None
+) -> Table:
     table = Table(box=None, show_header=False, padding=(0, 2))
     table.add_column()
     table.add_column(justify='right')
@@ -67,15 +75,29 @@ def _fleet_table(mission: MissionFigures, n_radio_messages: int | None) -> Table
     table.add_row('data collected', f'{collected_mbit:.2f} Mbit', share)
     table.add_row('energy', f'{mission.energy_j / 1e3:.2f} kJ')
     table.add_row(
-        'completion time', f'{mission.completion_s:.1f} s' if mission.is_finished else '-'
+        'completion time',
+        f'{mission.completion_s:.1f} s' if mission.is_finished else '-',
+        _of_the_plan(time_share, mission, bound),
     )
-    table.add_row('energy efficiency', f'{mission.efficiency_kbit_per_j:.3f} kbit/J')
+    table.add_row(
+        'energy efficiency',
+        f'{mission.efficiency_kbit_per_j:.3f} kbit/J',
+        _of_the_plan(efficiency_share, mission, bound),
+    )
     table.add_row('decisions', str(mission.n_decisions))
     if n_radio_messages is None:
         table.add_row('radio contacts', str(mission.n_contacts))
     else:
         table.add_row('radio messages', str(n_radio_messages), 'delivered between UAVs')
     return table
+
+
+def _of_the_plan(
+    share: Callable[[MissionFigures, Bound], float], mission: MissionFigures, bound: Bound | None
+) -> str:
+    """How near a mission comes to the best that is possible; nothing where that is not known."""
+    reached = math.nan if bound is None else share(mission, bound)
+    return '' if math.isnan(reached) else f'{percent(reached)} of the clairvoyant plan'
 
 
 def _uav_table(mission: MissionFigures) -> Table:
@@ -106,8 +128,10 @@ def _uav_row(uav: UavFigures) -> tuple[str, ...]:
     )
 
 
-def comparison_table(missions: Mapping[str, MissionFigures]) -> RenderableType:
-    """One mission as several policies fly it, by policy."""
+def comparison_table(
+    missions: Mapping[str, MissionFigures], bound: Bound | None = None
+) -> RenderableType:
+    """One mission as several policies fly it, by policy, and as plans that know it would."""
     table = Table(box=SIMPLE_HEAD, padding=(0, 0, 0, 1))
     table.add_column('the same mission by\n', no_wrap=True)
     for heading in ('data\ncollected', 'energy\nkJ', 'completion\ns', 'efficiency\nkbit/J'):
@@ -120,7 +144,24 @@ def comparison_table(missions: Mapping[str, MissionFigures]) -> RenderableType:
             f'{mission.completion_s:.1f}' if mission.is_finished else '-',
             f'{mission.efficiency_kbit_per_j:.3f}',
         )
+    if bound is not None:
+        for name, plan in (
+            ('shortest plan', bound.shortest),
+            ('thriftiest plan', bound.thriftiest),
+        ):
+            if plan is not None:
+                table.add_row(*_plan_row(name, plan, bound), style='dim')
     return table
+
+
+def _plan_row(name: str, plan: Plan, bound: Bound) -> tuple[str, ...]:
+    return (
+        name,
+        percent(1.0),
+        f'{plan.total_energy_j / 1e3:.2f}',
+        f'{plan.completion_s:.1f}',
+        f'{bound.efficiency_kbit_per_j(plan):.3f}',
+    )
 
 
 def evaluation_table(
@@ -140,7 +181,7 @@ def evaluation_table(
     for index, measure in enumerate(MEASURES):
         name = f'{measure.title} [{measure.unit}]'
         for policy, estimates in rows.items():
-            table.add_row(Text(name), Text(policy), *_estimate_cells(estimates[index]))
+            table.add_row(Text(name), Text(policy), *estimate_cells(estimates[index]))
             name = ''
         if len(rows) > 1:
             table.add_section()
@@ -163,7 +204,7 @@ def difference_table(first: str, rows: Mapping[str, Sequence[Estimate]]) -> Rend
     for index, measure in enumerate(MEASURES):
         name = f'{measure.title} [{measure.unit}]'
         for other, estimates in rows.items():
-            table.add_row(Text(name), Text(other), *_estimate_cells(estimates[index]))
+            table.add_row(Text(name), Text(other), *estimate_cells(estimates[index]))
             name = ''
         if len(rows) > 1:
             table.add_section()
@@ -171,12 +212,14 @@ def difference_table(first: str, rows: Mapping[str, Sequence[Estimate]]) -> Rend
     return Group(title, table)
 
 
-def _estimate_cells(estimate: Estimate) -> tuple[str, str, str]:
-    span = f'{_number(estimate.low)} to {_number(estimate.high)}'
-    return _number(estimate.mean), span, _number(estimate.median)
+def estimate_cells(estimate: Estimate) -> tuple[str, str, str]:
+    """Mean, interval and median of an estimate, as shown."""
+    span = f'{number_shown(estimate.low)} to {number_shown(estimate.high)}'
+    return number_shown(estimate.mean), span, number_shown(estimate.median)
 
 
-def _number(value: float) -> str:
+def number_shown(value: float) -> str:
+    """A mean as shown: four digits after the point, one from 10 on."""
     # Adding zero takes the sign from a zero.
     return f'{value:.1f}' if abs(value) >= 10 else f'{round(value, 4) + 0.0:.4f}'
 

@@ -9,6 +9,7 @@ from functools import partial
 import io
 from itertools import product
 import json
+import math
 from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING
@@ -16,6 +17,7 @@ from typing import TYPE_CHECKING
 from uav_collect.commands import files, options, progress
 
 if TYPE_CHECKING:  # loaded when flying, so that --help answers at once
+    from uav_collect.bound import Bound
     from uav_collect.evaluation import Estimate
     from uav_collect.metrics import MissionFigures
     from uav_collect.policy import LearnedPolicy, RulePolicy
@@ -45,6 +47,7 @@ class _Contender:
 
 _Flown = Mapping[_Contender, Sequence['MissionFigures']]  # the same seeds for each
 _Estimates = Mapping[str, Sequence['Estimate']]  # by label
+_Bounds = Mapping[str, dict[int, 'Bound']]  # by bandwidth and mission seed; empty unless wanted
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,6 +56,8 @@ class _Findings:
 
     estimates: _Estimates
     differences: Mapping[str, _Estimates]  # the first policy less each other one; by its label
+    # Of the clairvoyant plans, by label: how many missions count, and the estimates by key.
+    shares: Mapping[str, tuple[int, Mapping[str, 'Estimate']]]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -81,6 +86,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action='store_true',
         help='show how the first policy differs from each other one, mission by mission',
     )
+    parser.add_argument(
+        '--bound',
+        action='store_true',
+        help='show how near each policy comes to what is possible when all demand is known',
+    )
     parser.add_argument('--json', type=Path, metavar='FILE', help='write means and intervals')
     parser.add_argument('--csv', type=Path, metavar='FILE', help='write one row per mission')
 
@@ -90,19 +100,20 @@ def run(arguments: argparse.Namespace) -> int:
     scenario = options.scenario_of(arguments)
     contenders = _contenders(arguments, scenario)
     flown: dict[_Contender, list[MissionFigures]] = {contender: [] for contender in contenders}
+    bounds: _Bounds = {bandwidth: {} for bandwidth in arguments.bandwidth if arguments.bound}
     start_s = monotonic()
     try:
-        _fly(arguments, scenario, flown)
+        _fly(arguments, scenario, flown, bounds)
     except KeyboardInterrupt:
         n_missions = min(len(missions) for missions in flown.values())
         whole = {contender: missions[:n_missions] for contender, missions in flown.items()}
-        _show(arguments, scenario, whole, monotonic() - start_s)
+        _show(arguments, scenario, whole, bounds, monotonic() - start_s)
         return INTERRUPTED
-    findings = _show(arguments, scenario, flown, monotonic() - start_s)
+    findings = _show(arguments, scenario, flown, bounds, monotonic() - start_s)
     if arguments.json is not None:
         files.write_atomically(arguments.json, _json(arguments, scenario, flown, findings))
     if arguments.csv is not None:
-        files.write_atomically(arguments.csv, _csv(arguments, scenario, flown))
+        files.write_atomically(arguments.csv, _csv(arguments, scenario, flown, bounds))
     return 0
 
 
@@ -132,8 +143,10 @@ def _fly(
     arguments: argparse.Namespace,
     scenario: 'Scenario',
     flown: Mapping[_Contender, 'list[MissionFigures]'],
+    bounds: '_Bounds',
 ) -> None:
-    """Fly all missions, a few with each policy in turn, into `flown`."""
+    """Fly all missions, a few with each policy in turn, into `flown`; plan them into `bounds`."""
+    from uav_collect.bound import bound_of
     from uav_collect.evaluation import mission_seeds
     from uav_collect.metrics import figures
     from uav_collect.rollout import fly
@@ -142,11 +155,13 @@ def _fly(
     site = build_site(scenario)
     seeds = mission_seeds(arguments.seed, arguments.missions)
     at_once = 1 if 'cvxpy' in arguments.bandwidth else _AT_ONCE
-    progress.say_if_compiling(*_kernels(flown))
+    progress.say_if_compiling(*_kernels(flown), *(['plan_search'] if bounds else []))
     with progress.counting(len(seeds) * len(flown), 'missions') as advance:
         for start in range(0, len(seeds), at_once):
+            some = seeds[start : start + at_once]
+            for bandwidth, found in bounds.items():
+                found |= {seed: bound_of(scenario, site, seed, bandwidth) for seed in some}
             for contender, missions in flown.items():
-                some = seeds[start : start + at_once]
                 make_policy = partial(replace, contender.policy)
                 logs = fly(scenario, site, some, make_policy, contender.bandwidth)
                 missions += [figures(log) for log in logs]
@@ -163,10 +178,15 @@ def _kernels(contenders: Iterable[_Contender]) -> set[str]:
 
 
 def _show(
-    arguments: argparse.Namespace, scenario: 'Scenario', flown: _Flown, wall_s: float
+    arguments: argparse.Namespace,
+    scenario: 'Scenario',
+    flown: _Flown,
+    bounds: '_Bounds',
+    wall_s: float,
 ) -> _Findings:
     """Print the figures of what was flown; they are the findings returned."""
     from rich.console import Console
+    from uav_collect.bound_tables import share_table
     from uav_collect.tables import difference_table, evaluation_table
 
     console = Console()
@@ -177,8 +197,8 @@ def _show(
         )
         console.print(what, style='bold red')
     if n_missions == 0:
-        return _Findings(estimates={}, differences={})
-    findings = _find(arguments, flown)
+        return _Findings(estimates={}, differences={}, shares={})
+    findings = _find(arguments, flown, bounds)
     console.print(
         f'[bold]{scenario.name}[/], {scenario.n_uavs} UAVs, {n_missions} missions from seed'
         f' {arguments.seed}, {" and ".join(arguments.bandwidth)} bandwidth',
@@ -188,12 +208,15 @@ def _show(
     console.print(evaluation_table(labelled, findings.estimates))
     for first, rows in findings.differences.items():
         console.print(difference_table(first, rows))
+    if findings.shares:
+        console.print(share_table(findings.shares))
     n_flown = n_missions * len(flown)
     console.print(f'{n_flown} missions flown in {wall_s:.1f} s', style='dim', highlight=False)
     return findings
 
 
-def _find(arguments: argparse.Namespace, flown: _Flown) -> _Findings:
+def _find(arguments: argparse.Namespace, flown: _Flown, bounds: '_Bounds') -> _Findings:
+    from uav_collect.bound_estimates import mean_numbers, shares
     from uav_collect.evaluation import differences, estimates
 
     seed = arguments.seed
@@ -207,6 +230,17 @@ def _find(arguments: argparse.Namespace, flown: _Flown) -> _Findings:
                 if other.bandwidth == first.bandwidth and other is not first
             }
             for first in firsts
+        },
+        shares={
+            each.label: mean_numbers(
+                [
+                    shares(flight, bounds[each.bandwidth][flight.mission_seed])
+                    for flight in missions
+                ],
+                seed,
+            )
+            for each, missions in flown.items()
+            if bounds
         },
     )
 
@@ -238,28 +272,39 @@ def _json(
     }
     for first, rows in findings.differences.items():
         document[first]['minus'] = {other: _by_measure(row) for other, row in rows.items()}
+    for label, (n_missions, rows_of) in findings.shares.items():
+        means = {key: _as_json(row) for key, row in rows_of.items()}
+        document[label]['bound'] = {'missions': n_missions, **means}
     return (json.dumps(document, indent=2, allow_nan=False) + '\n').encode()
 
 
 def _by_measure(estimates: Iterable['Estimate']) -> dict[str, object]:
     from uav_collect.evaluation import MEASURES
 
-    return {
-        measure.key: {'mean': row.mean, 'low': row.low, 'high': row.high}
-        for measure, row in zip(MEASURES, estimates, strict=True)
-    }
+    return {measure.key: _as_json(row) for measure, row in zip(MEASURES, estimates, strict=True)}
 
 
-def _csv(arguments: argparse.Namespace, scenario: 'Scenario', flown: _Flown) -> bytes:
+def _as_json(estimate: 'Estimate') -> dict[str, float]:
+    return {'mean': estimate.mean, 'low': estimate.low, 'high': estimate.high}
+
+
+def _csv(
+    arguments: argparse.Namespace, scenario: 'Scenario', flown: _Flown, bounds: '_Bounds'
+) -> bytes:
     """One row per mission."""
+    from uav_collect.bound_estimates import SHARE_KEYS, shares
+
     fixed = ('scenario', 'fingerprint', 'bandwidth', 'policy')
     text = io.StringIO()
     writer = csv.writer(text, lineterminator='\n')
-    writer.writerow((*fixed, *_COLUMNS))
+    writer.writerow((*fixed, *_COLUMNS, *(SHARE_KEYS if bounds else ())))
     for contender, missions in flown.items():
         heading = _heading(arguments, scenario, contender)
         for mission in missions:
-            writer.writerow((*(heading[name] for name in fixed), *_row(mission)))
+            known = bounds.get(contender.bandwidth, {}).get(mission.mission_seed)
+            reached = shares(mission, known).values() if known else ()
+            cells = ['' if math.isnan(share) else share for share in reached]
+            writer.writerow((*(heading[name] for name in fixed), *_row(mission), *cells))
     return text.getvalue().encode()
 
 

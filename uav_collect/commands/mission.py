@@ -107,12 +107,13 @@ def _compare(log: Path, scenario: 'Scenario', bandwidth: str) -> None:
     try:
         flown = read(log)
         name, seed = flown.header.uavs[0].policy, flown.header.mission_seed
-        missions = {name: figures(flown)}
+        missions, site = {name: figures(flown)}, build_site(scenario)
         for rule in _RULES:
             if rule != name:
-                [other] = fly(scenario, build_site(scenario), [seed], rule, bandwidth)
+                [other] = fly(scenario, site, [seed], rule, bandwidth)
                 missions[rule] = figures(other)
-        Console().print(comparison_table(missions))
+        bound = report.bound_shown(flown.header, scenario, site)
+        Console().print(comparison_table(missions, bound))
     # Whatever it is: the mission itself was flown, recorded and told.
     except Exception as error:
         _say(f'the mission could not be compared with rules: {error}')

@@ -7,12 +7,13 @@ import io
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from uav_collect.commands import files
-from uav_collect.mission_log import MissionLog, MissionLogError, read
+from uav_collect.commands import files, progress
+from uav_collect.mission_log import MissionHeader, MissionLog, MissionLogError, read
 
 if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
     from rich.console import Console
     from uav_collect.arrays import Floats
+    from uav_collect.bound import Bound
     from uav_collect.scenario import Scenario
     from uav_collect.site import Site
 
@@ -24,6 +25,7 @@ file beside it. PATH is a run folder, a mission log (.jsonl) or a bag; a bag nee
 SCENARIO_FILE = 'scenario.yaml'  # of a run folder, resolved
 _LOG_SUFFIX = '.jsonl'
 _BAG_SUFFIX = '.mcap'
+_MAX_DATA_CELLS = 200  # on average, up to which a mission's bound takes some seconds
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,7 +73,8 @@ def show(mission: FlownMission, picture: Path, console: 'Console') -> None:
     if mission.is_whole:
         check_log(mission.log)
     summary = figures(mission.log)
-    console.print(mission_tables(mission.log.header, summary, mission.n_radio_messages))
+    bound = bound_shown(mission.log.header, mission.scenario, mission.site)
+    console.print(mission_tables(mission.log.header, summary, mission.n_radio_messages, bound))
     if not mission.is_whole:
         what = 'warning: not all of the mission was recorded; these are the figures of what was'
         console.print(what, style='bold red', highlight=False)
@@ -79,6 +82,20 @@ def show(mission: FlownMission, picture: Path, console: 'Console') -> None:
     trajectories(mission.log, mission.site, mission.demand_bit, mission.scenario, drawn)
     files.write_atomically(picture, drawn.getvalue())
     console.print(f'picture: {picture}', highlight=False, markup=False, soft_wrap=True)
+
+
+def bound_shown(header: MissionHeader, scenario: 'Scenario', site: 'Site') -> 'Bound | None':
+    """The clairvoyant bound of a mission; None where that takes too long."""
+    import numpy as np
+    from uav_collect.bound import bound_of
+
+    share = scenario.demand.cell_share
+    n_cells = np.unique(site.cell).size
+    if (n_cells if share == 'all' else min(share * scenario.n_cells, n_cells)) > _MAX_DATA_CELLS:
+        return None
+    is_equal = all(uav.allocator == 'equal' for uav in header.uavs)
+    progress.say_if_compiling('plan_search')
+    return bound_of(scenario, site, header.mission_seed, 'equal' if is_equal else 'exact')
 
 
 def _find(path: Path) -> Iterator[tuple[FlownMission, Path]]:

@@ -1,0 +1,246 @@
+"""The clairvoyant bound: what a fleet could do in a mission if it knew all demand beforehand.
+
+Two plans of the same mission, the shortest and the one of least energy, both of which the world
+can fly as they are, and for each a number below which no flight gets that collects everything.
+
+- The shortest plan bounds the completion time; its energy and efficiency bound nothing.
+- The plan of least energy bounds energy and energy efficiency; its time bounds nothing.
+- Neither bounds missions that leave data behind: they may be shorter, and even more efficient.
+
+In a plan a UAV flies home from the last cell that it serves. A policy's UAVs fly on until each
+knows every cell to be complete; nothing in the world's rules makes up for that. So a policy hardly
+gets as far as a plan. A plan is the best one found, and could be beaten in principle: by one that
+was not found, or by channels that a later visit draws better. The lower bounds cannot: they hold
+for any moves, any number of visits and any draws.
+"""
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from itertools import pairwise
+import json
+import math
+import os
+from pathlib import Path
+from typing import Any
+
+from uav_collect.actions import BACKWARD, FORWARD, HOVER, LEFT, RIGHT
+from uav_collect.compiled import cache_folder
+from uav_collect.errands import Errands, errands_of
+from uav_collect.metrics import MissionFigures
+from uav_collect.plan_bound import least_completion_s, least_energy_j
+from uav_collect.plan_search import Aim, best_routes, Routes
+from uav_collect.rows import row_of
+from uav_collect.scenario import fingerprint, Scenario
+from uav_collect.site import Site
+
+N_ROUNDS = 2000  # of the search for each plan: some 0.3 s where kernels are interpreted
+_BALANCE = 0.1  # weight of all UAVs' times beside the latest one's, where the search is steered
+_TIE_S_PER_J = 1e-10  # of plans that take the same time the one of less energy is the best
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """A way to collect all data of a mission; rows are by UAV."""
+
+    cells: tuple[tuple[int, ...], ...]  # where the UAV hovers, in order; then it flies home
+    landed_s: tuple[float, ...]
+    energy_j: tuple[float, ...]  # way home included
+
+    @property
+    def completion_s(self) -> float:
+        """When the last UAV is home [s]."""
+        return max(self.landed_s)
+
+    @property
+    def total_energy_j(self) -> float:
+        """Energy of all UAVs [J]."""
+        return math.fsum(self.energy_j)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bound:
+    """What is possible in a mission. A plan is None where none within the budgets was found."""
+
+    mission_seed: int
+    n_data_cells: int
+    total_bit: float
+    shortest: Plan | None
+    thriftiest: Plan | None  # the one of least energy
+    least_completion_s: float  # no fleet that collects everything is home before
+    least_energy_j: float  # or has used less
+
+    def efficiency_kbit_per_j(self, plan: Plan) -> float:
+        """Energy efficiency of a plan [kbit/J]; 0 where it uses no energy."""
+        energy_j = plan.total_energy_j
+        return self.total_bit / energy_j / 1e3 if energy_j > 0.0 else 0.0
+
+
+def bound_of(
+    scenario: Scenario,
+    site: Site,
+    mission_seed: int,
+    allocator: str = 'exact',
+    n_rounds: int = N_ROUNDS,
+) -> Bound:
+    """The bound of a mission, from the disk where it was found before.
+
+    The same arguments give the same bound, however kernels run.
+
+    Args:
+        allocator: how bandwidth is shared, one of `limits.ALLOCATOR_NAMES`; cvxpy counts as exact.
+        n_rounds: of the search for each plan; with more of them better plans may be found.
+    """
+    share = 'equal' if allocator == 'equal' else 'exact'
+    kind = f'{fingerprint(scenario)}_{share}_{n_rounds}'
+    file = cache_folder() / 'bounds' / kind / f'{mission_seed}.json'
+    bound = _read(file)
+    if bound is None:
+        bound = _find(errands_of(scenario, site, mission_seed, share), mission_seed, n_rounds)
+        _write(file, bound)
+    return bound
+
+
+def time_share(mission: MissionFigures, bound: Bound) -> float:
+    """The shortest plan's time over a mission's; nan where there is no plan or data were left."""
+    if bound.shortest is None or not (mission.is_complete and mission.is_finished):
+        return math.nan
+    plan_s = bound.shortest.completion_s
+    return plan_s / mission.completion_s if mission.completion_s > 0.0 else 1.0
+
+
+def efficiency_share(mission: MissionFigures, bound: Bound) -> float:
+    """A mission's energy efficiency over the thriftiest plan's; nan as for `time_share`."""
+    if bound.thriftiest is None or not (mission.is_complete and mission.is_finished):
+        return math.nan
+    plan_j = bound.thriftiest.total_energy_j
+    return plan_j / mission.energy_j if mission.energy_j > 0.0 else 1.0
+
+
+def flight_actions(scenario: Scenario, plan: Plan) -> tuple[list[int], ...]:
+    """The actions that fly a plan, by UAV; after the last one the UAV flies home."""
+    area = scenario.area
+    starts = [
+        [int(coordinate_m / area.cell_size_m) for coordinate_m in uav.start_m]
+        for uav in scenario.uavs
+    ]
+    return tuple(
+        _flight(area.cells_per_side, row * area.cells_per_side + column, cells)[1]
+        for (column, row), cells in zip(starts, plan.cells, strict=True)
+    )
+
+
+def _flight(side: int, start: int, cells: Sequence[int]) -> tuple[list[int], list[int]]:
+    """The order in which a route serves its cells, and the actions that fly it.
+
+    A cell on the way to another one is served when the UAV first comes there: that is no detour,
+    and the channels are those of the first visit. The straight way back comes after a hover only,
+    where it is legal.
+    """
+    here, waiting = start, dict.fromkeys(cells)
+    order: list[int] = []
+    flown: list[int] = []
+    while waiting:
+        if here in waiting:
+            del waiting[here]
+            order.append(here)
+            flown.append(HOVER)
+            continue
+        target = next(iter(waiting))
+        if target // side != here // side:
+            flown.append(FORWARD if target > here else BACKWARD)
+            here += side if target > here else -side
+        else:
+            flown.append(RIGHT if target > here else LEFT)
+            here += 1 if target > here else -1
+    return order, flown
+
+
+def _find(errands: Errands, mission_seed: int, n_rounds: int) -> Bound:
+    power_w = errands.flight_power_w, errands.hover_power_w
+    aim = Aim(1.0, *(row_of([_TIE_S_PER_J * each_w for each_w in row]) for row in power_w))
+    total_mps = sum(errands.speed_mps)
+    balance = row_of([_BALANCE * speed_mps / total_mps for speed_mps in errands.speed_mps])
+    routes = best_routes(errands, aim, Aim(1.0, balance, balance), n_rounds)
+    shortest = _plan(errands, routes)
+    energy = Aim(0.0, *power_w)
+    thriftiest = _plan(errands, best_routes(errands, energy, energy, n_rounds))
+    lowest_s = least_completion_s(errands, sum(routes.length_m), shortest.completion_s)
+    lowest_j = least_energy_j(errands, thriftiest.total_energy_j)
+    return Bound(
+        mission_seed=mission_seed,
+        n_data_cells=errands.n_cells,
+        total_bit=errands.total_bit,
+        shortest=shortest if _is_affordable(errands, shortest) else None,
+        thriftiest=thriftiest if _is_affordable(errands, thriftiest) else None,
+        least_completion_s=float(lowest_s),
+        least_energy_j=float(lowest_j),
+    )
+
+
+def _plan(errands: Errands, routes: Routes) -> Plan:
+    """The plan of routes, as it is flown."""
+    cells, landed_s, energy_j = [], [], []
+    for uav in range(errands.n_uavs):
+        points = _flown_points(errands, routes, uav)
+        hovers_s = [errands.hover_s[uav * errands.n_cells + point] for point in points]
+        hover_s = math.fsum(hovers_s)
+        flight_s = _length_m(errands, uav, points) / errands.speed_mps[uav]
+        flight_j = errands.flight_power_w[uav] * flight_s
+        cells.append(tuple(int(errands.cell[point]) for point in points))
+        landed_s.append(float(flight_s + hover_s))
+        energy_j.append(float(flight_j + errands.hover_power_w[uav] * hover_s))
+    return Plan(cells=tuple(cells), landed_s=tuple(landed_s), energy_j=tuple(energy_j))
+
+
+def _flown_points(errands: Errands, routes: Routes, uav: int) -> list[int]:
+    """The data cells of a UAV's route in the order in which it serves them."""
+    point_of: dict[int, int] = {}  # in the order of the route
+    point = routes.after[errands.n_cells + uav]
+    while point < errands.n_cells:
+        point_of[int(errands.cell[point])] = point
+        point = routes.after[point]
+    order, _ = _flight(errands.cells_per_side, int(errands.start_cell[uav]), [*point_of])
+    return [point_of[cell] for cell in order]
+
+
+def _length_m(errands: Errands, uav: int, cells: Sequence[int]) -> float:
+    n_cells, n_uavs = errands.n_cells, errands.n_uavs
+    points = [n_cells + uav, *cells, n_cells + n_uavs + uav]
+    n_points = n_cells + 2 * n_uavs
+    return math.fsum(errands.way_m[here * n_points + there] for here, there in pairwise(points))
+
+
+def _is_affordable(errands: Errands, plan: Plan) -> bool:
+    # The search adds and subtracts in its own order; the world allows twice this rounding.
+    pairs = zip(plan.energy_j, errands.allowance_j, strict=True)
+    return all(energy_j <= allowance_j * (1.0 + 5e-10) for energy_j, allowance_j in pairs)
+
+
+def _read(file: Path) -> Bound | None:
+    """The bound that a file keeps; None where there is no file, or a broken one."""
+    try:
+        values: dict[str, Any] = json.loads(file.read_text(encoding='utf-8'))
+        plans = {name: _plan_of(values[name]) for name in ('shortest', 'thriftiest')}
+        return Bound(**(values | plans))
+    except (OSError, ValueError, TypeError, KeyError):
+        return None
+
+
+def _plan_of(values: dict[str, Any] | None) -> Plan | None:
+    if values is None:
+        return None
+    return Plan(
+        cells=tuple(tuple(cells) for cells in values['cells']),
+        landed_s=tuple(values['landed_s']),
+        energy_j=tuple(values['energy_j']),
+    )
+
+
+def _write(file: Path, bound: Bound) -> None:
+    """Keep a bound, whole or not at all; where the disk does not take it, it is found again."""
+    partial = file.with_suffix(f'.{os.getpid()}.part')
+    with suppress(OSError):
+        file.parent.mkdir(parents=True, exist_ok=True)
+        partial.write_text(json.dumps(asdict(bound)), encoding='utf-8')
+        partial.replace(file)

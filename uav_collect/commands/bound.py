@@ -1,0 +1,160 @@
+"""Says what a fleet could do in missions if it knew all demand beforehand."""
+
+import argparse
+from collections.abc import Mapping, Sequence
+import csv
+import io
+import json
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from uav_collect.commands import files, options, progress
+
+if TYPE_CHECKING:  # loaded when searching, so that --help answers at once
+    from uav_collect.bound import Bound
+    from uav_collect.evaluation import Estimate
+    from uav_collect.scenario import Scenario
+
+_DESCRIPTION = """
+Plans missions whose demand and channels are all known, once for the shortest time and once for the
+least energy, and prints mean, 95 % bootstrap interval and median of completion time [s], energy
+[kJ] and energy efficiency [kbit/J] of both plans, and the limit that is proven for each: no flight
+that collects everything gets beyond it. The shortest plan is what completion times compare with,
+the thriftiest what energy and efficiency compare with.
+"""
+_MAX_MISSIONS = 100_000
+_MAX_ROUNDS = 10**9
+
+_Bounds = Mapping[str, Sequence['Bound']]  # by bandwidth
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Describe the command and add its arguments."""
+    parser.description = _DESCRIPTION
+    options.add_scenario_options(parser)
+    parser.add_argument(
+        '--missions',
+        type=options.whole_number(1, _MAX_MISSIONS),
+        default=100,
+        metavar='N',
+        help='missions to plan (default: %(default)s)',
+    )
+    options.add_seed_option(parser, 'seed of the first mission')
+    options.add_allocator_option(parser, several=True)
+    parser.add_argument(
+        '--rounds',
+        type=options.whole_number(0, _MAX_ROUNDS),
+        metavar='R',
+        help='of the search for each plan; more take longer and may find better ones',
+    )
+    parser.add_argument('--json', type=Path, metavar='FILE', help='write means and intervals')
+    parser.add_argument('--csv', type=Path, metavar='FILE', help='write one row per mission')
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Plan the missions; the exit status."""
+    from uav_collect.bound_estimates import bound_numbers, mean_numbers
+
+    scenario = options.scenario_of(arguments)
+    for path in filter(None, (arguments.json, arguments.csv)):
+        files.check_writable(path)
+    bounds = _plan(arguments, scenario)
+    rows = {
+        bandwidth: mean_numbers([bound_numbers(bound) for bound in some], arguments.seed)
+        for bandwidth, some in bounds.items()
+    }
+    for bandwidth, (n_known, estimates) in rows.items():
+        _show(arguments, scenario, bandwidth, n_known, estimates)
+    if arguments.json is not None:
+        files.write_atomically(arguments.json, _json(arguments, scenario, rows))
+    if arguments.csv is not None:
+        files.write_atomically(arguments.csv, _csv(scenario, bounds))
+    return 0
+
+
+def _plan(arguments: argparse.Namespace, scenario: 'Scenario') -> '_Bounds':
+    from uav_collect.bound import bound_of, N_ROUNDS
+    from uav_collect.evaluation import mission_seeds
+    from uav_collect.site import build_site
+
+    site = build_site(scenario)
+    seeds = mission_seeds(arguments.seed, arguments.missions)
+    n_rounds = N_ROUNDS if arguments.rounds is None else arguments.rounds
+    bounds: dict[str, list[Bound]] = {bandwidth: [] for bandwidth in arguments.bandwidth}
+    progress.say_if_compiling('plan_search')
+    with progress.counting(len(seeds) * len(bounds), 'plans') as advance:
+        for bandwidth, found in bounds.items():
+            for seed in seeds:
+                found.append(bound_of(scenario, site, seed, bandwidth, n_rounds))
+                advance(1)
+    return bounds
+
+
+def _show(
+    arguments: argparse.Namespace,
+    scenario: 'Scenario',
+    bandwidth: str,
+    n_known: int,
+    estimates: Mapping[str, 'Estimate'],
+) -> None:
+    from rich.console import Console
+    from uav_collect.bound_tables import bound_table
+
+    console = Console()
+    console.print(
+        f'[bold]{scenario.name}[/], {scenario.n_uavs} UAVs, {arguments.missions} missions from'
+        f' seed {arguments.seed}, {bandwidth} bandwidth, all demand known',
+        highlight=False,
+    )
+    if estimates:
+        console.print(bound_table(estimates))
+    n_without = arguments.missions - n_known
+    if n_without:
+        what = f'no plan within the energy budgets was found in {n_without} missions'
+        console.print(what, style='yellow', highlight=False)
+
+
+def _json(
+    arguments: argparse.Namespace,
+    scenario: 'Scenario',
+    rows: Mapping[str, tuple[int, Mapping[str, 'Estimate']]],
+) -> bytes:
+    from uav_collect.scenario import fingerprint
+
+    document = {
+        bandwidth: {
+            'scenario': scenario.name,
+            'fingerprint': fingerprint(scenario),
+            'seed': arguments.seed,
+            'missions': arguments.missions,
+            'missions_with_plans': n_known,
+            'bandwidth': bandwidth,
+        }
+        | {
+            key: {'mean': estimate.mean, 'low': estimate.low, 'high': estimate.high}
+            for key, estimate in estimates.items()
+        }
+        for bandwidth, (n_known, estimates) in rows.items()
+    }
+    return (json.dumps(document, indent=2, allow_nan=False) + '\n').encode()
+
+
+def _csv(scenario: 'Scenario', bounds: '_Bounds') -> bytes:
+    """One row per mission; a number without a plan is left empty."""
+    from uav_collect.bound_estimates import bound_numbers
+    from uav_collect.scenario import fingerprint
+
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator='\n')
+    fixed = (scenario.name, fingerprint(scenario))
+    for bandwidth, some in bounds.items():
+        for bound in some:
+            numbers = bound_numbers(bound)
+            if not text.tell():
+                heading = ('scenario', 'fingerprint', 'bandwidth', 'mission_seed', 'data_cells')
+                writer.writerow((*heading, 'total_mbit', *numbers))
+            cells = ['' if math.isnan(number) else number for number in numbers.values()]
+            about = (bound.mission_seed, bound.n_data_cells, bound.total_bit / 1e6)
+            writer.writerow((*fixed, bandwidth, *about, *cells))
+    return text.getvalue().encode()

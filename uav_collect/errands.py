@@ -1,0 +1,241 @@
+"""What a fleet that knows all demand has to do: the data cells, the ways, the hovers."""
+
+from collections.abc import Sequence
+import math
+from typing import NamedTuple
+
+import numpy as np
+from uav_collect.actions import cell_at
+from uav_collect.arrays import Floats, Ints, Row
+from uav_collect.bandwidth import EQUAL, EXACT, share_bandwidth
+from uav_collect.briefing import brief, Briefing
+from uav_collect.compiled import kernel
+from uav_collect.ground import draw_demand, Ground, lay_out
+from uav_collect.radio import channel_draw
+from uav_collect.rows import new_row, row_of
+from uav_collect.scenario import Scenario
+from uav_collect.site import Site
+
+# The largest normal number that `philox.normal_pair` makes of 32 bits.
+_MAX_NORMAL = math.sqrt(64.0 * math.log(2.0))
+_ROUNDING = 1e-9  # relative; what a sum of energies may lose in the world
+
+
+class Errands(NamedTuple):
+    """The data cells of a mission and what serving them takes, as kernels read it.
+
+    Points are the data cells, by index from 0, then the start of each UAV, then its home: N of
+    them. Tables are flat, row after row.
+    """
+
+    n_cells: int
+    n_uavs: int
+    cells_per_side: int
+    total_bit: float
+    start_cell: Row[int]  # (U,)
+    cell: Row[int]  # (n_cells,) which cell of the area
+    way_m: Row[float]  # (N * N) moves between cells, the straight line home
+    nearest: Row[int]  # (n_cells * n_cells) of each data cell all of them, the nearest first
+    hover_s: Row[float]  # (U * n_cells) at the UAV's first visit
+    least_hover_s: Row[float]  # (n_cells,) no UAV can be faster, at whatever visit
+    speed_mps: Row[float]  # (U,) as the rest
+    flight_power_w: Row[float]
+    hover_power_w: Row[float]
+    allowance_j: Row[float]  # what the UAV may use, its margin kept
+
+
+class _Desk(NamedTuple):
+    """Rows to share bandwidth at; by sensor of a cell."""
+
+    demand_bit: Row[float]
+    signal_w: Row[float]
+    error_w: Row[float]
+    share_hz: Row[float]
+
+
+def errands_of(scenario: Scenario, site: Site, mission_seed: int, allocator: str) -> Errands:
+    """The errands of a mission, by the mission's own draws of demand and channels.
+
+    The channels are those of a UAV's first visit to a cell: a plan serves a cell the first time
+    that its UAV comes there.
+
+    Args:
+        allocator: how bandwidth is shared, one of `limits.ALLOCATOR_NAMES`; cvxpy counts as exact.
+    """
+    briefing, ground = brief(scenario), lay_out(scenario, site)
+    demand_bit = new_row(site.n_sensors, 0.0)
+    draw_demand(ground, mission_seed, demand_bit)
+    first = ground.first_sensor
+    cells = [
+        cell
+        for cell in range(scenario.n_cells)
+        if any(demand_bit[sensor] > 0.0 for sensor in range(first[cell], first[cell + 1]))
+    ]
+    way_m = _ways_m(briefing, np.array(cells, dtype=np.int64))
+    between_m = way_m[: len(cells), : len(cells)]
+    errands = Errands(
+        n_cells=len(cells),
+        n_uavs=briefing.n_uavs,
+        cells_per_side=briefing.cells_per_side,
+        total_bit=math.fsum(demand_bit),
+        start_cell=_start_cells(briefing),
+        cell=_int_row(cells),
+        way_m=row_of(way_m.ravel().tolist()),
+        nearest=_int_row(np.argsort(between_m, axis=1, kind='stable').ravel().tolist()),
+        hover_s=new_row(briefing.n_uavs * len(cells), 0.0),
+        least_hover_s=new_row(len(cells), 0.0),
+        speed_mps=briefing.speed_mps,
+        flight_power_w=briefing.flight_power_w,
+        hover_power_w=briefing.hover_power_w,
+        allowance_j=_allowances_j(briefing),
+    )
+    share = EQUAL if allocator == 'equal' else EXACT
+    write_hovers(share, briefing, ground, mission_seed, demand_bit, errands, _new_desk(ground))
+    return errands
+
+
+def _int_row(values: Sequence[int]) -> Row[int]:
+    row = new_row(len(values), 0)  # of whole numbers also where there is none
+    for index, value in enumerate(values):
+        row[index] = value
+    return row
+
+
+def _start_cells(briefing: Briefing) -> Row[int]:
+    places = zip(briefing.start_x_m, briefing.start_y_m, strict=True)
+    return _int_row([cell_at(briefing, x_m, y_m) for x_m, y_m in places])
+
+
+def _allowances_j(briefing: Briefing) -> Row[float]:
+    pairs = zip(briefing.energy_budget_j, briefing.energy_margin_j, strict=True)
+    return row_of(
+        [float((budget_j - margin_j) * (1.0 - _ROUNDING)) for budget_j, margin_j in pairs]
+    )
+
+
+def _ways_m(briefing: Briefing, cells: Ints) -> Floats:
+    """The shortest way between any two points, (N, N); 0 where no way leads."""
+    n_cells, n_uavs = len(cells), briefing.n_uavs
+    rows, columns = np.divmod(cells, briefing.cells_per_side)
+    x_m, y_m = (columns + 0.5) * briefing.cell_size_m, (rows + 0.5) * briefing.cell_size_m
+    way_m = np.zeros((n_cells + 2 * n_uavs, n_cells + 2 * n_uavs))
+    way_m[:n_cells, :n_cells] = np.abs(x_m[:, None] - x_m) + np.abs(y_m[:, None] - y_m)
+    for uav in range(n_uavs):
+        start, home = n_cells + uav, n_cells + n_uavs + uav
+        start_x_m, start_y_m = briefing.start_x_m[uav], briefing.start_y_m[uav]
+        home_x_m, home_y_m = briefing.home_x_m[uav], briefing.home_y_m[uav]
+        way_m[start, :n_cells] = np.abs(x_m - start_x_m) + np.abs(y_m - start_y_m)
+        way_m[home, :n_cells] = np.hypot(x_m - home_x_m, y_m - home_y_m)
+        way_m[start, home] = math.hypot(start_x_m - home_x_m, start_y_m - home_y_m)
+    return np.maximum(way_m, way_m.T)
+
+
+def _new_desk(ground: Ground) -> _Desk:
+    first = ground.first_sensor
+    size = max(1, *(first[cell + 1] - first[cell] for cell in range(len(first) - 1)))
+    return _Desk(
+        demand_bit=new_row(size, 0.0),
+        signal_w=new_row(size, 0.0),
+        error_w=new_row(size, 0.0),
+        share_hz=new_row(size, 0.0),
+    )
+
+
+@kernel
+def write_hovers(
+    allocator: int,
+    briefing: Briefing,
+    ground: Ground,
+    mission_seed: int,
+    demand_bit: Row[float],
+    errands: Errands,
+    desk: _Desk,
+) -> None:
+    """Write the hover times of all data cells into the errands."""
+    for index in range(errands.n_cells):
+        cell = errands.cell[index]
+        for uav in range(errands.n_uavs):
+            # A UAV that starts in the cell hovers there before it ever came to it.
+            visit = 0 if cell == errands.start_cell[uav] else 1
+            n_sensors = _listen(briefing, ground, mission_seed, demand_bit, uav, cell, visit, desk)
+            hover_s = _hover_s(allocator, briefing, desk, n_sensors)
+            errands.hover_s[uav * errands.n_cells + index] = hover_s
+        hover_s = _least_hover_s(allocator, briefing, ground, demand_bit, cell, desk)
+        errands.least_hover_s[index] = hover_s
+
+
+@kernel
+def _listen(
+    briefing: Briefing,
+    ground: Ground,
+    mission_seed: int,
+    demand_bit: Row[float],
+    uav: int,
+    cell: int,
+    visit: int,
+    desk: _Desk,
+) -> int:
+    """Draw the channels of a visit onto the desk; how many sensors there have data."""
+    n_sensors = 0
+    for sensor in range(ground.first_sensor[cell], ground.first_sensor[cell + 1]):
+        if demand_bit[sensor] > 0.0:
+            gain, path_gain = channel_draw(
+                mission_seed,
+                uav,
+                sensor,
+                visit,
+                ground.n_antennas,
+                ground.los_probability[sensor],
+                ground.path_gain[sensor],
+                ground.nlos_attenuation,
+                ground.rician_factor[sensor],
+            )
+            error_gain = path_gain * ground.csi_error_variance
+            desk.demand_bit[n_sensors] = demand_bit[sensor]
+            desk.signal_w[n_sensors] = briefing.tx_power_w * gain
+            desk.error_w[n_sensors] = briefing.tx_power_w * error_gain
+            n_sensors += 1
+    return n_sensors
+
+
+@kernel
+def _least_hover_s(
+    allocator: int,
+    briefing: Briefing,
+    ground: Ground,
+    demand_bit: Row[float],
+    cell: int,
+    desk: _Desk,
+) -> float:
+    """A hover over the best channels that can ever be drawn: in sight, all fading in phase.
+
+    An estimation error shrinks with the path gain, and the rate with both: sight is best with it
+    too.
+    """
+    n_sensors = 0
+    for sensor in range(ground.first_sensor[cell], ground.first_sensor[cell + 1]):
+        if demand_bit[sensor] > 0.0:
+            factor = ground.rician_factor[sensor]
+            steady = math.sqrt(factor / (factor + 1.0))
+            amplitude = steady + _MAX_NORMAL * math.sqrt(0.5 / (factor + 1.0))
+            path_w = briefing.tx_power_w * ground.path_gain[sensor]
+            desk.demand_bit[n_sensors] = demand_bit[sensor]
+            desk.signal_w[n_sensors] = path_w * ground.n_antennas * amplitude * amplitude
+            desk.error_w[n_sensors] = path_w * ground.csi_error_variance
+            n_sensors += 1
+    return _hover_s(allocator, briefing, desk, n_sensors) * (1.0 - _ROUNDING)
+
+
+@kernel
+def _hover_s(allocator: int, briefing: Briefing, desk: _Desk, n_sensors: int) -> float:
+    hover_s, _ = share_bandwidth(
+        allocator,
+        desk.signal_w,
+        desk.error_w,
+        desk.demand_bit,
+        n_sensors,
+        briefing.bandwidth_hz,
+        briefing.noise_w_per_hz,
+        desk.share_hz,
+    )
+    return hover_s
