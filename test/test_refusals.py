@@ -149,17 +149,20 @@ def say_wrongly(pilot: StandIn, turn: Turn, wrongs: dict[str, Any], story: Story
 def make_trouble(pilot: StandIn, story: Story) -> None:
     """Start what may not join, while the world waits for an answer."""
     processes = story.fleet.processes
+    story.joins['unknown'] = pilot.ask_to_join(9, instance='x')
+    # Now: what is refused next takes its place in the reports.
+    pilot.wait_until(lambda: pilot.has_told('UAV 9 is unknown'))
     story.duplicate = story.fleet.start_agent(1)
     story.unknown = story.fleet.start_agent(9)
-    scenario_file = story.fleet.folder.with_suffix('.yaml')
+    # On a busy machine it may open before it hears of the first, but its third UAV never comes.
+    scenario_file = story.fleet.folder.with_name('second.yaml')
+    scenario_file.write_text(scenario_of(n_uavs=3).to_yaml(), encoding='utf-8')
     story.second_world = processes.start(
         'world_sim', '--ros-args', '-p', f'scenario:={scenario_file}'
     )
-    story.joins['unknown'] = pilot.ask_to_join(9, instance='x')
     story.joins['taken'] = pilot.ask_to_join(2, instance='x')
     for process in (story.second_world, story.unknown, story.duplicate):
         process.wait_for_exit()
-    pilot.wait_until(lambda: pilot.has_told('UAV 9 is unknown'))
 
 
 @pytest.fixture(scope='module')

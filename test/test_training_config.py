@@ -35,8 +35,8 @@ def test_every_shipped_preset_is_valid_and_has_its_files_name() -> None:
     assert [load_preset(name).name for name in preset_names()] == [*preset_names()]
 
 
-def test_refining_differs_from_strong_in_exploration_and_learning_rate_alone() -> None:
-    same = {'name': 'same', 'exploration': None, 'optimiser': None}
+def test_refining_learns_and_sees_what_strong_does() -> None:
+    same = {'name': 'same', 'exploration': None, 'optimiser': None, 'rollout': None}
     strong, refine = load_preset('strong'), load_preset('refine')
     assert strong.model_copy(update=same) == refine.model_copy(update=same)
     assert refine.epsilon(0.0) < strong.epsilon(0.0)
