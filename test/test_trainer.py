@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from tiny import tiny, uav
 from uav_collect.compiled import kernels_are_compiled
+from uav_collect.frozen import PolicyMismatchError
 from uav_collect.minibatch import Algorithm
 from uav_collect.policy import LearnedPolicy
 from uav_collect.replay import replay_bytes
@@ -207,6 +208,17 @@ def test_a_paper_observation_of_several_areas_is_refused() -> None:
     scenarios = tiny(*FLEET), tiny(*FLEET, area__cells_per_side=5)
     with pytest.raises(ConfigError, match="observation is 'paper': must be egocentric"):
         trainer_of(scenarios=scenarios, config=small('paper'))
+
+
+def test_a_policy_of_another_network_is_no_start() -> None:
+    # The paper's observation is as long as the area has cells.
+    policy = Trainer([tiny(*FLEET)], small(), 'aqmix', 0).policy()
+    larger = tiny(*FLEET, area__cells_per_side=5)
+    with pytest.raises(PolicyMismatchError, match=r'observation size is 35: must be 44'):
+        Trainer([larger], small(), 'aqmix', 0, initial=policy)
+    wider = small(network__hidden_size=9)
+    with pytest.raises(PolicyMismatchError, match=r'hidden size is 8: must be 9'):
+        Trainer([tiny(*FLEET)], wider, 'aqmix', 0, initial=policy)
 
 
 def test_a_folder_without_a_checkpoint_is_named(tmp_path: Path) -> None:

@@ -62,15 +62,15 @@ class Trainer:
         self._courses = new_courses(self.scenarios, config, self.algorithm, seed, device)
         briefings = [course.briefing for course in self._courses]
         self._learner = Learner(config, briefings, self.algorithm, seed, device)
-        if initial is not None:
-            _check_alike(initial, config)
-            self._learner.start_from(initial.weights)
         self._rng = np.random.Generator(np.random.Philox(key=[seed, _REPLAY_KEY]))
         self._turn = 0
         self._trained_s = 0.0
         self._validation: Validation | None = None
         self._best: Validation | None = None
         self._best_policy: FrozenPolicy | None = None
+        if initial is not None:
+            _check_alike(initial, self._header(None, initial.weights))
+            self._learner.start_from(initial.weights)
 
     @property
     def n_decisions(self) -> int:
@@ -290,13 +290,17 @@ class Trainer:
         )
 
 
-def _check_alike(initial: FrozenPolicy, config: TrainingConfig) -> None:
-    header, hidden_size = initial.header, config.network.hidden_size
-    if header.layout != config.layout or header.hidden_size != hidden_size:
-        raise PolicyMismatchError(
-            f'the initial policy {header.version} has {header.layout.label} and a hidden size of '
-            f'{header.hidden_size}: must be {config.layout.label} and {hidden_size}'
-        )
+def _check_alike(initial: FrozenPolicy, wanted: PolicyHeader) -> None:
+    header = initial.header
+    for name, value, known in (
+        ('observation', header.layout.label, wanted.layout.label),
+        ('observation size', header.observation_size, wanted.observation_size),
+        ('hidden size', header.hidden_size, wanted.hidden_size),
+    ):
+        if value != known:
+            raise PolicyMismatchError(
+                f'initial policy {header.version}: its {name} is {value}: must be {known}'
+            )
 
 
 def _merit(validation: Validation) -> tuple[float, float]:
