@@ -16,8 +16,16 @@ from uav_collect.exploration import explore
 from uav_collect.ground import Ground
 from uav_collect.missions import LocalView, Mission, mission_of, restart_mission
 from uav_collect.observation import encode
-from uav_collect.reward import discount, energy_reward, interval_reward, terminal_reward
+from uav_collect.reward import (
+    discount,
+    energy_reward,
+    interval_reward,
+    Reward,
+    terminal_reward,
+)
 from uav_collect.world import end_s, look, next_uav, start_action, wait_for_the_slowest
+
+_ENERGY = int(Reward.ENERGY)
 
 
 class Rules(NamedTuple):
@@ -150,7 +158,7 @@ def go_on(air: Air, world: int) -> None:
 
 @kernel
 def _interval_reward(air: Air, mission: Mission, start_s: float, stop_s: float) -> float:
-    if air.rules.reward == 1:  # Reward.ENERGY
+    if air.rules.reward == _ENERGY:
         return energy_reward(air.briefing, air.ground, mission, start_s, stop_s)
     return interval_reward(air.briefing, air.ground, mission, start_s, stop_s) + terminal_reward(
         air.briefing, air.ground, mission, start_s
@@ -160,7 +168,7 @@ def _interval_reward(air: Air, mission: Mission, start_s: float, stop_s: float) 
 @kernel
 def _news_reward(air: Air, world: int, uav: int) -> float:
     """One for each cell that the deciding UAV is the first to know complete."""
-    if air.rules.reward != 1:
+    if air.rules.reward != _ENERGY:
         return 0.0
     known = air.batch.beliefs.complete[world * air.briefing.n_uavs + uav]
     n_new = 0

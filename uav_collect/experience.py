@@ -17,7 +17,7 @@ from uav_collect.arrays import Floats, Row
 from uav_collect.belief import Belief, belief_of, Beliefs, new_beliefs
 from uav_collect.briefing import Briefing
 from uav_collect.compiled import kernel
-from uav_collect.missions import LocalView, Mission, VIEW_CELLS
+from uav_collect.missions import ACTIVE, LocalView, Mission, VIEW_CELLS
 from uav_collect.observation import encode
 from uav_collect.rows import new_row
 from uav_collect.world import x_m_at, y_m_at
@@ -167,7 +167,7 @@ def _record_uav(
     records.fleet[row][first] = x_m_at(mission, uav, time_s) / side_m
     records.fleet[row][first + 1] = y_m_at(mission, uav, time_s) / side_m
     records.fleet[row][first + 2] = mission.energy_left_j[uav] / briefing.energy_budget_j[uav]
-    records.fleet[row][first + 3] = 1.0 if mission.phase[uav] == 0 else 0.0
+    records.fleet[row][first + 3] = 1.0 if mission.phase[uav] == ACTIVE else 0.0
 
 
 class _Rebuilt(NamedTuple):

@@ -85,7 +85,7 @@ class Learner:
         Args:
             briefings: of each course: the fleets and areas that one agent network learns to fly.
         """
-        self._config, self._algorithm, self._device = config, algorithm, torch.device(device)
+        self._config, self._device = config, torch.device(device)
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             networks = Networks(config, briefings, algorithm)

@@ -1,6 +1,7 @@
 """The replay buffer: whole missions, their decisions as compact records in one ring."""
 
 from collections import deque
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -111,16 +112,15 @@ class Replay:
         )
 
 
+@dataclass(frozen=True, slots=True)
 class _Mission:
     """Where a mission lies in the ring."""
 
-    __slots__ = ('demand_bit', 'first', 'is_whole', 'mission_seed', 'n_decisions')
-
-    def __init__(
-        self, first: int, n_decisions: int, mission_seed: int, demand_bit: Floats, is_whole: bool
-    ) -> None:
-        self.first, self.n_decisions = first, n_decisions
-        self.mission_seed, self.demand_bit, self.is_whole = mission_seed, demand_bit, is_whole
+    first: int
+    n_decisions: int
+    mission_seed: int
+    demand_bit: Floats  # (C,)
+    is_whole: bool
 
     @property
     def rows(self) -> slice:

@@ -14,7 +14,7 @@ from uav_collect.ground import Ground
 from uav_collect.missions import Mission
 from uav_collect.world import end_s, next_uav
 
-_JOULE_SCALE = 1e-3
+_KJ_PER_J = 1e-3
 
 
 class Reward(IntEnum):
@@ -39,13 +39,13 @@ def energy_reward(
         acting_w = hover_w if mission.action[uav] == HOVER else briefing.flight_power_w[uav]
         acting_s = min(stop_s, acted_s) - start_s
         if acting_s > 0.0:
-            spent_kj += acting_w * _JOULE_SCALE * _discounted_s(ground, acting_s)
+            spent_kj += acting_w * _KJ_PER_J * _discounted_s(ground, acting_s)
         waits_from_s = max(start_s, acted_s)
         waiting_s = min(stop_s, mission.leg_end_s[uav]) - waits_from_s
         if waiting_s > 0.0:
             spent_kj += (
                 hover_w
-                * _JOULE_SCALE
+                * _KJ_PER_J
                 * discount(ground, waits_from_s - start_s)
                 * _discounted_s(ground, waiting_s)
             )

@@ -73,7 +73,8 @@ def _add_learning_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--preset',
         metavar='NAME|FILE',
-        help=f'settings of the training: paper, strong or a YAML file (default: {_PRESET})',
+        help='settings of the training: paper, strong, refine (to go on from a policy) or a YAML'
+        f' file (default: {_PRESET})',
     )
     parser.add_argument(
         '--override',
