@@ -75,7 +75,7 @@ class StandIn:
         self.radio: dict[int, Any] = {}
         self._join = node.create_client(Join, topics.JOIN_SERVICE)
         self._control = node.create_client(ControlMission, topics.CONTROL_SERVICE)
-        for topic in (*topics.FLEET_WIDE[:4], topics.DIAGNOSTICS):
+        for topic in (*topics.world_topics().recorded()[:4], topics.DIAGNOSTICS):
             self.listen(topic)
 
     def listen(self, topic: Any) -> None:  # noqa: ANN401

@@ -11,9 +11,9 @@ from uav_collect.nodes import topics  # noqa: E402
 pytestmark = pytest.mark.ros
 
 
-def test_a_fleet_has_five_topics_per_uav_and_seven_of_its_own() -> None:
+def test_a_fleet_has_five_topics_per_uav_and_eight_of_its_own() -> None:
     names = [topic.name for topic in topics.fleet_topics(16)]
-    assert len(set(names)) == len(names) == 7 + 16 * 5
+    assert len(set(names)) == len(names) == 8 + 16 * 5
     assert '/uav_16/radio_rx' in names
 
 
@@ -49,3 +49,28 @@ def test_the_death_of_an_agent_and_of_the_world_is_noticed() -> None:
 def test_types_are_named_as_ros_names_them() -> None:
     assert topics.EPOCH.type_name == 'uav_collect_msgs/msg/Epoch'
     assert topics.CLOCK.type_name == 'rosgraph_msgs/msg/Clock'
+
+
+def test_two_worlds_share_what_a_trainer_and_diagnostics_say_and_nothing_else() -> None:
+    alone, one, other = (
+        {topic.name for topic in topics.fleet_topics(2, namespace)}
+        for namespace in ('', '/a', '/north/b')
+    )
+    assert one & other == one & alone == {'/diagnostics', '/trainer/policy'}
+    assert {'/a/clock', '/a/world/epoch', '/a/uav_1/transition'} < one
+    assert topics.world_topics('/a').join_service == '/a/world/join'
+
+
+@pytest.mark.parametrize(
+    ('node', 'uav', 'world'),
+    [
+        ('/', 0, ''),
+        ('/a', 0, '/a'),
+        ('/uav_1', 1, ''),
+        ('/a', 1, '/a'),
+        ('/a/uav_1', 1, '/a'),
+        ('/uav_1', 11, '/uav_1'),
+    ],
+)
+def test_a_node_belongs_to_the_world_of_its_namespace(node: str, uav: int, world: str) -> None:
+    assert topics.world_of(node, uav) == world

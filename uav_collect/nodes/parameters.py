@@ -1,7 +1,9 @@
-"""ROS parameters of a node: declared with range and description, and listed by `--help`."""
+"""What users set of a node: its world, and ROS parameters with range and description."""
 
+import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
+import re
 from textwrap import wrap
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
@@ -44,6 +46,17 @@ class Parameter:
         return '\n'.join([f'  {self.name}:={shown}', *(f'      {line}' for line in lines)])
 
 
+def add_world_option(parser: argparse.ArgumentParser) -> None:
+    """Add what tells worlds in one ROS domain apart."""
+    parser.add_argument(
+        '--world',
+        type=_namespace,
+        default='',
+        metavar='NAME',
+        help='name of the world, if several share the ROS domain: a namespace for all topics',
+    )
+
+
 def declare(node: Node, parameters: Sequence[Parameter]) -> None:
     """Declare parameters; they are fixed once the node runs."""
     for parameter in parameters:
@@ -54,3 +67,9 @@ def help_text(parameters: Sequence[Parameter]) -> str:
     """The part of `--help` about parameters."""
     lines = ['ROS parameters (--ros-args -p NAME:=VALUE), with their defaults:']
     return '\n'.join([*lines, *(parameter.help for parameter in parameters)])
+
+
+def _namespace(text: str) -> str:
+    if not re.fullmatch(r'[A-Za-z_]\w*(/[A-Za-z_]\w*)*', text, re.ASCII):
+        raise argparse.ArgumentTypeError(f'{text!r} must be a ROS name, as a or north/a')
+    return text

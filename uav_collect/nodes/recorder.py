@@ -26,7 +26,7 @@ from rosbags.interfaces import (
     QosTime,
 )
 from uav_collect.bag_writer import BagWriter, MessageTypes, RecordingError
-from uav_collect.nodes.parameters import declare, help_text, Parameter
+from uav_collect.nodes.parameters import add_world_option, declare, help_text, Parameter
 from uav_collect.nodes.spin import (
     FAILED,
     MISUSED,
@@ -35,7 +35,7 @@ from uav_collect.nodes.spin import (
     ProcessNode,
     run_node,
 )
-from uav_collect.nodes.topics import CLOCK, EPOCH, FLEET_WIDE, MISSION, Topic, topics_of_uav
+from uav_collect.nodes.topics import Topic, topics_of_uav, world_of, world_topics
 from uav_collect_msgs.msg import Epoch, Mission
 
 _DESCRIPTION = """
@@ -47,7 +47,6 @@ _READER_DEPTH = 10_000  # messages of a topic that wait while a chunk is written
 _LOOK_PERIOD_S = 0.05  # between looks for new UAVs; latched histories bridge it
 _QUIET_S = 0.3  # without any message, when the last mission has ended, it was the last
 _WAIT_S = 5.0  # longest wait for that: DDS repeats lost packets every 3 s
-_UAV_TOPIC = re.compile(r'/uav_([1-9]\d?)/\w+')
 
 PARAMETERS = (
     Parameter(
@@ -82,13 +81,16 @@ PARAMETERS = (
 class RecorderNode(ProcessNode):
     """Keeps what it hears and hands it to the bag in chunks."""
 
-    def __init__(self, output: Path | None) -> None:
+    def __init__(self, output: Path | None, world: str = '') -> None:
         """Open the bag and listen.
 
         Args:
             output: folder to create; None for the parameter `output_dir`.
+            world: name of the world to listen to; empty for that without a name.
         """
-        super().__init__('recorder')
+        super().__init__('recorder', namespace=world)
+        self._world = world_topics(world_of(self.get_namespace()))
+        self._uav_topic = re.compile(rf'{self._world.namespace}/uav_([1-9]\d?)/\w+')
         declare(self, PARAMETERS)
         self._bag = self._open(output)
         self._missions_left = self._value('stop_after_missions') or math.inf
@@ -98,13 +100,14 @@ class RecorderNode(ProcessNode):
         self._heard_s = 0.0  # when the last message came that is not just the clock
         self._uavs: set[int] = set()
         self._n_lost: Counter[str] = Counter()
-        for topic in FLEET_WIDE:
+        fleet_wide = self._world.recorded()
+        for topic in fleet_wide:
             self._listen(topic)
         # Wall time, whatever the simulated clock does.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(self._value('flush_period_s'), self._flush, clock=steady)
         self.create_timer(_LOOK_PERIOD_S, self._look_around, clock=steady)
-        self.get_logger().info(f'recording {len(FLEET_WIDE)} topics to {self._bag.folder}')
+        self.get_logger().info(f'recording {len(fleet_wide)} topics to {self._bag.folder}')
 
     def on_stop(self) -> None:
         """Close the bag."""
@@ -127,7 +130,12 @@ class RecorderNode(ProcessNode):
 
     def _listen(self, topic: Topic) -> None:
         stored = self._bag.add_topic(topic.name, topic.type_name, _rosbag_qos(topic.qos))
-        own = {CLOCK.name: self._keep, MISSION.name: self._on_mission, EPOCH.name: self._on_epoch}
+        world = self._world
+        own = {
+            world.clock.name: self._keep,
+            world.mission.name: self._on_mission,
+            world.epoch.name: self._on_epoch,
+        }
         on_message = own.get(topic.name, self._on_message)
         told = SubscriptionEventCallbacks(message_lost=partial(self._on_lost, topic))
         self.create_subscription(
@@ -135,7 +143,7 @@ class RecorderNode(ProcessNode):
             topic.name,
             partial(on_message, stored),
             _reader_qos(topic.qos),
-            event_callbacks=None if topic is CLOCK else told,
+            event_callbacks=None if topic.name == world.clock.name else told,
             raw=True,
         )
 
@@ -168,10 +176,10 @@ class RecorderNode(ProcessNode):
 
     def _look_around(self) -> None:
         """Listen to new UAVs; stop when the last mission has ended and its messages are here."""
-        seen = (_UAV_TOPIC.fullmatch(name) for name, _ in self.get_topic_names_and_types())
+        seen = (self._uav_topic.fullmatch(name) for name, _ in self.get_topic_names_and_types())
         for uav in sorted({int(match[1]) for match in seen if match} - self._uavs):
             self._uavs.add(uav)
-            for topic in topics_of_uav(uav):
+            for topic in topics_of_uav(uav, self._world.namespace):
                 self._listen(topic)
             self.get_logger().info(f'recording UAV {uav}')
         if self._ended_s < math.inf:
@@ -206,7 +214,7 @@ def main(argv: Sequence[str]) -> int:
     arguments = parse_arguments(_parser(), argv)
     if arguments.repair is not None:
         return _repair(arguments.repair)
-    return run_node(lambda: RecorderNode(arguments.output), argv)
+    return run_node(lambda: RecorderNode(arguments.output, arguments.world), argv)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -217,6 +225,7 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument('--output', type=Path, metavar='DIR', help='folder to create for the bag')
+    add_world_option(parser)
     parser.add_argument('--repair', type=Path, metavar='BAG', help='make a bag readable, and exit')
     return parser
 

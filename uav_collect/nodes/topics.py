@@ -6,11 +6,15 @@ history is latched too: no first message is lost to a reader that is matched a m
 a recorder may start late. The price: whoever starts late also gets messages of the past, which
 `mission_id` and `decision` tell apart.
 
-A silent death is a liveliness event on `command` (of an agent) or `scenario` (of the world).
+A silent death is a liveliness event on `command` (of an agent), `scenario` (of the world) or
+`policy` (of the trainer).
+
+Worlds that share a ROS domain have a namespace each, which stands before all their names; the
+trainer and diagnostics are common to them. The constants here are the names without a namespace.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -27,6 +31,7 @@ from uav_collect_msgs.msg import (
     Epoch,
     Mission,
     Observation,
+    Policy,
     RadioMessage,
     Scenario,
     Transition,
@@ -50,6 +55,7 @@ _MISSIONS = QoSProfile(depth=1_000, durability=_LATCHED)
 _EVENTS = QoSProfile(depth=10_000, durability=_LATCHED)
 _TO_UAV = QoSProfile(depth=3_000, durability=_LATCHED)
 _FROM_UAV = QoSProfile(depth=3_000, durability=_LATCHED, **_NOTICED)
+_LEARNED = QoSProfile(depth=4, durability=_LATCHED, **_NOTICED)
 _LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 _REPORTS = QoSProfile(depth=10)
 
@@ -67,6 +73,10 @@ class Topic:
         """The type as ROS writes it, such as `uav_collect_msgs/msg/Epoch`."""
         package: str = self.message.__module__.partition('.')[0]
         return f'{package}/msg/{self.message.__name__}'
+
+    def within(self, namespace: str) -> 'Topic':
+        """The topic below a namespace, '' or such as '/a'."""
+        return replace(self, name=f'{namespace}{self.name}')
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,31 +98,81 @@ MARKERS = Topic(name='/world/markers', message=MarkerArray, qos=_CURRENT)
 COMPLETED_CELLS = Topic(name='/world/completed_cells', message=OccupancyGrid, qos=_CURRENT)
 DIAGNOSTICS = Topic(name='/diagnostics', message=DiagnosticArray, qos=_REPORTS)
 
-FLEET_WIDE = (CLOCK, SCENARIO, MISSION, EPOCH, MARKERS, COMPLETED_CELLS, DIAGNOSTICS)
+POLICY = Topic(name='/trainer/policy', message=Policy, qos=_LEARNED)
 
 
-def uav_topics(uav: int) -> UavTopics:
-    """The topics of the UAV with an id, from 1."""
-    namespace = f'/uav_{uav}'
-    return UavTopics(
-        observation=Topic(name=f'{namespace}/observation', message=Observation, qos=_TO_UAV),
-        command=Topic(name=f'{namespace}/command', message=Command, qos=_FROM_UAV),
-        radio_tx=Topic(name=f'{namespace}/radio_tx', message=RadioMessage, qos=_FROM_UAV),
-        radio_rx=Topic(name=f'{namespace}/radio_rx', message=RadioMessage, qos=_TO_UAV),
-        transition=Topic(name=f'{namespace}/transition', message=Transition, qos=_FROM_UAV),
+@dataclass(frozen=True, kw_only=True)
+class WorldTopics:
+    """The names of one world and its fleet."""
+
+    namespace: str  # '', or such as '/a'
+    clock: Topic
+    scenario: Topic
+    mission: Topic
+    epoch: Topic
+    markers: Topic
+    completed_cells: Topic
+    join_service: str
+    control_service: str
+
+    def uav(self, uav: int) -> UavTopics:
+        """The topics of the UAV with an id, from 1."""
+        return uav_topics(uav, self.namespace)
+
+    def recorded(self) -> tuple[Topic, ...]:
+        """All topics but those of UAVs, with those that worlds share."""
+        own = (self.clock, self.scenario, self.mission, self.epoch)
+        return (*own, self.markers, self.completed_cells, DIAGNOSTICS, POLICY)
+
+
+def world_topics(namespace: str = '') -> WorldTopics:
+    """The topics of the world in a namespace, '' or such as '/a'."""
+    return WorldTopics(
+        namespace=namespace,
+        clock=CLOCK.within(namespace),
+        scenario=SCENARIO.within(namespace),
+        mission=MISSION.within(namespace),
+        epoch=EPOCH.within(namespace),
+        markers=MARKERS.within(namespace),
+        completed_cells=COMPLETED_CELLS.within(namespace),
+        join_service=f'{namespace}{JOIN_SERVICE}',
+        control_service=f'{namespace}{CONTROL_SERVICE}',
     )
 
 
-def topics_of_uav(uav: int) -> tuple[Topic, ...]:
+def world_of(node_namespace: str, uav: int = 0) -> str:
+    """The namespace of the world that a node belongs to.
+
+    Args:
+        node_namespace: the node's own; an agent's may end with its UAV, as '/a/uav_1' does.
+        uav: id of the agent's UAV; 0 for other nodes.
+    """
+    namespace = node_namespace.rstrip('/')
+    return namespace.removesuffix(f'/uav_{uav}') if uav else namespace
+
+
+def uav_topics(uav: int, namespace: str = '') -> UavTopics:
+    """The topics of the UAV with an id, from 1, in the world of a namespace."""
+    own = f'{namespace}/uav_{uav}'
+    return UavTopics(
+        observation=Topic(name=f'{own}/observation', message=Observation, qos=_TO_UAV),
+        command=Topic(name=f'{own}/command', message=Command, qos=_FROM_UAV),
+        radio_tx=Topic(name=f'{own}/radio_tx', message=RadioMessage, qos=_FROM_UAV),
+        radio_rx=Topic(name=f'{own}/radio_rx', message=RadioMessage, qos=_TO_UAV),
+        transition=Topic(name=f'{own}/transition', message=Transition, qos=_FROM_UAV),
+    )
+
+
+def topics_of_uav(uav: int, namespace: str = '') -> tuple[Topic, ...]:
     """All topics of one UAV."""
-    topics = uav_topics(uav)
+    topics = uav_topics(uav, namespace)
     return tuple(getattr(topics, field.name) for field in fields(topics))
 
 
-def fleet_topics(n_uavs: int) -> tuple[Topic, ...]:
+def fleet_topics(n_uavs: int, namespace: str = '') -> tuple[Topic, ...]:
     """Every topic of a mission with this many UAVs: what a recording holds."""
-    own = [topic for uav in range(1, n_uavs + 1) for topic in topics_of_uav(uav)]
-    return (*FLEET_WIDE, *own)
+    own = [topic for uav in range(1, n_uavs + 1) for topic in topics_of_uav(uav, namespace)]
+    return (*world_topics(namespace).recorded(), *own)
 
 
 def publisher(node: Node, topic: Topic) -> Publisher:
