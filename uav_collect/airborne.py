@@ -20,6 +20,7 @@ from uav_collect.reward import (
     discount,
     energy_reward,
     interval_reward,
+    news_reward,
     Reward,
     terminal_reward,
 )
@@ -167,16 +168,10 @@ def _interval_reward(air: Air, mission: Mission, start_s: float, stop_s: float) 
 
 @kernel
 def _news_reward(air: Air, world: int, uav: int) -> float:
-    """One for each cell that the deciding UAV is the first to know complete."""
     if air.rules.reward != _ENERGY:
         return 0.0
     known = air.batch.beliefs.complete[world * air.briefing.n_uavs + uav]
-    n_new = 0
-    for cell in range(len(known)):
-        if known[cell] == 1 and air.desks.complete[world][cell] == 0:
-            air.desks.complete[world][cell] = 1
-            n_new += 1
-    return 1.0 * n_new
+    return news_reward(known, air.desks.complete[world])
 
 
 @kernel

@@ -85,6 +85,14 @@ def lay_out(scenario: Scenario, site: Site) -> Ground:
     )
 
 
+def demand_by_cell(first_sensor: Row[int], demand_bit: Row[float]) -> Floats:
+    """The data of each cell's sensors, (C,)."""
+    cells = range(len(first_sensor) - 1)
+    # Summed one by one as missions do: the sum must be the same to the last bit.
+    sums = [sum(demand_bit[first_sensor[cell] : first_sensor[cell + 1]], 0.0) for cell in cells]
+    return np.array(sums)
+
+
 @kernel
 def draw_demand(ground: Ground, mission_seed: int, demand_bit: Row[float]) -> None:
     """Draw the data that waits at the start of a mission.

@@ -8,6 +8,7 @@ from enum import IntEnum
 import math
 
 from uav_collect.actions import cell_at, HOVER, NONE
+from uav_collect.arrays import Row
 from uav_collect.briefing import Briefing
 from uav_collect.compiled import kernel
 from uav_collect.ground import Ground
@@ -50,6 +51,22 @@ def energy_reward(
                 * _discounted_s(ground, waiting_s)
             )
     return -spent_kj
+
+
+@kernel
+def news_reward(known: Row[int], complete: Row[int]) -> float:
+    """One for each cell that a deciding UAV is the first to know complete.
+
+    Args:
+        known: its map, (C,).
+        complete: the union of all UAVs' maps before, (C,); what is new is added.
+    """
+    n_new = 0
+    for cell in range(len(known)):
+        if known[cell] == 1 and complete[cell] == 0:
+            complete[cell] = 1
+            n_new += 1
+    return 1.0 * n_new
 
 
 @kernel

@@ -25,7 +25,7 @@ from uav_collect.event_log import (
     new_log,
 )
 from uav_collect.experience import Episode, new_records, Records
-from uav_collect.ground import lay_out
+from uav_collect.ground import demand_by_cell, lay_out
 from uav_collect.mission_log import MissionLog
 from uav_collect.observation import Layout, observation_size
 from uav_collect.preflight import check_can_start
@@ -170,7 +170,7 @@ class Flights:
         tables: list[Any] = [np.array(table[rows]) for table in self._air.records]
         return Episode(
             mission_seed=int(missions.seed[world][0]),
-            demand_bit=self._demand_bit(world),
+            demand_bit=demand_by_cell(self._air.ground.first_sensor, missions.demand_bit[world]),
             records=Records(*tables),
             is_whole=self._air.desks.uav[world] == NONE,
         )
@@ -200,12 +200,6 @@ class Flights:
         Only where kernels are compiled: interpreted ones work on lists.
         """
         return [*_arrays(self._air.batch), *_arrays(self._air.desks), *_arrays(self._air.records)]
-
-    def _demand_bit(self, world: int) -> Floats:
-        first, demand = self._air.ground.first_sensor, self._air.batch.missions.demand_bit[world]
-        cells = range(len(first) - 1)
-        # Summed one by one as the world does: the sum must be the same to the last bit.
-        return np.array([sum(demand[first[cell] : first[cell + 1]], 0.0) for cell in cells])
 
     def _make_room(self) -> None:
         if not self._stepping.is_logged:

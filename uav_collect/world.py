@@ -207,7 +207,7 @@ def _hover(
     mission.cell_bit[view.cell] = 0.0
     mission.collected_bit[0] += collected_bit
     energy_j = briefing.hover_power_w[uav] * duration_s
-    _start_leg(mission, uav, HOVER, view.x_m, view.y_m, duration_s, energy_j)
+    start_leg(mission, uav, HOVER, view.x_m, view.y_m, duration_s, energy_j)
     mission.n_decisions[uav] += 1
     return collected_bit
 
@@ -223,7 +223,7 @@ def _move(briefing: Briefing, mission: Mission, uav: int, action: int) -> None:
     x_m = (target % side + 0.5) * briefing.cell_size_m
     y_m = (target // side + 0.5) * briefing.cell_size_m
     energy_j = briefing.flight_power_w[uav] * duration_s
-    _start_leg(mission, uav, action, x_m, y_m, duration_s, energy_j)
+    start_leg(mission, uav, action, x_m, y_m, duration_s, energy_j)
     mission.n_decisions[uav] += 1
 
 
@@ -233,12 +233,12 @@ def _fly_home(briefing: Briefing, mission: Mission, uav: int) -> None:
     duration_s = actions.home_duration_s(briefing, uav, x_m, y_m)
     energy_j = actions.home_energy_j(briefing, uav, x_m, y_m)
     home_x_m, home_y_m = briefing.home_x_m[uav], briefing.home_y_m[uav]
-    _start_leg(mission, uav, HOME, home_x_m, home_y_m, duration_s, energy_j)
+    start_leg(mission, uav, HOME, home_x_m, home_y_m, duration_s, energy_j)
     mission.phase[uav] = FLYING_HOME
 
 
 @kernel
-def _start_leg(
+def start_leg(
     mission: Mission,
     uav: int,
     action: int,
@@ -247,6 +247,7 @@ def _start_leg(
     duration_s: float,
     energy_j: float,
 ) -> None:
+    """Let a UAV's next leg begin where and when its last one ended; an action is one leg."""
     mission.leg_start_x_m[uav] = mission.leg_end_x_m[uav]
     mission.leg_start_y_m[uav] = mission.leg_end_y_m[uav]
     mission.leg_end_x_m[uav] = x_m
