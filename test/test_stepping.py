@@ -152,6 +152,24 @@ def test_a_mission_restarts_in_the_place_of_another() -> None:
     assert [wait.reward.tolist() for wait in again] == [wait.reward.tolist() for wait in fresh]
 
 
+def test_the_global_state_is_what_records_keep_for_the_mixer() -> None:
+    log, _ = noted(paper(), SEEDS[0])
+    flights = flights_of(paper(), SEEDS[:1], max_decisions=len(log.events))
+    states = [flights.global_state(0)]
+    for action in decided(log):
+        flights.step(np.array([action]))
+        states.append(flights.global_state(0))
+    records = flights.episode(0).records
+    maps = np.concatenate([records.complete, records.true_complete], axis=1)
+    bits = np.unpackbits(maps.reshape(len(maps), 4, -1), axis=-1, count=100, bitorder='little')
+    before = np.array(states[:-1])
+    assert before[:, :12].astype(np.float32).tolist() == records.fleet.tolist()
+    assert before[:, 12:].tolist() == bits.reshape(len(maps), -1).tolist()
+    # The paper's corner, all budgets partly spent, everybody home.
+    assert states[-1][:12:4].tolist() == states[-1][1:12:4].tolist() == [0.05] * 3
+    assert states[-1][3:12:4].tolist() == [0.0] * 3
+
+
 def test_both_layouts_can_be_had() -> None:
     for layout in Layout:
         decisions = flights_of(tiny(), [0, 1], layout=layout).decisions

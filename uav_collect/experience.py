@@ -155,19 +155,20 @@ def record(
             for place in range(min(_BYTE, n_cells - byte * _BYTE)):
                 known |= complete[byte * _BYTE + place] << place
             records.complete[row][other * n_bytes + byte] = known
-        _record_uav(records, row, briefing, mission, other, view.time_s)
+        write_fleet(records.fleet[row], briefing, mission, other, view.time_s)
 
 
 @kernel
-def _record_uav(
-    records: Records, row: int, briefing: Briefing, mission: Mission, uav: int, time_s: float
+def write_fleet(
+    fleet: Row[float], briefing: Briefing, mission: Mission, uav: int, time_s: float
 ) -> None:
+    """Write the place, energy and phase of one UAV into the fleet's, (U * N_UAV_SCALARS,)."""
     side_m = briefing.cells_per_side * briefing.cell_size_m
     first = uav * N_UAV_SCALARS
-    records.fleet[row][first] = x_m_at(mission, uav, time_s) / side_m
-    records.fleet[row][first + 1] = y_m_at(mission, uav, time_s) / side_m
-    records.fleet[row][first + 2] = mission.energy_left_j[uav] / briefing.energy_budget_j[uav]
-    records.fleet[row][first + 3] = 1.0 if mission.phase[uav] == ACTIVE else 0.0
+    fleet[first] = x_m_at(mission, uav, time_s) / side_m
+    fleet[first + 1] = y_m_at(mission, uav, time_s) / side_m
+    fleet[first + 2] = mission.energy_left_j[uav] / briefing.energy_budget_j[uav]
+    fleet[first + 3] = 1.0 if mission.phase[uav] == ACTIVE else 0.0
 
 
 class _Rebuilt(NamedTuple):

@@ -24,9 +24,10 @@ from uav_collect.event_log import (
     logged_events,
     new_log,
 )
-from uav_collect.experience import Episode, new_records, Records
+from uav_collect.experience import Episode, N_UAV_SCALARS, new_records, Records, write_fleet
 from uav_collect.ground import demand_by_cell, lay_out
 from uav_collect.mission_log import MissionLog
+from uav_collect.missions import mission_of
 from uav_collect.observation import Layout, observation_size
 from uav_collect.preflight import check_can_start
 from uav_collect.reward import Reward
@@ -187,6 +188,23 @@ class Flights:
             header=replace(header, total_bit=math.fsum(demand_bit)),
             events=logged_events(self._air.log, world, self._air.batch.n_events[world][0]),
         )
+
+    def global_state(self, world: int) -> Floats:
+        """What a mixer is told of a mission: numbers from 0 to 1.
+
+        Returns:
+            Of each UAV east and north as shares of the area's side, energy left as a share of its
+            budget, and whether it still decides; then each UAV's completion map; then the true
+            one. Shape (U * N_UAV_SCALARS + (U + 1) * C,).
+        """
+        air, n_uavs = self._air, self._scenario.n_uavs
+        mission = mission_of(air.batch.missions, world)
+        fleet = new_row(n_uavs * N_UAV_SCALARS, 0.0)
+        for uav in range(n_uavs):
+            write_fleet(fleet, air.briefing, mission, uav, air.desks.time_s[world])
+        known = [air.batch.beliefs.complete[world * n_uavs + uav] for uav in range(n_uavs)]
+        is_empty = np.asarray(mission.cell_bit) <= 0.0
+        return np.concatenate([np.asarray(fleet), *map(np.asarray, known), is_empty])
 
     def efficiency_kbit_per_j(self, world: int) -> float:
         """Data that a mission has collected over the energy it has spent, both so far."""
