@@ -20,9 +20,8 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 from uav_collect.commands.fleet import Fleet
-from uav_collect.commands.options import with_uavs
 from uav_collect.compiled import interpret_kernels
-from uav_collect.scenario import load, Scenario
+from uav_collect.scenario import load, Scenario, with_uavs
 
 MISSIONS = 30
 N_ROUND_TRIPS = 3_000

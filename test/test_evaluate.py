@@ -17,10 +17,10 @@ from scripted import fly, header, uav
 from uav_collect import bag, evaluation, rollout
 from uav_collect.__main__ import main, SUMMARIES
 from uav_collect.bag import RecordedMission
-from uav_collect.commands import doctor, files, options
+from uav_collect.commands import doctor, files
 from uav_collect.metrics import figures, MissionFigures
 from uav_collect.mission_log import MissionLog, read
-from uav_collect.scenario import fingerprint, load, Scenario
+from uav_collect.scenario import fingerprint, load, Scenario, with_uavs
 from uav_collect.site import build_site
 
 MEASURES = (
@@ -264,7 +264,7 @@ def test_set_and_uavs_change_the_scenario(tmp_path: Path, small: Scenario) -> No
     changes = ['--set', 'demand.cell_share=0.6', 'radio.csi_error_variance=0.01', '--uavs', '3']
     assert evaluate(*SMALL, *changes, '--json', str(path)) == 0
     changed = load('paper_8x8', {'demand.cell_share': 0.6, 'radio.csi_error_variance': 0.01})
-    changed = options.with_uavs(changed, 3)
+    changed = with_uavs(changed, 3)
     assert [one.speed_mps for one in changed.uavs] == [5.0, 10.0, 5.0]
     assert json.loads(path.read_text())['sweep']['fingerprint'] == fingerprint(changed)
 

@@ -12,10 +12,9 @@ import pytest
 from scripted import fly, header, uav
 from uav_collect import plots, rollout
 from uav_collect.arrays import Floats
-from uav_collect.commands.options import with_uavs
 from uav_collect.lanes import corners_m, lane_shifts, narrowest_lane, steps
 from uav_collect.mission_log import MissionLog
-from uav_collect.scenario import load, Scenario
+from uav_collect.scenario import load, Scenario, with_uavs
 from uav_collect.site import build_site, Site
 
 PNG = b'\x89PNG\r\n\x1a\n'

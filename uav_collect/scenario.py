@@ -7,6 +7,7 @@ defaults, cells as places, sensors of a CSV file. What comes out stands alone.
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 import hashlib
+from itertools import cycle, islice
 import json
 from pathlib import Path
 from typing import Any
@@ -53,6 +54,7 @@ __all__ = [
     'parse_override',
     'scenario_folders',
     'scenario_names',
+    'with_uavs',
 ]
 
 
@@ -99,6 +101,12 @@ def parse_override(assignment: str) -> tuple[str, object]:
         return path, config_files.parse_value(value)
     except ConfigError:
         raise ConfigError(f'override: {path} is {value!r}: must be a YAML value') from None
+
+
+def with_uavs(scenario: Scenario, n_uavs: int) -> Scenario:
+    """The scenario with another number of UAVs: those it has, in turn."""
+    uavs = tuple(islice(cycle(scenario.uavs), n_uavs))
+    return scenario.model_copy(update={'fleet': FleetConfig(uavs=uavs)})
 
 
 def fingerprint(scenario: Scenario) -> str:

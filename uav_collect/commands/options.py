@@ -2,7 +2,6 @@
 
 import argparse
 from collections.abc import Callable
-from itertools import cycle, islice
 from typing import TYPE_CHECKING
 
 from uav_collect.limits import ALLOCATOR_NAMES, MAX_SEED, MAX_UAVS
@@ -67,7 +66,7 @@ def scenario_of(arguments: argparse.Namespace) -> 'Scenario':
     Raises:
         ConfigError: it is not there, not valid, or an override does not fit.
     """
-    from uav_collect.scenario import load, parse_override
+    from uav_collect.scenario import load, parse_override, with_uavs
 
     overrides = dict(parse_override(assignment) for assignment in arguments.set)
     scenario = load(arguments.scenario, overrides)
@@ -80,21 +79,13 @@ def scenarios_of(arguments: argparse.Namespace) -> 'tuple[Scenario, ...]':
     Raises:
         ConfigError: one is not there, not valid, or an override does not fit.
     """
-    from uav_collect.scenario import load, parse_override
+    from uav_collect.scenario import load, parse_override, with_uavs
 
     overrides = dict(parse_override(assignment) for assignment in arguments.set)
     scenarios = [load(name, overrides) for name in arguments.scenario or [DEFAULT_SCENARIO]]
     if not arguments.uavs:
         return tuple(scenarios)
     return tuple(with_uavs(one, n_uavs) for one in scenarios for n_uavs in arguments.uavs)
-
-
-def with_uavs(scenario: 'Scenario', n_uavs: int) -> 'Scenario':
-    """The scenario with another number of UAVs: those it has, in turn."""
-    from uav_collect.scenario import FleetConfig
-
-    uavs = tuple(islice(cycle(scenario.uavs), n_uavs))
-    return scenario.model_copy(update={'fleet': FleetConfig(uavs=uavs)})
 
 
 def add_seed_option(parser: argparse.ArgumentParser, what: str) -> None:
