@@ -9,7 +9,7 @@ from uav_collect.arrays import Floats
 from uav_collect.belief import Belief, belief_of, hear, merge, new_beliefs
 from uav_collect.briefing import brief
 from uav_collect.missions import LocalView
-from uav_collect.observation import encode, Layout, observation_size
+from uav_collect.observation import encode, Layout, observation_bound, observation_size
 from uav_collect.rows import new_row, row_of
 from uav_collect.scenario import ConfigError, Scenario
 
@@ -75,6 +75,30 @@ def test_every_number_of_an_observation_is_written(layout: Layout, side: int) ->
     scenario = tiny(uav(5.0), uav(5.0), sensors=[(25.0, 25.0, 1.0)], area__cells_per_side=side)
     numbers = observation(layout, scenario)
     assert (np.abs(numbers) <= 1.5).all()
+
+
+@pytest.mark.parametrize(
+    ('layout', 'speed_mps', 'most_bit', 'bound'),
+    [
+        (Layout.PAPER, 5.0, 0.5e6, 1.0),
+        (Layout.PAPER, 5.0, 7.5e6, 8.0),
+        (Layout.EGOCENTRIC, 5.0, 7.5e6, 20.0),  # 81 cells of ln(8.5) over 9: 19.3
+        (Layout.EGOCENTRIC, 45.0, 0.0, 5.0),
+        (Layout.EGOCENTRIC, 5.0, 0.0, 4.0),  # 400 cells in hundreds
+    ],
+)
+def test_no_number_of_an_observation_exceeds_its_bound(
+    layout: Layout, speed_mps: float, most_bit: float, bound: float
+) -> None:
+    fleet = [uav(speed_mps, start=(2, 3))]
+    scenario = tiny(*fleet, sensors=[(25.0, 25.0, 1.0)], area__cells_per_side=20)
+    belief = belief_of(new_beliefs(brief(scenario), 1), 0)
+    for cell in range(400):
+        belief.seen_bit[cell] = most_bit
+    view = Flight(scenario).look().view._replace(region_bit=row_of([most_bit] * 9))
+    numbers = encoded(layout, scenario, 0, belief, view)
+    assert observation_bound(layout, brief(scenario), most_bit) == bound
+    assert 0.5 * bound <= np.abs(numbers).max() <= bound
 
 
 def test_the_paper_layout_of_a_case_made_by_hand() -> None:

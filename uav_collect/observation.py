@@ -67,6 +67,24 @@ def observation_size(layout: Layout, cells_per_side: int, n_uavs: int) -> int:
     return _N_SCALARS + maps + peers + N_ACTIONS + EGOCENTRIC_MAX_UAVS
 
 
+def observation_bound(layout: Layout, briefing: Briefing, most_bit: float) -> float:
+    """What no number of an observation exceeds, in either direction; a whole number, and rough.
+
+    Args:
+        most_bit: the most data that a cell can hold [bit].
+    """
+    side = briefing.cells_per_side
+    if layout == Layout.PAPER:
+        return math.ceil(max(1.0, most_bit / _DEMAND_SCALE_BIT))
+    bounds = (
+        side / _LENGTH_SCALE_CELLS,
+        side * side / _COUNT_SCALE_CELLS,
+        max(briefing.speed_mps) / _SPEED_SCALE_MPS,
+        FAR_POOL_SIDE * _demand(most_bit),  # all cells of a block full
+    )
+    return math.ceil(max(1.0, *bounds))
+
+
 @kernel
 def encode(
     layout: int, briefing: Briefing, uav: int, belief: Belief, view: LocalView, out: Row[float]
