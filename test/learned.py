@@ -7,12 +7,12 @@ import numpy as np
 from uav_collect.frozen import (
     FrozenPolicy,
     PolicyHeader,
-    save_policy,
     Validation,
     weight_shapes,
     Weights,
 )
 from uav_collect.observation import Layout, observation_size
+from uav_collect.policy_file import save_policy
 
 VALIDATION = Validation(
     efficiency_kbit_per_j=1.25,

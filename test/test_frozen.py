@@ -20,14 +20,12 @@ from uav_collect.arrays import Bools, Floats
 from uav_collect.briefing import brief
 from uav_collect.frozen import (
     best_actions,
-    FORMAT,
     FrozenPolicy,
-    load_policy,
     PolicyMismatchError,
-    save_policy,
     weights_digest,
 )
 from uav_collect.observation import Layout
+from uav_collect.policy_file import FORMAT, load_policy, save_policy
 from uav_collect.scenario import load
 
 N_SEQUENCES, N_STEPS = 10_000, 6

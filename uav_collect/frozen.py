@@ -7,31 +7,20 @@ The network is encoder, GRU cell, head:
 
 It runs on numpy alone, in float64. A batch of decisions gives each of them the very bits that it
 gets alone, so missions flown many at once equal those flown by one agent per UAV.
-
-The file is safetensors: the weights as float32, and the header's fields as strings beside them.
 """
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass
 import hashlib
 from itertools import product
-import json
-import os
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import TypeAdapter, ValidationError
 from uav_collect.actions import N_ACTIONS
 from uav_collect.arrays import Bools, Floats, Ints
 from uav_collect.briefing import Briefing
 from uav_collect.limits import EGOCENTRIC_MAX_UAVS, MAX_UAVS
 from uav_collect.observation import Layout, observation_size
-
-FORMAT = 'uav_collect.policy/1'
-SUFFIX = '.safetensors'
-_MAX_DIGITS = 19  # of a number in a header: 63 bits
 
 Weights = Mapping[str, NDArray[np.float32]]
 
@@ -178,44 +167,6 @@ def weights_digest(weights: Weights) -> str:
     return digest.hexdigest()
 
 
-def save_policy(path: Path, policy: FrozenPolicy) -> None:
-    """Write a policy's file: whole or not at all.
-
-    Raises:
-        OSError: it cannot be written.
-    """
-    from safetensors.numpy import save
-
-    tensors = {
-        name: np.ascontiguousarray(tensor, dtype='<f4') for name, tensor in policy.weights.items()
-    }
-    partial = path.with_name(f'.{path.name}.{os.getpid()}.part')
-    try:
-        with partial.open('wb') as file:
-            file.write(save(tensors, _metadata(policy)))
-            file.flush()
-            os.fsync(file.fileno())
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
-
-
-def load_policy(path: Path) -> FrozenPolicy:
-    """Read a policy's file.
-
-    Raises:
-        PolicyMismatchError: one line: the file, the field, its value, what it must be.
-    """
-    try:
-        metadata, weights = _read(path)
-        header = _header(metadata)
-        policy = FrozenPolicy(header, weights)
-        _check_field('digest', _field(metadata, 'digest'), policy.digest)
-    except PolicyMismatchError as error:
-        raise PolicyMismatchError(f'{path}: {error}') from error
-    return policy
-
-
 def _product(rows: Floats, matrix: Floats) -> Floats:
     # Not `@`: BLAS rounds a row differently when others come with it, or on other threads.
     product: Floats = np.einsum('ni,io->no', rows, matrix)
@@ -228,87 +179,6 @@ def _sigmoid(x: Floats) -> Floats:
 
 def _span(low: int, high: int) -> str:
     return str(low) if low == high else f'{low} to {high}'
-
-
-def _read(path: Path) -> tuple[dict[str, str], Weights]:
-    """The strings and the tensors of a file."""
-    from safetensors import safe_open, SafetensorError
-
-    try:
-        with safe_open(path, framework='numpy') as file:
-            metadata = file.metadata() or {}
-            _check_field('format', _field(metadata, 'format'), FORMAT)
-            # Copied out: the file may be replaced while the policy flies.
-            weights = {name: np.array(_tensor(file, name)) for name in file.keys()}  # noqa: SIM118
-    except SafetensorError as error:
-        raise PolicyMismatchError(f'is not a whole safetensors file ({error})') from error
-    except OSError as error:
-        raise PolicyMismatchError(f'cannot be read: {error.strerror or error}') from error
-    return metadata, weights
-
-
-def _tensor(file: Any, name: str) -> NDArray[np.float32]:  # noqa: ANN401 - safe_open's
-    kind = file.get_slice(name).get_dtype()
-    if kind != 'F32':  # numpy does not even know all that there are
-        raise PolicyMismatchError(f'{name} is {kind}: must be F32')
-    tensor: NDArray[np.float32] = file.get_tensor(name)
-    return tensor
-
-
-def _metadata(policy: FrozenPolicy) -> dict[str, str]:
-    told = {
-        field.name: _text(getattr(policy.header, field.name)) for field in fields(PolicyHeader)
-    }
-    return {'format': FORMAT, **told, 'digest': policy.digest}
-
-
-def _text(value: Layout | Validation | int | str) -> str:
-    if isinstance(value, Layout):
-        return value.label
-    return json.dumps(asdict(value)) if isinstance(value, Validation) else str(value)
-
-
-def _header(metadata: Mapping[str, str]) -> PolicyHeader:
-    told: dict[str, Any] = {
-        field.name: _parsed(field.name, field.type, _field(metadata, field.name))
-        for field in fields(PolicyHeader)
-    }
-    return PolicyHeader(**told)
-
-
-def _parsed(name: str, kind: object, text: str) -> Layout | Validation | int | str:
-    if kind is Layout:
-        known = {layout.label: layout for layout in Layout}
-        if text not in known:
-            raise PolicyMismatchError(f'{name} is {text!r}: must be {" or ".join(known)}')
-        return known[text]
-    if kind is Validation:
-        return _validation(name, text)
-    if kind is int:
-        if not (text.isascii() and text.isdecimal() and len(text) <= _MAX_DIGITS):
-            raise PolicyMismatchError(f'{name} is {text!r}: must be a whole number')
-        return int(text)
-    return text
-
-
-def _validation(name: str, text: str) -> Validation:
-    try:
-        return TypeAdapter(Validation).validate_json(text)
-    except ValidationError as error:
-        names = ', '.join(field.name for field in fields(Validation))
-        what = f'{name} is {text!r}: must be a JSON object of {names}'
-        raise PolicyMismatchError(what) from error
-
-
-def _field(metadata: Mapping[str, str], name: str) -> str:
-    if name not in metadata:
-        raise PolicyMismatchError(f'{name} is missing: it is no policy of {FORMAT}')
-    return metadata[name]
-
-
-def _check_field(name: str, value: str, wanted: str) -> None:
-    if value != wanted:
-        raise PolicyMismatchError(f'{name} is {value!r}: must be {wanted!r}')
 
 
 def _check_header(header: PolicyHeader) -> None:

@@ -123,7 +123,7 @@ def opened(run: PlannedRun, n_decisions: int) -> Iterator[RunFolder]:
 
 
 def _keep(policy: 'FrozenPolicy | None', path: Path) -> None:
-    from uav_collect.frozen import save_policy
+    from uav_collect.policy_file import save_policy
 
     if policy is not None:
         with files.naming(path):

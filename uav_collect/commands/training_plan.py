@@ -73,7 +73,7 @@ def planned(arguments: argparse.Namespace) -> Training:
 
 
 def _new(arguments: argparse.Namespace) -> Training:
-    from uav_collect.frozen import load_policy
+    from uav_collect.policy_file import load_policy
     from uav_collect.scenario import parse_override
     from uav_collect.training_config import load_preset
 
@@ -216,7 +216,7 @@ def _extended(record: RunRecord, arguments: argparse.Namespace) -> RunRecord:
 
 
 def _stored(folder: Path, record: RunRecord) -> PlannedRun:
-    from uav_collect.frozen import load_policy
+    from uav_collect.policy_file import load_policy
     from uav_collect.scenario import from_yaml
     from uav_collect.training_config import load_preset
 

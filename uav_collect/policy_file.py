@@ -1,0 +1,158 @@
+"""A frozen policy's file: safetensors, the weights as float32, the header's fields beside them."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, fields
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import TypeAdapter, ValidationError
+from uav_collect.frozen import (
+    FrozenPolicy,
+    PolicyHeader,
+    PolicyMismatchError,
+    Validation,
+    Weights,
+)
+from uav_collect.observation import Layout
+
+FORMAT = 'uav_collect.policy/1'
+SUFFIX = '.safetensors'
+_MAX_DIGITS = 19  # of a number in a header: 63 bits
+_LENGTH_BYTE = 8  # of the length that a safetensors file begins with
+
+
+def policy_bytes(policy: FrozenPolicy) -> bytes:
+    """What a policy's file holds; the inverse is `policy_from_bytes`."""
+    from safetensors.numpy import save
+
+    tensors = {
+        name: np.ascontiguousarray(tensor, dtype='<f4') for name, tensor in policy.weights.items()
+    }
+    content: bytes = save(tensors, _metadata(policy))
+    return content
+
+
+def policy_from_bytes(content: bytes) -> FrozenPolicy:
+    """The policy that a file holds.
+
+    Raises:
+        PolicyMismatchError: one line: the field, its value, what it must be.
+    """
+    metadata, weights = _read(content)
+    policy = FrozenPolicy(_header(metadata), weights)
+    _check_field('digest', _field(metadata, 'digest'), policy.digest)
+    return policy
+
+
+def save_policy(path: Path, policy: FrozenPolicy) -> None:
+    """Write a policy's file: whole or not at all.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    partial = path.with_name(f'.{path.name}.{os.getpid()}.part')
+    try:
+        with partial.open('wb') as file:
+            file.write(policy_bytes(policy))
+            file.flush()
+            os.fsync(file.fileno())
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def load_policy(path: Path) -> FrozenPolicy:
+    """Read a policy's file.
+
+    Raises:
+        PolicyMismatchError: one line: the file, the field, its value, what it must be.
+    """
+    try:
+        return policy_from_bytes(path.read_bytes())
+    except OSError as error:
+        raise PolicyMismatchError(f'{path}: cannot be read: {error.strerror or error}') from error
+    except PolicyMismatchError as error:
+        raise PolicyMismatchError(f'{path}: {error}') from error
+
+
+def _read(content: bytes) -> tuple[dict[str, str], Weights]:
+    """The strings and the tensors of a file."""
+    from safetensors import deserialize, SafetensorError
+
+    try:
+        tensors = deserialize(content)  # type: ignore[no-untyped-call]
+    except SafetensorError as error:
+        raise PolicyMismatchError(f'is not a whole safetensors file ({error})') from error
+    # What deserialize has checked, but keeps to itself.
+    end = _LENGTH_BYTE + int.from_bytes(content[:_LENGTH_BYTE], 'little')
+    metadata: dict[str, str] = json.loads(content[_LENGTH_BYTE:end]).get('__metadata__') or {}
+    _check_field('format', _field(metadata, 'format'), FORMAT)
+    return metadata, {name: _tensor(name, tensor) for name, tensor in tensors}
+
+
+def _tensor(name: str, tensor: Mapping[str, Any]) -> NDArray[np.float32]:
+    kind = tensor['dtype']
+    if kind != 'F32':  # numpy does not even know all that there are
+        raise PolicyMismatchError(f'{name} is {kind}: must be F32')
+    values = np.frombuffer(tensor['data'], dtype='<f4').reshape(tensor['shape'])
+    return values.astype(np.float32)
+
+
+def _metadata(policy: FrozenPolicy) -> dict[str, str]:
+    told = {
+        field.name: _text(getattr(policy.header, field.name)) for field in fields(PolicyHeader)
+    }
+    return {'format': FORMAT, **told, 'digest': policy.digest}
+
+
+def _text(value: Layout | Validation | int | str) -> str:
+    if isinstance(value, Layout):
+        return value.label
+    return json.dumps(asdict(value)) if isinstance(value, Validation) else str(value)
+
+
+def _header(metadata: Mapping[str, str]) -> PolicyHeader:
+    told: dict[str, Any] = {
+        field.name: _parsed(field.name, field.type, _field(metadata, field.name))
+        for field in fields(PolicyHeader)
+    }
+    return PolicyHeader(**told)
+
+
+def _parsed(name: str, kind: object, text: str) -> Layout | Validation | int | str:
+    if kind is Layout:
+        known = {layout.label: layout for layout in Layout}
+        if text not in known:
+            raise PolicyMismatchError(f'{name} is {text!r}: must be {" or ".join(known)}')
+        return known[text]
+    if kind is Validation:
+        return _validation(name, text)
+    if kind is int:
+        if not (text.isascii() and text.isdecimal() and len(text) <= _MAX_DIGITS):
+            raise PolicyMismatchError(f'{name} is {text!r}: must be a whole number')
+        return int(text)
+    return text
+
+
+def _validation(name: str, text: str) -> Validation:
+    try:
+        return TypeAdapter(Validation).validate_json(text)
+    except ValidationError as error:
+        names = ', '.join(field.name for field in fields(Validation))
+        what = f'{name} is {text!r}: must be a JSON object of {names}'
+        raise PolicyMismatchError(what) from error
+
+
+def _field(metadata: Mapping[str, str], name: str) -> str:
+    if name not in metadata:
+        raise PolicyMismatchError(f'{name} is missing: it is no policy of {FORMAT}')
+    return metadata[name]
+
+
+def _check_field(name: str, value: str, wanted: str) -> None:
+    if value != wanted:
+        raise PolicyMismatchError(f'{name} is {value!r}: must be {wanted!r}')
