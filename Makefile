@@ -111,9 +111,10 @@ $(INSTALLED): requirements/run.txt requirements/build.txt requirements/ros.txt \
 	@sh tools/make_venv.sh $(VENV) $(ROS) $(PYTHON)
 	@touch $@
 
-$(DEVELOPED): $(INSTALLED) requirements/dev.txt
-	@echo 'set-up: installing the tools of requirements/dev.txt (10 s)'
-	@$(VENV)/bin/python -m pip install -qq -c requirements/constraints.txt -r requirements/dev.txt
+$(DEVELOPED): $(INSTALLED) requirements/dev.txt requirements/pettingzoo.txt
+	@echo 'set-up: installing what requirements/dev.txt and pettingzoo.txt list (10 s)'
+	@$(VENV)/bin/python -m pip install -qq -c requirements/constraints.txt -r requirements/dev.txt \
+	  -r requirements/pettingzoo.txt
 	@touch $@
 
 $(LEARNS): $(INSTALLED) requirements/train.txt tools/install_training.sh

@@ -29,6 +29,7 @@ setup(
     install_requires=['setuptools'],
     extras_require={
         'test': ['pytest'],  # lets colcon test run pytest
+        'pettingzoo': ['gymnasium==1.4.0', 'pettingzoo==1.27.0'],  # as requirements/pettingzoo.txt
         'train': ['torch==2.13.0', 'tensorboard==2.21.0'],  # as requirements/train.txt
     },
     zip_safe=True,

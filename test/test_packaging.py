@@ -38,11 +38,11 @@ LAYERS = (
     'yaml_text config_files config_rules sensors_csv scenario_model scenario site',
     'radio energy bandwidth_newton bandwidth_reference bandwidth',
     'actions exploration briefing ground missions world belief observation reward event_log',
-    'experience',
+    'experience told',
     'frozen policy_file heuristics policy agent',
-    'batch preflight simulation airborne stepping rollout',
+    'batch preflight simulation airborne stepping rollout retrace assembly',
     'metrics evaluation errands plan_search plan_bound bound bound_estimates',
-    'lanes plots tables bound_tables bag bag_writer bag_repair learning_curves',
+    'lanes plots tables bound_tables bag bag_writer bag_repair learning_curves pettingzoo_env',
     'training_config training_progress replay minibatch',
     'network mixer learner collector checkpoint course trainer',
 )
@@ -100,7 +100,7 @@ def pinned(name: str) -> set[str]:
 
 
 def test_every_import_is_a_direct_requirement() -> None:
-    required = pinned('run.txt') | pinned('train.txt')
+    required = pinned('run.txt') | pinned('train.txt') | pinned('pettingzoo.txt')
     standard = set(sys.stdlib_module_names)
     modules = set().union(*map(foreign_imports, MODULES)) - standard - ROS_MODULES
     providers = packages_distributions()
@@ -111,6 +111,18 @@ def test_every_import_is_a_direct_requirement() -> None:
 def test_what_training_alone_needs_is_imported_by_training_alone() -> None:
     importers = {path.stem for path in MODULES if foreign_imports(path) & pinned('train.txt')}
     assert importers <= set(LEARNING.split())
+
+
+def test_pettingzoo_is_imported_by_its_environment_alone() -> None:
+    importers = {path.stem for path in MODULES if foreign_imports(path) & pinned('pettingzoo.txt')}
+    assert importers == {'pettingzoo_env'}
+
+
+@pytest.mark.parametrize('extra', ['pettingzoo', 'train'])
+def test_an_extra_pins_what_its_requirements_file_pins(extra: str) -> None:
+    pins = re.findall(r'^[\w.-]+==\S+', (ROOT / f'requirements/{extra}.txt').read_text(), re.M)
+    [line] = re.findall(rf"'{extra}': \[(.*)\]", (ROOT / 'setup.py').read_text())
+    assert set(re.findall(r"'([^']+)'", line)) == set(pins)
 
 
 @pytest.mark.parametrize('path', sorted((ROOT / 'requirements').iterdir()), ids=lambda p: p.name)

@@ -194,9 +194,9 @@ def test_the_exact_allocator_hovers_shorter_over_two_sensors_than_the_equal_one(
 
 @pytest.mark.parametrize('action', [HOVER, BACKWARD, HOME, NONE, N_ACTIONS, 77])
 def test_an_illegal_action_is_refused_and_nothing_moves(action: int) -> None:
-    flights = flights_of(tiny(), [0, 1])
+    flights = flights_of(tiny(), [0, 31])
     before = kept(flights.decisions)
-    with pytest.raises(ValueError, match=rf'action {action} of UAV 1 in mission 1 .* \[1, 2\]'):
+    with pytest.raises(ValueError, match=rf'action {action} of UAV 1 in mission 31 .* \[1, 2\]'):
         flights.step(np.array([FORWARD, action]))
     assert flights.decisions.observation.tolist() == before.observation.tolist()
     assert flights.decisions.time_s.tolist() == [0.0, 0.0]

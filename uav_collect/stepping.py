@@ -141,8 +141,9 @@ class Flights:
         refused = np.flatnonzero((waiting.uav != NONE) & ~is_legal)
         if len(refused):
             world = refused[0]
+            seed = self._air.batch.missions.seed[world][0]
             raise ValueError(
-                f'action {actions[world]} of UAV {waiting.uav[world] + 1} in mission {world} is '
+                f'action {actions[world]} of UAV {waiting.uav[world] + 1} in mission {seed} is '
                 f'not legal; legal are {np.flatnonzero(waiting.legal[world]).tolist()}'
             )
         self._make_room()
