@@ -39,7 +39,7 @@ LAYERS = (
     'radio energy bandwidth_newton bandwidth_reference bandwidth',
     'actions exploration briefing ground missions world belief observation reward event_log',
     'experience told',
-    'frozen policy_file heuristics policy agent',
+    'frozen callable_policy policy_file heuristics policy agent',
     'batch preflight simulation airborne stepping rollout retrace assembly',
     'metrics evaluation errands plan_search plan_bound bound bound_estimates',
     'lanes plots tables bound_tables bag bag_writer bag_repair learning_curves pettingzoo_env',

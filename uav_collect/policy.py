@@ -6,9 +6,12 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
+from uav_collect.actions import NONE
 from uav_collect.arrays import Floats, Row
 from uav_collect.belief import Belief
 from uav_collect.briefing import brief, Briefing
+from uav_collect.callable_policy import callable_policy, CallablePolicy, is_callable_name
+from uav_collect.exploration import explore
 from uav_collect.frozen import best_actions, FrozenPolicy, PolicyMismatchError
 from uav_collect.heuristics import choose, Heuristic, MEMORY_SIZE
 from uav_collect.missions import LocalView
@@ -19,6 +22,7 @@ from uav_collect.scenario import Scenario
 from uav_collect.shared_files import shared_folders
 
 STRONG = 'strong'  # stands for the learned policy that is shipped for the scenario at hand
+TOPIC = 'topic'  # stands for what a trainer publishes, for agents over ROS
 
 
 class Policy(Protocol):
@@ -119,11 +123,61 @@ class LearnedPolicy:
         return int(best_actions(values, np.array([legal]) == 1)[0])
 
 
-def policy_named(name: str) -> RulePolicy | LearnedPolicy:
-    """The policy that a user names: a heuristic, a shipped policy or the path of a file.
+@dataclass
+class ExploringPolicy:
+    """A learned policy whose UAV takes a random action now and then, by the key of the mission."""
+
+    learned: LearnedPolicy
+    epsilon: float  # probability to explore
+    hover_share: float  # see `exploration.explore`
+    mission_seed: int  # of the mission that is flown
+    _uav: int = field(default=0, init=False)
+    _n_decisions: int = field(default=0, init=False)
+
+    @property
+    def name(self) -> str:
+        """That of the learned policy."""
+        return self.learned.name
+
+    @property
+    def version(self) -> str:
+        """Weights and how much it explores."""
+        return flown_version(self.learned.version, self.epsilon)
+
+    def begin(self, briefing: Briefing, uav: int) -> None:
+        """Forget the last mission and get ready to fly a UAV, by index.
+
+        Raises:
+            PolicyMismatchError: it did not learn to fly such a fleet, or such an area.
+        """
+        self.learned.begin(briefing, uav)
+        self._uav = uav
+        self._n_decisions = 0
+
+    def choose(self, belief: Belief, view: LocalView, legal: Row[int]) -> int:
+        """The random action of this decision, or else the legal one of the highest value."""
+        best = self.learned.choose(belief, view, legal)  # always: it remembers what it saw
+        decision = self._n_decisions
+        self._n_decisions += 1
+        explored = explore(
+            self.mission_seed, self._uav, decision, self.epsilon, self.hover_share, legal
+        )
+        return best if explored == NONE else explored
+
+
+def flown_version(version: str, epsilon: float) -> str:
+    """How commands, logs and transitions name a learned policy that explores so much."""
+    return f'{version} eps {epsilon:g}' if epsilon > 0.0 else version
+
+
+NamedPolicy = RulePolicy | LearnedPolicy | CallablePolicy
+
+
+def policy_named(name: str) -> NamedPolicy:
+    """The policy that a user names: a heuristic, a shipped policy, a file or `module:function`.
 
     Raises:
-        PolicyMismatchError: there is none of that name, or its file is broken.
+        PolicyMismatchError: there is none of that name, or its file or module is broken.
     """
     match name:
         case 'hert':
@@ -134,11 +188,13 @@ def policy_named(name: str) -> RulePolicy | LearnedPolicy:
             return RulePolicy(Heuristic.SWEEP)
         case 'random':
             return RulePolicy(Heuristic.RANDOM)
+        case _ if is_callable_name(name):
+            return callable_policy(name)
         case _:
             return _learned(_file_of(name))
 
 
-def policy_for(name: str, scenario: Scenario) -> RulePolicy | LearnedPolicy:
+def policy_for(name: str, scenario: Scenario) -> NamedPolicy:
     """The policy that a user names, checked to fit a scenario.
 
     Args:
@@ -146,7 +202,7 @@ def policy_for(name: str, scenario: Scenario) -> RulePolicy | LearnedPolicy:
             and number of UAVs.
 
     Raises:
-        PolicyMismatchError: there is none of that name, its file is broken, or it does not fit.
+        PolicyMismatchError: there is none of that name, it is broken, or it does not fit.
     """
     policy = policy_named(_strong_name(scenario) if name == STRONG else name)
     policy.begin(brief(scenario), 0)
@@ -181,11 +237,12 @@ def _file_of(name: str) -> Path:
             return file
     known = [heuristic.label for heuristic in Heuristic] + [*shipped_policies()]
     raise PolicyMismatchError(
-        f'policy {name!r} is unknown; there are {", ".join(known)}, or the path of a {SUFFIX} file'
+        f'policy {name!r} is unknown; there are {", ".join(known)}, the path of a {SUFFIX} file, '
+        'or module:function'
     )
 
 
 def _learned(file: Path) -> LearnedPolicy:
-    if file.stem in (STRONG, *(heuristic.label for heuristic in Heuristic)):
+    if file.stem in (STRONG, TOPIC, *(heuristic.label for heuristic in Heuristic)):
         raise PolicyMismatchError(f'{file}: must not be called as another policy is: rename it')
     return LearnedPolicy(name=file.stem, frozen=load_policy(file))

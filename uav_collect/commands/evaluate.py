@@ -20,7 +20,7 @@ if TYPE_CHECKING:  # loaded when flying, so that --help answers at once
     from uav_collect.bound import Bound
     from uav_collect.evaluation import Estimate
     from uav_collect.metrics import MissionFigures
-    from uav_collect.policy import LearnedPolicy, RulePolicy
+    from uav_collect.policy import NamedPolicy
     from uav_collect.scenario import Scenario
 
 _DESCRIPTION = """
@@ -41,7 +41,7 @@ class _Contender:
 
     label: str  # in tables and as the key in JSON
     name: str  # of the policy alone
-    policy: 'RulePolicy | LearnedPolicy'
+    policy: 'NamedPolicy'
     bandwidth: str
 
 
@@ -68,9 +68,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--policy',
         nargs='+',
         default=['sweep'],
-        metavar='NAME|FILE',
-        help='one or more of hert, hert-equal, sweep, random, shipped policies, .safetensors files'
-        ' and strong, the policy shipped for the scenario (default: sweep)',
+        metavar='NAME|FILE|MODULE:NAME',
+        help='one or more of hert, hert-equal, sweep, random, shipped policies, .safetensors'
+        ' files, functions or classes as module:name, and strong, the policy shipped for the'
+        ' scenario (default: sweep)',
     )
     parser.add_argument(
         '--missions',
@@ -169,12 +170,11 @@ def _fly(
 
 
 def _kernels(contenders: Iterable[_Contender]) -> set[str]:
+    from uav_collect.callable_policy import CallablePolicy
     from uav_collect.policy import LearnedPolicy
 
-    return {
-        'airborne' if isinstance(contender.policy, LearnedPolicy) else 'rollout'
-        for contender in contenders
-    }
+    kernels = {LearnedPolicy: 'airborne', CallablePolicy: 'world'}
+    return {kernels.get(type(contender.policy), 'rollout') for contender in contenders}
 
 
 def _show(
