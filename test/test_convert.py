@@ -13,6 +13,7 @@ from hypothesis import strategies as st  # noqa: E402
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
 from uav_collect import actions  # noqa: E402
 from uav_collect.agent import Decision, RadioMessage  # noqa: E402
+from uav_collect.belief import Belief, NEVER  # noqa: E402
 from uav_collect.mission_log import EVENT_DTYPE  # noqa: E402
 from uav_collect.missions import LocalView  # noqa: E402
 from uav_collect.nodes import convert  # noqa: E402
@@ -124,14 +125,24 @@ def test_an_epoch_has_every_field_of_the_log() -> None:
     assert list(epoch.heard) == [1, 3, 64]
 
 
-def test_a_transition_arrives_with_what_the_policy_saw() -> None:
+def test_a_transition_arrives_with_what_the_policy_saw_and_believed() -> None:
     event = Event(index=17, uav=1, decision=5, view=view(), heard=())
+    belief = Belief(
+        complete=row_of([1, 0, 0, 0, 0, 0, 0, 0, 1]),
+        n_complete=row_of([2]),
+        seen_bit=row_of([0.0, 5e-324, 0.0, 1e6, 0.0, 0.0, 0.0, 0.0, 0.0]),
+        peer_x_m=row_of([1.0 / 3.0, 0.0]),
+        peer_y_m=row_of([25.0, 0.0]),
+        peer_s=row_of([7.5, NEVER]),
+    )
     message = sent(
         convert.transition_msg(
             convert.observation_msg(event, 'm-0', 0),
             uav=1,
             layout='paper 1',
             scenario_fingerprint='f',
+            policy_version='mine eps 0.5',
+            belief=belief,
             encoded=row_of([0.5, 1.0]),
             legal=row_of([1, 0, 1, 0, 0]),
             action=2,
@@ -139,6 +150,13 @@ def test_a_transition_arrives_with_what_the_policy_saw() -> None:
     )
     assert (message.uav, message.event, message.decision, message.action) == (2, 17, 5, 2)
     assert (message.layout, message.scenario_fingerprint) == ('paper 1', 'f')
+    assert message.policy_version == 'mine eps 0.5'
+    assert (message.time_s, message.energy_left_j) == (100.0 / 3.0, 1e5 / 7.0)
+    assert (message.cell, message.previous_action) == (11, actions.NONE)
+    assert (list(message.complete), list(message.seen)) == ([1, 1], [0b1010, 0])
+    assert list(message.peer_x_m) == [1.0 / 3.0, 0.0]
+    assert list(message.peer_y_m) == [25.0, 0.0]
+    assert list(message.peer_s) == [7.5, NEVER]
     assert list(message.observation) == [0.5, 1.0]
     assert list(message.legal) == [True, False, True, False, False]
 

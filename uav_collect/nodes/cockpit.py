@@ -12,6 +12,7 @@ from typing import Any
 from uav_collect.agent import Agent
 from uav_collect.missions import LocalView
 from uav_collect.nodes import convert
+from uav_collect.nodes.published import Follower
 
 _NONE_YET = -1  # number of the mission before the first
 
@@ -27,9 +28,16 @@ class _Inbox:
 class Cockpit:
     """Where an agent gets one message after the other, mission after mission of one world."""
 
-    def __init__(self, agent: Agent, n_cells: int, world_instance: str) -> None:
-        """Wait for the first mission of a world."""
+    def __init__(
+        self, agent: Agent, n_cells: int, world_instance: str, follower: Follower | None = None
+    ) -> None:
+        """Wait for the first mission of a world.
+
+        Args:
+            follower: the agent's policy, if each mission names what is flown.
+        """
         self.agent = agent
+        self._follower = follower
         self._n_cells = n_cells
         self._world = world_instance
         self._mission = _NONE_YET  # number of the one that is flown
@@ -71,10 +79,16 @@ class Cockpit:
         """The observation to answer next, if it and all that came before it are here."""
         inbox = self._inboxes[self._mission]
         msg = inbox.observations.get(self._decision)
-        if msg is None:
+        if msg is None or self.lacks_policy:
             return None
         waited = range(self._n_heard + 1, msg.n_radio_delivered + 1)
         return msg if all(number in inbox.radio for number in waited) else None
+
+    @property
+    def lacks_policy(self) -> bool:
+        """Whether the mission's first observation waits for the policy that it names."""
+        msg = self._inboxes[self._mission].observations.get(self._decision)
+        return msg is not None and self._follower is not None and not self._follower.is_ready(msg)
 
     def take_in(self, observation: Any) -> LocalView:
         """Hear what came before an observation, then see it."""
@@ -85,6 +99,8 @@ class Cockpit:
         inbox.observations.pop(observation.decision, None)
         self._decision = observation.decision + 1
         view = convert.view_from_msg(observation)
+        if self._follower is not None and observation.decision == 0:
+            self._follower.take_up(observation)
         self.agent.observe(view)
         return view
 

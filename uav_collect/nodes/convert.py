@@ -8,6 +8,7 @@ from builtin_interfaces.msg import Time
 import numpy as np
 from uav_collect.agent import Decision, RadioMessage
 from uav_collect.arrays import Row
+from uav_collect.belief import Belief
 from uav_collect.mission_log import Events
 from uav_collect.missions import LocalView
 from uav_collect.nodes.roster import Pilot
@@ -165,6 +166,8 @@ def transition_msg(
     uav: int,
     layout: str,
     scenario_fingerprint: str,
+    policy_version: str,
+    belief: Belief,
     encoded: Row[float],
     legal: Row[int],
     action: int,
@@ -175,6 +178,7 @@ def transition_msg(
         observation: that was answered.
         uav: index of the deciding UAV.
         layout: label of the layout of `encoded`.
+        belief: of the UAV when it decided.
     """
     return Transition(
         stamp=observation.stamp,
@@ -184,9 +188,19 @@ def transition_msg(
         decision=observation.decision,
         layout=layout,
         scenario_fingerprint=scenario_fingerprint,
+        policy_version=policy_version,
         observation=array('f', encoded),
         legal=[bool(flag) for flag in legal],
         action=action,
+        time_s=observation.time_s,
+        energy_left_j=observation.energy_left_j,
+        cell=observation.cell,
+        previous_action=observation.previous_action,
+        complete=array('B', packed(belief.complete)),
+        seen=array('B', packed(row_of([int(bit > 0.0) for bit in belief.seen_bit]))),
+        peer_x_m=array('d', belief.peer_x_m),
+        peer_y_m=array('d', belief.peer_y_m),
+        peer_s=array('d', belief.peer_s),
     )
 
 

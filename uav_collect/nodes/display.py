@@ -4,8 +4,8 @@ import time
 
 from rclpy.node import Node
 from uav_collect.agent import Decision
-from uav_collect.nodes import convert, topics
-from uav_collect.nodes.topics import publisher
+from uav_collect.nodes import convert
+from uav_collect.nodes.topics import publisher, WorldTopics
 from uav_collect.nodes.viewers import Viewers
 from uav_collect.scenario import Scenario
 from uav_collect.simulation import Event, Simulation
@@ -15,13 +15,15 @@ from uav_collect.site import Site
 class Display:
     """Markers and grid, at most so many times per second of wall-clock time."""
 
-    def __init__(self, node: Node, scenario: Scenario, site: Site, rate_hz: float) -> None:
+    def __init__(
+        self, node: Node, names: WorldTopics, scenario: Scenario, site: Site, rate_hz: float
+    ) -> None:
         """Advertise both topics; a rate of 0 publishes nothing."""
         self._period_s = 1.0 / rate_hz if rate_hz > 0.0 else None
         self._shown_s = 0.0
         self._viewers = Viewers(scenario, site)
-        self._markers = publisher(node, topics.MARKERS)
-        self._grid = publisher(node, topics.COMPLETED_CELLS)
+        self._markers = publisher(node, names.markers)
+        self._grid = publisher(node, names.completed_cells)
 
     def begin(self, simulation: Simulation) -> None:
         """Show a mission from now on, in the next picture."""

@@ -13,7 +13,9 @@ from uav_collect.arrays import Row
 from uav_collect.metrics import figures, MissionFigures
 from uav_collect.mission_log import Events, header_line, MissionHeader, REASON_NAMES
 from uav_collect.nodes import convert
+from uav_collect.nodes.published import Published
 from uav_collect.nodes.roster import Pilot
+from uav_collect.policy import TOPIC
 from uav_collect.rows import row_of
 from uav_collect.scenario import Scenario
 from uav_collect.simulation import Event, mission_header, Simulation
@@ -60,9 +62,15 @@ class Flight:
         *,
         mission_id: str,
         pilots: dict[int, Pilot],
+        policy: Published | None = None,
     ) -> None:
-        """Put the mission to its start, each UAV flown by its pilot, if it has one."""
+        """Put the mission to its start, each UAV flown by its pilot, if it has one.
+
+        Args:
+            policy: of a trainer, for the pilots that follow one.
+        """
         self.mission_id = mission_id
+        self.policy = policy
         self.seed = seed
         self.simulation = Simulation(scenario, site, seed)
         ids = range(1, scenario.n_uavs + 1)
@@ -70,7 +78,7 @@ class Flight:
             scenario,
             seed,
             self.simulation.demand_bit,
-            [pilots[uav].policy if uav in pilots else _NO_AGENT for uav in ids],
+            [_flown_by(pilots.get(uav), policy) for uav in ids],
             [pilots[uav].allocator if uav in pilots else _NO_AGENT for uav in ids],
         )
         self.unflown = {uav for uav in ids if uav not in pilots}  # ids the failsafe flies home
@@ -116,6 +124,9 @@ class Flight:
         """Wait for the deciding UAV's answer to what it observes, to be published to it."""
         said = self._said[event.uav + 1]
         observation = convert.observation_msg(event, self.mission_id, len(said.radio))
+        observation.exploration_key = self.seed
+        if self.policy is not None:
+            observation.policy_trainer, observation.policy_sequence = self.policy.key
         said.observations.append(observation)
         self.pending = Pending(event=event, observation=observation)
         return observation
@@ -271,6 +282,13 @@ def summary(message: Mission) -> str:
         f'{message.energy_j / 1e3:.2f} kJ, {message.completion_s:.1f} s, '
         f'{message.efficiency_bit_per_j / 1e3:.4f} kbit/J'
     )
+
+
+def _flown_by(pilot: Pilot | None, policy: Published | None) -> str:
+    """What the log's header says that a UAV is flown by."""
+    if pilot is None:
+        return _NO_AGENT
+    return policy.version if policy is not None and pilot.policy == TOPIC else pilot.policy
 
 
 def _add_figures(message: Mission, flight: Flight, result: MissionFigures) -> None:

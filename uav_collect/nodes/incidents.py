@@ -41,7 +41,12 @@ class Incidents:
 
 
 def world_diagnostics(
-    stamp: Time, incidents: Incidents, roster: Roster, mission_id: str, unflown: Iterable[int]
+    stamp: Time,
+    incidents: Incidents,
+    roster: Roster,
+    mission_id: str,
+    unflown: Iterable[int],
+    namespace: str = '',
 ) -> DiagnosticArray:
     """How a world and its fleet are.
 
@@ -49,18 +54,20 @@ def world_diagnostics(
         stamp: wall-clock time.
         mission_id: of the mission in flight; empty if there is none.
         unflown: ids of the UAVs that the failsafe has flown home.
+        namespace: of the world, '' or such as '/a'; other worlds speak of others.
     """
     values = incidents.key_values()
+    world = f'{namespace[1:]}/' if namespace else ''
     level = DiagnosticStatus.WARN if values else DiagnosticStatus.OK
     told = f'mission {mission_id} in flight' if mission_id else 'no mission in flight'
-    statuses = [_status(level, 'world_sim: mission', told, values)]
+    statuses = [_status(level, f'{world}world_sim: mission', told, values)]
     for uav in range(1, roster.n_uavs + 1):
         level, told = DiagnosticStatus.OK, str(roster.pilots.get(uav, ''))
         if uav in unflown:
             level, told = DiagnosticStatus.ERROR, 'flown home by the failsafe'
         elif uav in roster.missing():
             level, told = DiagnosticStatus.WARN, 'no agent'
-        statuses.append(_status(level, f'uav_{uav}: agent', told, []))
+        statuses.append(_status(level, f'{world}uav_{uav}: agent', told, []))
     message = DiagnosticArray(status=statuses)
     message.header.stamp = stamp
     return message

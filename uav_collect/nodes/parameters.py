@@ -70,6 +70,6 @@ def help_text(parameters: Sequence[Parameter]) -> str:
 
 
 def _namespace(text: str) -> str:
-    if not re.fullmatch(r'[A-Za-z_]\w*(/[A-Za-z_]\w*)*', text, re.ASCII):
+    if text and not re.fullmatch(r'[A-Za-z_]\w*(/[A-Za-z_]\w*)*', text, re.ASCII):
         raise argparse.ArgumentTypeError(f'{text!r} must be a ROS name, as a or north/a')
     return text

@@ -19,15 +19,15 @@ from uav_collect.agent import Agent, allocator_named
 from uav_collect.briefing import brief, Briefing
 from uav_collect.frozen import PolicyMismatchError
 from uav_collect.limits import ALLOCATOR_NAMES, MAX_UAVS
-from uav_collect.missions import LocalView
 from uav_collect.nodes import convert, topics
 from uav_collect.nodes.cockpit import Cockpit
-from uav_collect.nodes.parameters import declare, help_text, Parameter
+from uav_collect.nodes.parameters import add_world_option, declare, help_text, Parameter
+from uav_collect.nodes.published import Follower, Shelf
+from uav_collect.nodes.reporter import Reporter
 from uav_collect.nodes.spin import MISUSED, NodeError, ProcessNode, run_node
 from uav_collect.nodes.topics import publisher, subscription
-from uav_collect.observation import encode, Layout, observation_size
-from uav_collect.policy import policy_for, policy_named, STRONG
-from uav_collect.rows import new_row
+from uav_collect.observation import Layout
+from uav_collect.policy import policy_for, policy_named, STRONG, TOPIC
 from uav_collect.scenario import ConfigError, fingerprint, from_yaml, Scenario
 from uav_collect_msgs.srv import Join
 
@@ -47,7 +47,8 @@ PARAMETERS = (
         name='policy',
         default='sweep',
         description='hert, hert-equal, sweep or random, a learned policy by name or .safetensors '
-        'file, or strong: the one shipped for the scenario (--policy)',
+        'file, strong: the one shipped for the scenario, or topic: what a trainer publishes on '
+        '/trainer/policy (--policy)',
     ),
     Parameter(
         name='bandwidth',
@@ -58,7 +59,7 @@ PARAMETERS = (
         name='observation_layout',
         default='',
         description='layout, paper or egocentric, in which each decision is told to learners on '
-        '/uav_N/transition; empty: not at all',
+        '/uav_N/transition; empty: not at all, or with --policy topic that of the policy',
     ),
 )
 
@@ -68,8 +69,8 @@ class AgentNode(ProcessNode):
 
     def __init__(self, arguments: argparse.Namespace) -> None:
         """Check id, policy and allocator, then wait for a world."""
-        namespace = f'uav_{arguments.id}' if arguments.id else ''
-        super().__init__('uav_agent', namespace=namespace)
+        own = f'uav_{arguments.id}' if arguments.id else ''
+        super().__init__('uav_agent', namespace='/'.join(filter(None, (arguments.world, own))))
         declare(self, PARAMETERS)
         self._uav = arguments.id or self._value('uav')
         self._policy = arguments.policy or self._value('policy')
@@ -77,7 +78,7 @@ class AgentNode(ProcessNode):
         if not self._uav:
             raise NodeError('the id of the UAV is missing: --id N, from 1')
         try:
-            if self._policy != STRONG:  # which one that is, the scenario says
+            if self._policy not in (STRONG, TOPIC):  # which one that is, is not known yet
                 policy_named(self._policy)
             allocator_named(self._allocator)
         except ValueError as error:
@@ -85,19 +86,22 @@ class AgentNode(ProcessNode):
         self._instance = str(uuid.uuid4())
         self._layout = _layout_named(self._value('observation_layout'))
         self._cockpit: Cockpit | None = None
-        self._reporter: _Reporter | None = None
+        self._reporter: Reporter | None = None
+        self._shelf: Shelf | None = None
+        self._policies: Subscription | None = None  # to what trainers publish
         self._asked_s = -math.inf
         self._is_member = False
         self._world = ''  # the instance whose fleet this agent is in, or wants to be in
         self._published_for = ''  # the instance that the publishers were made for
         self._must_look = False
         self._since_s = time.monotonic()
-        self._told_s = -math.inf
-        self._own = topics.uav_topics(self._uav)
+        self._told, self._told_s = '', -math.inf
+        self._names = topics.world_topics(topics.world_of(self.get_namespace(), self._uav))
+        self._own = self._names.uav(self._uav)
         self._scenarios = self._look_for_world()
         subscription(self, self._own.radio_rx, self._on_radio)
         subscription(self, self._own.observation, self._on_observation)
-        self._client = self.create_client(Join, topics.JOIN_SERVICE)
+        self._client = self.create_client(Join, self._names.join_service)
         self._command: Any = None  # publishers, there once the agent flies
         self._radio: Any = None
         self._transition: Any = None  # None unless wanted
@@ -112,13 +116,15 @@ class AgentNode(ProcessNode):
 
     def _look_for_world(self) -> Subscription:
         watch = SubscriptionEventCallbacks(liveliness=self._on_world_liveliness)
-        return subscription(self, topics.SCENARIO, self._on_scenario, on_event=watch)
+        return subscription(self, self._names.scenario, self._on_scenario, on_event=watch)
 
     def _tick(self) -> None:
         if self._must_look:
             self._must_look = False
             self.destroy_subscription(self._scenarios)
             self._scenarios = self._look_for_world()
+        if self._cockpit is not None and self._cockpit.lacks_policy:
+            self._is_member = False  # the world has the policy, and answers with it
         self._ask()
 
     def _on_scenario(self, msg: Any) -> None:
@@ -126,20 +132,33 @@ class AgentNode(ProcessNode):
             return
         try:
             scenario = self._checked_scenario(msg)
-            policy = policy_for(self._policy, scenario)
+            briefing = brief(scenario)
+            policy = self._follower(briefing) or policy_for(self._policy, scenario)
         except (ConfigError, PolicyMismatchError) as error:
             self._give_up(str(error))
             return
-        briefing, uav = brief(scenario), self._uav - 1
+        uav = self._uav - 1
         agent = Agent(briefing, uav, policy, allocator_named(self._allocator))
-        self._cockpit = Cockpit(agent, scenario.n_cells, msg.world_instance)
-        if self._layout is not None:
-            self._reporter = _Reporter(self._layout, briefing, uav, msg.fingerprint)
+        follower = policy if isinstance(policy, Follower) else None
+        self._cockpit = Cockpit(agent, scenario.n_cells, msg.world_instance, follower)
+        if self._layout is not None or follower is not None:
+            self._reporter = Reporter(self._layout, briefing, uav, msg.fingerprint)
         self._world = msg.world_instance
         self._is_member = False
         self._asked_s = -math.inf
         self._since_s = time.monotonic()
         self._ask()
+
+    def _follower(self, briefing: Briefing) -> Follower | None:
+        """What flies by the policies of a trainer, if that is wanted."""
+        if self._policy != TOPIC:
+            return None
+        if self._policies is not None:  # what was refused may fit now, or no longer
+            self.destroy_subscription(self._policies)
+        self._shelf = shelf = Shelf(briefing)
+        watch = SubscriptionEventCallbacks(liveliness=self._on_trainer_liveliness)
+        self._policies = subscription(self, topics.POLICY, self._on_policy, on_event=watch)
+        return Follower(shelf)
 
     def _checked_scenario(self, msg: Any) -> Scenario:
         try:
@@ -183,10 +202,16 @@ class AgentNode(ProcessNode):
             return
         self._asked_s = -math.inf
         answer = future.result()
+        if answer.waits_for_policy:
+            self._since_s = time.monotonic()
+            self._tell_waiting(f'the first policy of a trainer on {topics.POLICY.name}')
+            return
         if not answer.accepted:
             if not answer.retry or time.monotonic() - self._since_s > _PATIENCE_S:
                 self._give_up(answer.reason)
             return
+        if self._shelf is not None:
+            self._note_policy(self._shelf, answer.policy)
         self._is_member = True
         self._renew_publishers()
         self.get_logger().info(f'UAV {self._uav} flies, policy {self._cockpit.agent.policy.name}')
@@ -214,17 +239,35 @@ class AgentNode(ProcessNode):
         else:  # of two worlds one is left, perhaps not the one that was heard last
             self._must_look = True
 
-    def _tell_waiting(self) -> None:
-        if time.monotonic() - self._told_s > _TOLD_PERIOD_S:
-            self._told_s = time.monotonic()
-            domain = os.environ.get('ROS_DOMAIN_ID', '0')
-            self.get_logger().info(
-                f'UAV {self._uav}: waiting for a world_sim in ROS domain {domain}'
-            )
+    def _tell_waiting(self, what: str = '') -> None:
+        if what != self._told or time.monotonic() - self._told_s > _TOLD_PERIOD_S:
+            self._told, self._told_s = what, time.monotonic()
+            self.get_logger().info(f'UAV {self._uav}: waiting for {what or self._world_told()}')
+
+    def _world_told(self) -> str:
+        domain = os.environ.get('ROS_DOMAIN_ID', '0')
+        name = self._names.namespace
+        return f'a world_sim in ROS domain {domain}{f", namespace {name}" if name else ""}'
 
     def _give_up(self, why: str) -> None:
         self.get_logger().error(why)
         self.end(MISUSED)
+
+    # What trainers publish.
+
+    def _on_policy(self, msg: Any) -> None:
+        if self._shelf is not None:
+            self._note_policy(self._shelf, msg)
+            self._answer_observations()
+
+    def _note_policy(self, shelf: Shelf, msg: Any) -> None:
+        refusal = shelf.note(msg)
+        if refusal is not None:
+            self.get_logger().error(f'UAV {self._uav}: {refusal}')
+
+    def _on_trainer_liveliness(self, event: Any) -> None:
+        if event.alive_count == 0 and self._shelf is not None:
+            self._shelf.abandon()
 
     # Flying.
 
@@ -261,32 +304,6 @@ class AgentNode(ProcessNode):
             self._command.publish(command)
 
 
-class _Reporter:
-    """Tells learners what the agent decided, in the layout they asked for."""
-
-    def __init__(self, layout: Layout, briefing: Briefing, uav: int, scenario: str) -> None:
-        """Report one UAV, by index, in a scenario, by fingerprint."""
-        self._layout = layout
-        self._briefing = briefing
-        self._uav = uav
-        self._scenario = scenario
-        size = observation_size(layout, briefing.cells_per_side, briefing.n_uavs)
-        self._encoded = new_row(size, 0.0)
-
-    def transition(self, observation: Any, view: LocalView, agent: Agent, action: int) -> Any:
-        """The message about a decision just taken."""
-        encode(self._layout, self._briefing, self._uav, agent.belief, view, self._encoded)
-        return convert.transition_msg(
-            observation,
-            uav=self._uav,
-            layout=self._layout.label,
-            scenario_fingerprint=self._scenario,
-            encoded=self._encoded,
-            legal=agent.legal,
-            action=action,
-        )
-
-
 def _layout_named(name: str) -> Layout | None:
     if not name:
         return None
@@ -309,11 +326,13 @@ def main(argv: Sequence[str]) -> int:
     parser.add_argument(
         '--policy',
         metavar='NAME|FILE',
-        help='hert, hert-equal, sweep, random, a .safetensors file, a shipped policy, or strong',
+        help='hert, hert-equal, sweep, random, a .safetensors file, a shipped policy, strong, or'
+        ' topic',
     )
     parser.add_argument(
         '--bandwidth', choices=ALLOCATOR_NAMES, help='how bandwidth is shared among sensors'
     )
+    add_world_option(parser)
     arguments = parser.parse_args(remove_ros_args(list(argv)))
     return run_node(lambda: AgentNode(arguments), argv)
 

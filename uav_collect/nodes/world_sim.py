@@ -15,13 +15,15 @@ from uav_collect.nodes.display import Display
 from uav_collect.nodes.flight import FAILSAFE, Flight, mission_msg, summary
 from uav_collect.nodes.identity import Identity, identity_of, rivalry, scenario_msg
 from uav_collect.nodes.incidents import Incidents, world_diagnostics
-from uav_collect.nodes.parameters import help_text
+from uav_collect.nodes.parameters import add_world_option, help_text
+from uav_collect.nodes.published import Shelf
 from uav_collect.nodes.roster import Roster
 from uav_collect.nodes.run_folder import RunFolder
 from uav_collect.nodes.schedule import Pace, Schedule
 from uav_collect.nodes.spin import FAILED, NodeError, parse_arguments, ProcessNode, run_node
 from uav_collect.nodes.topics import publisher, subscription
 from uav_collect.nodes.world_settings import PARAMETERS, read_settings
+from uav_collect.policy import TOPIC
 from uav_collect.preflight import check_can_start
 from uav_collect.scenario import ConfigError, fingerprint, load, Scenario
 from uav_collect.simulation import Event
@@ -44,14 +46,16 @@ _GATHER_S = 3.5  # from the start, for agents to join a world that does not wait
 class WorldNode(ProcessNode):
     """Converts, asks the flight, publishes."""
 
-    def __init__(self) -> None:
-        """Read the scenario; the world opens when no other one answers."""
-        super().__init__('world_sim')
+    def __init__(self, world: str = '') -> None:
+        """Read the scenario; the world opens when no other one of its name answers."""
+        super().__init__('world_sim', namespace=world)
+        self._names = topics.world_topics(topics.world_of(self.get_namespace()))
         self._settings = settings = read_settings(self)
         try:
             self._scenario: Scenario = load(settings.scenario)
             self._site: Site = build_site(self._scenario)
-            check_can_start(self._scenario, brief(self._scenario))
+            briefing = brief(self._scenario)
+            check_can_start(self._scenario, briefing)
             self._folder = RunFolder(settings.output_dir)
         except ConfigError as error:
             raise NodeError(str(error)) from error
@@ -59,6 +63,7 @@ class WorldNode(ProcessNode):
             raise NodeError(f'output_dir: {error}') from error
         self._identity = Identity(born_s=time.time(), instance=str(uuid.uuid4()))
         self._roster = Roster(self._scenario.n_uavs)
+        self._shelf = Shelf(briefing)
         self._incidents = Incidents()
         first_seed = settings.seed if settings.missions else None
         self._schedule = Schedule(n_missions=settings.missions, next_seed=first_seed)
@@ -68,7 +73,7 @@ class WorldNode(ProcessNode):
         self._told_s = self._reported_s = 0.0
         self._told_missing: list[int] = []
         self._reports = publisher(self, topics.DIAGNOSTICS)
-        self._other = subscription(self, topics.SCENARIO, self._on_scenario)
+        self._other = subscription(self, self._names.scenario, self._on_scenario)
         self._is_open = self._gives_way = False
         self.create_timer(_TICK_S, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
@@ -79,17 +84,21 @@ class WorldNode(ProcessNode):
 
     def _open(self) -> None:
         self._is_open = True
-        self._clock_topic = publisher(self, topics.CLOCK)
-        self._epochs = publisher(self, topics.EPOCH)
-        self._missions = publisher(self, topics.MISSION)
-        self._scenarios = publisher(self, topics.SCENARIO)
+        self._clock_topic = publisher(self, self._names.clock)
+        self._epochs = publisher(self, self._names.epoch)
+        self._missions = publisher(self, self._names.mission)
+        self._scenarios = publisher(self, self._names.scenario)
         self._observations: dict[int, Any] = {}  # publishers by UAV id
         self._radio: dict[int, Any] = {}
         for uav in range(1, self._scenario.n_uavs + 1):
-            self._open_uav(uav, topics.uav_topics(uav))
-        self.create_service(Join, topics.JOIN_SERVICE, self._on_join)
-        self.create_service(ControlMission, topics.CONTROL_SERVICE, self._on_control)
-        self._display = Display(self, self._scenario, self._site, self._settings.viewer_rate_hz)
+            self._open_uav(uav, self._names.uav(uav))
+        self.create_service(Join, self._names.join_service, self._on_join)
+        self.create_service(ControlMission, self._names.control_service, self._on_control)
+        self._display = Display(
+            self, self._names, self._scenario, self._site, self._settings.viewer_rate_hz
+        )
+        watch = SubscriptionEventCallbacks(liveliness=self._on_trainer_liveliness)
+        subscription(self, topics.POLICY, self._on_policy, on_event=watch)
         self._note_lost(self._folder.keep_scenario(self._scenario.to_yaml()))
         self._scenarios.publish(scenario_msg(self._identity, self._scenario, self._site))
         self.get_logger().info(
@@ -116,6 +125,9 @@ class WorldNode(ProcessNode):
 
     def _on_join(self, request: Any, response: Any) -> Any:
         pilot = convert.pilot_from_request(request)
+        response.waits_for_policy = pilot.policy == TOPIC and self._shelf.latest is None
+        if response.waits_for_policy:
+            return response
         answer = self._roster.ask(pilot)
         response.accepted, response.retry = answer.accepted, answer.retry
         response.reason = answer.reason
@@ -127,6 +139,9 @@ class WorldNode(ProcessNode):
             f'UAV {pilot.uav}: {pilot} joined, policy {pilot.policy}, bandwidth {pilot.allocator}'
         )
         response.mission_id = self._identity.mission_id(self._schedule.n_started)
+        policy = self._shelf.latest if self._flight is None else self._flight.policy
+        if policy is not None and pilot.policy == TOPIC:
+            response.policy = policy.message
         if self._flight is not None:
             response.mission_id = self._flight.mission_id
             history = self._flight.history(pilot.uav)
@@ -160,6 +175,15 @@ class WorldNode(ProcessNode):
             )
         else:
             self._go_on(flight, uav, 'radio message', flight.take_radio(uav, msg))
+
+    def _on_policy(self, msg: Any) -> None:
+        refusal = self._shelf.note(msg)
+        if refusal is not None:
+            self._note('policy refused', refusal)
+
+    def _on_trainer_liveliness(self, event: Any) -> None:
+        if event.alive_count == 0:
+            self._shelf.abandon()
 
     def _on_control(self, request: Any, response: Any) -> Any:
         is_flying = self._flight is not None
@@ -209,7 +233,14 @@ class WorldNode(ProcessNode):
         seed = self._schedule.begin()
         self._roster.begin()
         pilots = self._roster.flying
-        flight = Flight(self._scenario, self._site, seed, mission_id=mission_id, pilots=pilots)
+        flight = Flight(
+            self._scenario,
+            self._site,
+            seed,
+            mission_id=mission_id,
+            pilots=pilots,
+            policy=self._shelf.latest,
+        )
         self._flight = flight
         self._pace.begin()
         self._note_lost(self._folder.begin(flight.header))
@@ -333,6 +364,7 @@ class WorldNode(ProcessNode):
             self._roster,
             '' if flight is None else flight.mission_id,
             () if flight is None else flight.unflown,
+            self._names.namespace,
         )
         self._reports.publish(message)
 
@@ -345,5 +377,6 @@ def main(argv: Sequence[str]) -> int:
         epilog=help_text(PARAMETERS),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parse_arguments(parser, argv)
-    return run_node(WorldNode, argv)
+    add_world_option(parser)
+    arguments = parse_arguments(parser, argv)
+    return run_node(lambda: WorldNode(arguments.world), argv)

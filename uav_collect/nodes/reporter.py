@@ -1,0 +1,61 @@
+"""Tells learners what an agent decided, and from what."""
+
+from typing import Any
+
+from uav_collect.agent import Agent
+from uav_collect.arrays import Row
+from uav_collect.briefing import Briefing
+from uav_collect.missions import LocalView
+from uav_collect.nodes import convert
+from uav_collect.nodes.published import Follower
+from uav_collect.observation import encode, Layout, observation_size
+from uav_collect.rows import new_row
+
+
+class Reporter:
+    """Makes one UAV's transitions."""
+
+    def __init__(
+        self, layout: Layout | None, briefing: Briefing, uav: int, scenario_fingerprint: str
+    ) -> None:
+        """Report a UAV, by index.
+
+        Args:
+            layout: that learners asked for; None for that of the policy which is followed.
+        """
+        self._layout = layout
+        self._briefing = briefing
+        self._uav = uav
+        self._scenario = scenario_fingerprint
+        self._encoded: dict[Layout, Row[float]] = {}
+
+    def transition(self, observation: Any, view: LocalView, agent: Agent, action: int) -> Any:
+        """The message about a decision just taken."""
+        layout = self._layout_of(agent)
+        encoded = self._row(layout)
+        encode(layout, self._briefing, self._uav, agent.belief, view, encoded)
+        return convert.transition_msg(
+            observation,
+            uav=self._uav,
+            layout=layout.label,
+            scenario_fingerprint=self._scenario,
+            policy_version=agent.policy.version,
+            belief=agent.belief,
+            encoded=encoded,
+            legal=agent.legal,
+            action=action,
+        )
+
+    def _layout_of(self, agent: Agent) -> Layout:
+        if self._layout is not None:
+            return self._layout
+        if not isinstance(agent.policy, Follower) or agent.policy.flown is None:
+            raise RuntimeError('a layout is only implied by the policy of a trainer')
+        return agent.policy.flown.learned.frozen.header.layout
+
+    def _row(self, layout: Layout) -> Row[float]:
+        if layout not in self._encoded:
+            briefing = self._briefing
+            size = observation_size(layout, briefing.cells_per_side, briefing.n_uavs)
+            self._encoded[layout] = new_row(size, 0.0)
+        return self._encoded[layout]
