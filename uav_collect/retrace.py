@@ -1,0 +1,306 @@
+"""Makes the records of a mission that messages tell of: the very bytes a rollout would have kept.
+
+Rewards are summed up by the kernels of the rollout, over the legs as they are told.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from uav_collect.actions import HOME, NONE
+from uav_collect.arrays import Floats, Ints, Row
+from uav_collect.briefing import brief, Briefing
+from uav_collect.compiled import kernel
+from uav_collect.experience import (
+    Episode,
+    N_UAV_SCALARS,
+    new_records,
+    observations,
+    Records,
+)
+from uav_collect.ground import demand_by_cell, Ground, lay_out
+from uav_collect.missions import ACTIVE, Mission, mission_of, new_missions, restart_mission
+from uav_collect.observation import Layout
+from uav_collect.reward import discount, energy_reward, news_reward, Reward
+from uav_collect.scenario import Scenario
+from uav_collect.site import Site
+from uav_collect.told import (
+    EventTold,
+    FLOAT32,
+    FLOAT64,
+    is_decision,
+    MissionTold,
+    RefusedError,
+    TransitionTold,
+)
+from uav_collect.world import end_s, start_leg
+
+_ENERGY = int(Reward.ENERGY)
+
+
+@dataclass(frozen=True, kw_only=True)
+class MissionParts:
+    """All that was told of a mission that can be learned from."""
+
+    told: MissionTold
+    events: Sequence[EventTold]  # from the first on, without a gap
+    transitions: Mapping[int, TransitionTold]  # of all decisions among them, by event
+    is_whole: bool  # False: cut off, the outcome of the last decision does not count
+
+
+class _Events(NamedTuple):
+    """Columns of K events that rewards are summed up from."""
+
+    uav: Ints
+    action: Ints
+    time_s: Floats
+    duration_s: Floats
+    x_m: Floats
+    y_m: Floats
+    energy_j: Floats
+    reward: Floats  # the scenario's, of the interval after each event
+    known: NDArray[np.uint8]  # (K, C) the deciding UAV's map
+
+
+class Tracer:
+    """Turns what was told of missions of one scenario into episodes."""
+
+    def __init__(
+        self, scenario: Scenario, site: Site, layout: Layout, reward: Reward, discount_per_s: float
+    ) -> None:
+        """Get ready.
+
+        Args:
+            discount_per_s: of the training.
+
+        Raises:
+            ValueError: the scenario's own reward is to be learned, but under another discount
+                than that by which the world sums it up.
+        """
+        if reward is Reward.PAPER and scenario.reward.discount_per_s != discount_per_s:
+            raise ValueError(
+                f'reward.discount_per_s is {discount_per_s:g}: must be '
+                f'{scenario.reward.discount_per_s:g}, by which the world counts the rewards of '
+                f'scenario {scenario.name}'
+            )
+        self._layout, self._reward = layout, reward
+        self._first_sensor = site.first_sensor.tolist()
+        self._briefing = brief(scenario)
+        learned = scenario.reward.model_copy(update={'discount_per_s': discount_per_s})
+        self._ground = lay_out(scenario.model_copy(update={'reward': learned}), site)
+        self._mission = mission_of(new_missions(self._briefing, self._ground, [0]), 0)
+        self._union: Any = np.zeros(scenario.n_cells, dtype=np.uint8)
+
+    def episode(self, parts: MissionParts) -> Episode:
+        """The mission as the learner keeps it.
+
+        Raises:
+            RefusedError: event and transition contradict each other, or a UAV has not seen what
+                it says that it has.
+        """
+        demand_bit = demand_by_cell(
+            self._first_sensor, np.frombuffer(parts.told.demand_bit, FLOAT64).tolist()
+        )
+        events = parts.events
+        decided = [event for event in events if is_decision(event)]
+        decisions = [parts.transitions[event.event] for event in decided]
+        _check_agreement(decided, decisions, self._briefing.n_uavs)
+        records = new_records(len(decided), self._briefing)
+        _write_decisions(records, decisions)
+        _write_world(records, self._briefing, events, demand_bit)
+        self._check_observations(records, decisions, demand_bit)
+        self._sum_rewards(records, parts)
+        if not parts.is_whole:
+            records.action[-1] = NONE
+        return Episode(
+            mission_seed=parts.told.mission_seed,
+            demand_bit=demand_bit,
+            records=records,
+            is_whole=parts.is_whole,
+        )
+
+    def efficiency_kbit_per_j(self, parts: MissionParts) -> float:
+        """Data that the mission has collected over the energy it has spent."""
+        left_j = np.frombuffer(parts.events[-1].uav_energy_left_j, FLOAT64)
+        spent_j = sum(self._briefing.energy_budget_j) - sum(left_j.tolist())
+        collected_bit = sum(event.collected_bit for event in parts.events)
+        return collected_bit / spent_j / 1e3 if spent_j > 0.0 else 0.0
+
+    def _sum_rewards(self, records: Records, parts: MissionParts) -> None:
+        n_cells = len(self._union)
+        self._union[:] = 0
+        _sum_rewards(
+            int(self._reward),
+            self._briefing,
+            self._ground,
+            self._mission,
+            _columns(parts.events, self._briefing.n_uavs, n_cells),
+            parts.is_whole,
+            self._union,
+            records.reward,
+            records.duration_s,
+        )
+
+    def _check_observations(
+        self, records: Records, decisions: Sequence[TransitionTold], demand_bit: Floats
+    ) -> None:
+        told = _joined((it.observation for it in decisions), FLOAT32, len(decisions))
+        rebuilt = np.empty(told.shape, dtype=np.float32)
+        rows = np.arange(len(decisions))
+        observations(
+            int(self._layout),
+            self._briefing,
+            records,
+            demand_bit[None],
+            np.zeros_like(rows),
+            rows,
+            rebuilt,
+        )
+        wrong = np.argwhere(told != rebuilt)
+        if len(wrong):
+            row, place = wrong[0].tolist()
+            raise RefusedError(
+                f'{_named(decisions[row])}: observation[{place}] is {told[row, place]:g}: '
+                f'what it was encoded from gives {rebuilt[row, place]:g}'
+            )
+
+
+def _named(told: TransitionTold) -> str:
+    return f'mission {told.mission_id}, event {told.event}, transition of UAV {told.uav + 1}'
+
+
+def _check_agreement(
+    events: Sequence[EventTold], decisions: Sequence[TransitionTold], n_uavs: int
+) -> None:
+    """Refuse a decision that the world knows otherwise."""
+    n_decided = [0] * n_uavs
+    for event, decision in zip(events, decisions, strict=True):
+        n_bytes = len(decision.complete)
+        known = event.uav_complete[event.uav * n_bytes : (event.uav + 1) * n_bytes]
+        for name, value, wanted in (
+            ('uav', decision.uav, event.uav),
+            ('decision', decision.decision, event.decision),
+            ('decision', decision.decision, n_decided[event.uav]),
+            ('time_s', decision.time_s, event.time_s),
+            ('energy_left_j', decision.energy_left_j, event.energy_left_j),
+            ('action', decision.action, event.action),
+            ('complete', decision.complete.hex(), known.hex()),
+        ):
+            if value != wanted:
+                raise RefusedError(
+                    f'{_named(decision)}: {name} is {value}: the world has {wanted}'
+                )
+        n_decided[event.uav] += 1
+
+
+def _write_decisions(records: Records, decisions: Sequence[TransitionTold]) -> None:
+    """What each UAV tells of itself."""
+    for name in (
+        'uav', 'decision', 'time_s', 'energy_left_j', 'cell', 'previous_action', 'legal', 'action'
+    ):  # fmt: skip
+        getattr(records, name)[:] = [getattr(it, name) for it in decisions]
+    for name in ('peer_x_m', 'peer_y_m', 'peer_s', 'seen'):
+        kind = np.uint8 if name == 'seen' else FLOAT64
+        column = _joined((getattr(it, name) for it in decisions), kind, len(decisions))
+        getattr(records, name)[:] = column
+
+
+def _write_world(
+    records: Records, briefing: Briefing, events: Sequence[EventTold], demand_bit: Floats
+) -> None:
+    """What only the world knows: all maps, and where the fleet is, before the UAV's action."""
+    n_events = len(events)
+    at = np.flatnonzero([is_decision(event) for event in events])
+    complete = _joined((it.uav_complete for it in events), np.uint8, n_events)
+    records.complete[:] = complete[at]
+    # The world tells what is true after an action; before it holds what was true after the last.
+    first = np.packbits(demand_bit <= 0.0, bitorder='little')
+    after = _joined((it.true_complete for it in events), np.uint8, n_events)
+    records.true_complete[:] = np.concatenate([first[None], after[:-1]])[at]
+    side_m = briefing.cells_per_side * briefing.cell_size_m
+    uav = np.array([event.uav for event in events])
+    for place, name in enumerate(('uav_x_m', 'uav_y_m')):
+        fleet_m = _joined((getattr(it, name) for it in events), FLOAT64, n_events)
+        records.fleet[:, place::N_UAV_SCALARS] = fleet_m[at] / side_m
+    left_j = _joined((it.uav_energy_left_j for it in events), FLOAT64, n_events)
+    left_j[np.arange(n_events), uav] = [event.energy_left_j for event in events]
+    records.fleet[:, 2::N_UAV_SCALARS] = left_j[at] / np.asarray(briefing.energy_budget_j)
+    phase = _joined((it.uav_phase for it in events), np.uint8, n_events)
+    records.fleet[:, 3::N_UAV_SCALARS] = phase[at] == ACTIVE
+
+
+def _joined(contents: Any, kind: Any, n_rows: int) -> NDArray[Any]:  # noqa: ANN401 - bytes, dtype
+    return np.frombuffer(b''.join(contents), kind).reshape(n_rows, -1).copy()
+
+
+def _columns(events: Sequence[EventTold], n_uavs: int, n_cells: int) -> _Events:
+    uav = np.array([event.uav for event in events])
+    complete = _joined((it.uav_complete for it in events), np.uint8, len(events))
+    own = complete.reshape(len(events), n_uavs, -1)[np.arange(len(events)), uav]
+    floats = {
+        name: np.array([getattr(event, name) for event in events], dtype=np.float64)
+        for name in ('time_s', 'duration_s', 'x_m', 'y_m', 'energy_j', 'reward')
+    }
+    return _Events(
+        uav=uav,
+        action=np.array([event.action for event in events]),
+        known=np.unpackbits(own, axis=1, count=n_cells, bitorder='little'),
+        **floats,
+    )
+
+
+@kernel
+def _sum_rewards(
+    goal: int,
+    briefing: Briefing,
+    ground: Ground,
+    mission: Mission,
+    events: _Events,
+    is_whole: bool,
+    union: Row[int],
+    reward_out: Row[float],
+    duration_out: Row[float],
+) -> None:
+    """Sum up what each decision brought until the next one, as `airborne.go_on` does.
+
+    Args:
+        mission: scratch.
+        union: of the maps before the first event, (C,): zeros; written.
+        reward_out: written, one for each decision; where a mission is cut off, not for the last.
+        duration_out: the same.
+    """
+    restart_mission(briefing, ground, mission)
+    n_events = len(events.uav)
+    row = -1
+    first_s = start_s = reward = 0.0
+    for event in range(n_events + 1):
+        if event == n_events and not is_whole:
+            break
+        stop_s = events.time_s[event] if event < n_events else end_s(mission)
+        if goal == _ENERGY:
+            gained = energy_reward(briefing, ground, mission, start_s, stop_s)
+        else:
+            gained = events.reward[event - 1] if event > 0 else 0.0
+        reward += discount(ground, start_s - first_s) * gained
+        start_s = stop_s
+        if event < n_events and goal == _ENERGY:
+            news = news_reward(events.known[event], union)
+            reward += discount(ground, start_s - first_s) * news
+        if event == n_events or events.action[event] != HOME:
+            if row >= 0:
+                reward_out[row] = reward
+                duration_out[row] = start_s - first_s
+            row += 1
+            first_s, reward = start_s, 0.0
+        if event < n_events:
+            start_leg(
+                mission,
+                events.uav[event],
+                events.action[event],
+                events.x_m[event],
+                events.y_m[event],
+                events.duration_s[event],
+                events.energy_j[event],
+            )
