@@ -282,7 +282,7 @@ def test_strong_is_refused_where_the_area_was_changed(shipped: Path) -> None:
 
 def test_an_unknown_name_is_answered_with_those_that_there_are(shipped: Path) -> None:
     saved(shipped, 'careful', header())
-    words = "'best' is unknown; there are hert, hert-equal, sweep, random, careful, or the path of"
+    words = "'best' is unknown; there are hert, hert-equal, sweep, random, careful, the path of"
     with pytest.raises(PolicyMismatchError, match=words):
         policy_named('best')
 
