@@ -40,7 +40,8 @@ _ARGUMENTS = {
     'policy': (
         '/*/uav_agent',
         str,
-        'what decides: hert, hert-equal, sweep, random, a learned policy or its file, or strong',
+        'what decides: hert, hert-equal, sweep, random, a learned policy or its file, '
+        'module:name or strong',
     ),
     'bandwidth': ('/*/uav_agent', str, 'how bandwidth is shared: exact, equal or cvxpy'),
 }

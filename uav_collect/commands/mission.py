@@ -34,9 +34,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_scenario_options(parser)
     parser.add_argument(
         '--policy',
-        metavar='NAME|FILE',
-        help='hert, hert-equal, sweep, random, a shipped policy, a .safetensors file or strong,'
-        ' the policy shipped for the scenario (default: strong, or sweep where none is shipped)',
+        metavar='NAME|FILE|MODULE:NAME',
+        help='hert, hert-equal, sweep, random, a shipped policy, a .safetensors file, a function'
+        ' or class as module:name, or strong, the policy shipped for the scenario (default:'
+        ' strong, or sweep where none is shipped)',
     )
     options.add_seed_option(parser, 'seed of the mission')
     options.add_allocator_option(parser)

@@ -1,8 +1,8 @@
 """The agent node of one UAV: on board, it knows only what it saw and what others told it."""
 
 import argparse
-from collections.abc import Sequence
-from functools import partial
+from collections.abc import Callable, Sequence
+from functools import partial, wraps
 import math
 import os
 import socket
@@ -47,8 +47,8 @@ PARAMETERS = (
         name='policy',
         default='sweep',
         description='hert, hert-equal, sweep or random, a learned policy by name or .safetensors '
-        'file, strong: the one shipped for the scenario, or topic: what a trainer publishes on '
-        '/trainer/policy (--policy)',
+        'file, a function or class as module:name, strong: the one shipped for the scenario, or '
+        'topic: what a trainer publishes on /trainer/policy (--policy)',
     ),
     Parameter(
         name='bandwidth',
@@ -62,6 +62,19 @@ PARAMETERS = (
         '/uav_N/transition; empty: not at all, or with --policy topic that of the policy',
     ),
 )
+
+
+def _ending(callback: Callable[..., None]) -> Callable[..., None]:
+    """A callback of the agent that ends it, with one line, when it cannot fly or go on flying."""
+
+    @wraps(callback)
+    def guarded(agent: 'AgentNode', *arguments: Any) -> None:
+        try:
+            callback(agent, *arguments)
+        except (ConfigError, PolicyMismatchError) as error:
+            agent._give_up(str(error))
+
+    return guarded
 
 
 class AgentNode(ProcessNode):
@@ -127,17 +140,13 @@ class AgentNode(ProcessNode):
             self._is_member = False  # the world has the policy, and answers with it
         self._ask()
 
+    @_ending
     def _on_scenario(self, msg: Any) -> None:
         if msg.world_instance == self._world:
             return
-        try:
-            scenario = self._checked_scenario(msg)
-            briefing = brief(scenario)
-            policy = self._follower(briefing) or policy_for(self._policy, scenario)
-        except (ConfigError, PolicyMismatchError) as error:
-            self._give_up(str(error))
-            return
-        uav = self._uav - 1
+        scenario = self._checked_scenario(msg)
+        briefing, uav = brief(scenario), self._uav - 1
+        policy = self._follower(briefing) or policy_for(self._policy, scenario)
         agent = Agent(briefing, uav, policy, allocator_named(self._allocator))
         follower = policy if isinstance(policy, Follower) else None
         self._cockpit = Cockpit(agent, scenario.n_cells, msg.world_instance, follower)
@@ -197,6 +206,7 @@ class AgentNode(ProcessNode):
         answer = self._client.call_async(request)
         answer.add_done_callback(partial(self._on_answer, self._world))
 
+    @_ending
     def _on_answer(self, world: str, future: Future) -> None:
         if self._is_member or world != self._world or self._cockpit is None:
             return
@@ -271,11 +281,13 @@ class AgentNode(ProcessNode):
 
     # Flying.
 
+    @_ending
     def _on_radio(self, msg: Any) -> None:
         if self._cockpit is not None:
             self._cockpit.note_radio(msg)
             self._answer_observations()
 
+    @_ending
     def _on_observation(self, msg: Any) -> None:
         if self._cockpit is not None:
             self._cockpit.note_observation(msg)
@@ -325,9 +337,9 @@ def main(argv: Sequence[str]) -> int:
     parser.add_argument('--id', type=_uav_id, metavar='N', help='id of the UAV, from 1')
     parser.add_argument(
         '--policy',
-        metavar='NAME|FILE',
-        help='hert, hert-equal, sweep, random, a .safetensors file, a shipped policy, strong, or'
-        ' topic',
+        metavar='NAME|FILE|MODULE:NAME',
+        help='hert, hert-equal, sweep, random, a .safetensors file, a shipped policy, a function'
+        ' or class as module:name, strong, or topic',
     )
     parser.add_argument(
         '--bandwidth', choices=ALLOCATOR_NAMES, help='how bandwidth is shared among sensors'
