@@ -73,6 +73,11 @@ def cache_folder() -> Path:
     return root / 'uav_collect' / digest.hexdigest()[:16]
 
 
+def kernels_are_cached(module: str = 'rollout') -> bool:
+    """Whether a module's kernels that fly missions were compiled before, from the same sources."""
+    return any(cache_folder().rglob(f'{module}.*.nbi'))
+
+
 def _compiled(function: _Kernel, *, counts: bool) -> _Kernel:
     if not kernels_are_compiled():
         return function

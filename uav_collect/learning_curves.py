@@ -110,17 +110,35 @@ def _curve(
         again = next(seed for seed in seeds if seeds.count(seed) > 1)
         raise TrainingRunError(f'{label}: two runs have the seed {again}: give one of them')
     lines = [_line(folder, measure, axis) for _, folder in members]
+    curve = mean_curve(label, seeds, lines)
+    if curve is None:
+        raise TrainingRunError(f'{label}: its runs have no {axis.key} in common')
+    return curve
+
+
+def mean_curve(
+    label: str, seeds: Sequence[int], lines: Sequence[tuple[Floats, Floats]]
+) -> LearningCurve | None:
+    """The mean of several runs; None where they have no stretch in common.
+
+    Args:
+        lines: moments and values of each run, (K,) each; moments rise.
+    """
     low = max(over[0] for over, _ in lines)
     high = min(over[-1] for over, _ in lines)
     if low > high:
-        raise TrainingRunError(f'{label}: its runs have no {axis.key} in common')
+        return None
     moments = np.unique(np.concatenate([over for over, _ in lines]))
     moments = moments[(moments >= low) & (moments <= high)]
     values = np.array([np.interp(moments, over, value) for over, value in lines])
     alone = len(lines) == 1
     deviation = np.full_like(moments, np.nan) if alone else values.std(axis=0, ddof=1)
     return LearningCurve(
-        label=label, seeds=seeds, over=moments, mean=values.mean(axis=0), deviation=deviation
+        label=label,
+        seeds=tuple(seeds),
+        over=moments,
+        mean=values.mean(axis=0),
+        deviation=deviation,
     )
 
 

@@ -81,9 +81,36 @@ def trajectories(
         ValueError: the demand does not fit the site.
         OSError: the file cannot be written.
     """
-    check_shape(demand_bit, (len(site.position_m),), 'demand_bit')
     side_in = float(np.clip(2.6 + 0.3 * scenario.area.cells_per_side, 5.0, 8.6))
     figure, axes = _canvas(side_in)
+    handles = draw_mission(axes, log, site, demand_bit, scenario, side_in)
+    _write_title(axes, log, figures(log))
+    _write_legend(axes, handles)
+    # No software name in the file: the bytes are the mission's.
+    figure.savefig(file, dpi=DPI, format='png', metadata={'Software': None})
+
+
+def draw_mission(
+    axes: Axes,
+    log: MissionLog,
+    site: Site,
+    demand_bit: Floats,
+    scenario: Scenario,
+    side_in: float,
+) -> list[Line2D]:
+    """Draw a mission into axes.
+
+    Args:
+        demand_bit: as for `trajectories`.
+        side_in: side of the square that the axes take [inch].
+
+    Returns:
+        What a legend needs.
+
+    Raises:
+        ValueError: the demand does not fit the site.
+    """
+    check_shape(demand_bit, (len(site.position_m),), 'demand_bit')
     cell_pt = side_in * 72.0 / scenario.area.cells_per_side
     paths = [_path_of(log, scenario, index) for index in range(len(log.header.uavs))]
     _draw_area(axes, scenario)
@@ -93,11 +120,8 @@ def trajectories(
     _draw_ends(axes, scenario, cell_pt)
     _draw_tags(axes, paths, scenario.area.cell_size_m, cell_pt)
     summary = figures(log)
-    _write_title(axes, log, summary)
     handles = _path_handles(paths, summary) + _place_handles(scenario)
-    _write_legend(axes, handles + _sensor_handles(demand_bit, summary))
-    # No software name in the file: the bytes are the mission's.
-    figure.savefig(file, dpi=DPI, format='png', metadata={'Software': None})
+    return handles + _sensor_handles(demand_bit, summary)
 
 
 def _canvas(side_in: float) -> tuple[Figure, Axes]:

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from time import monotonic
 
-from uav_collect.compiled import cache_folder, kernels_are_compiled
+from uav_collect.compiled import kernels_are_cached, kernels_are_compiled
 
 _LINE_EVERY_S = 5.0
 
@@ -55,8 +55,3 @@ def say_if_compiling(*modules: str) -> None:
 
     if kernels_are_compiled() and not all(map(kernels_are_cached, modules or ('rollout',))):
         Console(stderr=True).print('compiling (once): this takes about a minute')
-
-
-def kernels_are_cached(module: str = 'rollout') -> bool:
-    """Whether a module's kernels that fly missions were compiled before, from the same sources."""
-    return any(cache_folder().rglob(f'{module}.*.nbi'))
