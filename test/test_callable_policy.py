@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+import shutil
 import sys
 
 from fleets import Fleet, logs, scenario_of
@@ -214,9 +215,9 @@ def test_a_function_is_named_by_its_module_and_its_name(name: str, is_one: bool)
 @pytest.mark.ros
 @pytest.mark.parametrize('name', ['nearest', 'Wanderer'])
 def test_missions_over_ros_equal_those_flown_in_one_process(
-    name: str, processes: Processes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    name: str, processes: Processes, tmp_path: Path
 ) -> None:
-    monkeypatch.chdir(HERE)
+    shutil.copy(HERE / 'user_policies.py', tmp_path)  # where the processes run
     scenario = scenario_of(2, fleet__default__energy_budget_kj=60.0)
     fleet = Fleet(processes=processes, scenario=scenario, folder=tmp_path / 'run')
     fleet.start_agents(f'user_policies:{name}')
@@ -232,9 +233,9 @@ def test_missions_over_ros_equal_those_flown_in_one_process(
     [('missing', 'has no missing'), ('late', r'RuntimeError: the wind is too strong \(user_')],
 )
 def test_an_agent_whose_function_fails_ends_with_one_line(
-    name: str, words: str, processes: Processes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    name: str, words: str, processes: Processes, tmp_path: Path
 ) -> None:
-    monkeypatch.chdir(HERE)
+    shutil.copy(HERE / 'user_policies.py', tmp_path)  # where the processes run
     fleet = Fleet(processes=processes, scenario=scenario_of(1), folder=tmp_path / 'run')
     fleet.start_world(decision_timeout_s=100.0)
     agent = fleet.start_agent(1, f'user_policies:{name}')
