@@ -25,7 +25,7 @@ from uav_collect.frozen import (
     weights_digest,
 )
 from uav_collect.observation import Layout
-from uav_collect.policy_file import FORMAT, load_policy, save_policy
+from uav_collect.policy_file import FORMAT, load_policy, policy_bytes, save_policy
 from uav_collect.scenario import load
 
 N_SEQUENCES, N_STEPS = 10_000, 6
@@ -152,6 +152,11 @@ def test_a_policy_reads_back_as_it_was_written(tmp_path: Path) -> None:
     for name, tensor in written.weights.items():
         np.testing.assert_array_equal(read.weights[name], tensor)
     assert [file.name for file in tmp_path.iterdir()] == ['one.safetensors']
+
+
+def test_equal_policies_are_written_as_equal_bytes() -> None:
+    policy = random_policy(header())
+    assert len({policy_bytes(policy) for _ in range(5)}) == 1
 
 
 def test_the_digest_changes_with_any_weight() -> None:

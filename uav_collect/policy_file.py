@@ -32,8 +32,17 @@ def policy_bytes(policy: FrozenPolicy) -> bytes:
     tensors = {
         name: np.ascontiguousarray(tensor, dtype='<f4') for name, tensor in policy.weights.items()
     }
-    content: bytes = save(tensors, _metadata(policy))
-    return content
+    return _in_order(save(tensors, _metadata(policy)))
+
+
+def _in_order(content: bytes) -> bytes:
+    """The same file, its head sorted: safetensors writes it in another order each time."""
+    end = _LENGTH_BYTE + int.from_bytes(content[:_LENGTH_BYTE], 'little')
+    told = json.loads(content[_LENGTH_BYTE:end])
+    head = json.dumps(told, sort_keys=True, separators=(',', ':'), ensure_ascii=False).encode()
+    if len(head) > end - _LENGTH_BYTE:
+        raise RuntimeError(f'a head of {len(head)} bytes has no room in {end - _LENGTH_BYTE}')
+    return content[:_LENGTH_BYTE] + head.ljust(end - _LENGTH_BYTE) + content[end:]
 
 
 def policy_from_bytes(content: bytes) -> FrozenPolicy:
