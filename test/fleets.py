@@ -79,34 +79,38 @@ class Fleet:
     processes: Processes
     scenario: Scenario
     folder: Path
+    world: str = ''  # its name, if it has one
 
     def start_world(self, **values: object) -> RunningProcess:
         """Start the world with parameters."""
         file = self.folder.with_suffix('.yaml')
         file.write_text(self.scenario.to_yaml())
         values = {'scenario': file, 'output_dir': self.folder, **values}
-        return self.processes.start('world_sim', *parameters(**values))
+        return self.processes.start('world_sim', *self._named(), *parameters(**values))
 
     def start_agent(
         self, uav: int, policy: str = 'sweep', allocator: str = 'exact', **values: object
     ) -> RunningProcess:
         """Start the agent of a UAV with flags and parameters."""
         flags = ['--id', str(uav), '--policy', policy, '--bandwidth', allocator]
-        return self.processes.start('uav_agent', *flags, *parameters(**values))
+        return self.processes.start('uav_agent', *self._named(), *flags, *parameters(**values))
 
     def start_agents(
-        self, policy: str = 'sweep', allocator: str = 'exact'
+        self, policy: str = 'sweep', allocator: str = 'exact', **values: object
     ) -> list[RunningProcess]:
         """Start the agents of all UAVs."""
         uavs = range(1, self.scenario.n_uavs + 1)
-        return [self.start_agent(uav, policy, allocator) for uav in uavs]
+        return [self.start_agent(uav, policy, allocator, **values) for uav in uavs]
 
     def start_recorder(self, **values: object) -> RunningProcess:
         """Start the recorder and wait until it records."""
-        flags = ['--output', str(self.bag)]
+        flags = [*self._named(), '--output', str(self.bag)]
         recorder = self.processes.start('recorder', *flags, *parameters(**values))
         recorder.wait_for('recording .* topics')
         return recorder
+
+    def _named(self) -> list[str]:
+        return ['--world', self.world] if self.world else []
 
     @property
     def bag(self) -> Path:
@@ -151,7 +155,7 @@ class Listener:
     """A node of the test that keeps what it hears."""
 
     def __init__(self, node: Any, executor: Any, heard: dict[str, list[Any]]) -> None:  # noqa: ANN401
-        self._node = node
+        self.node = node
         self._executor = executor
         self.heard = heard  # messages by topic, in order
 

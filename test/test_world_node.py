@@ -51,7 +51,7 @@ def fleet(processes: Processes, tmp_path: Path) -> Fleet:
         ({'scenario': 'no_such'}, 'no_such'),
         ({'seed': -1}, 'seed'),
         ({'seed': 'seven'}, 'seed'),
-        ({'missions': -1}, 'missions'),
+        ({'missions': -2}, 'missions'),
         ({'viewer_rate_hz': 100.0}, 'viewer_rate_hz'),
         ({'real_time_factor': -1.0}, 'real_time_factor'),
         ({'decision_timeout_s': 0.0}, 'decision_timeout_s'),

@@ -19,6 +19,7 @@ from uav_collect.mission_log import (
 from uav_collect.scenario import ConfigError, from_yaml, Scenario
 from uav_collect.site import build_site, Site
 
+# What topics end with: worlds may have a namespace.
 _SCENARIO = '/world/scenario'
 _MISSION = '/world/mission'
 _EPOCH = '/world/epoch'
@@ -64,14 +65,14 @@ def read_missions(path: Path) -> list[RecordedMission]:
     scenarios: dict[str, Any] = {}
     missions: dict[str, _Parts] = {}
     for topic, message in _messages(path):
-        if topic == _SCENARIO:
+        if topic.endswith(_SCENARIO):
             scenarios[message.world_instance] = message
             continue
         parts = missions.setdefault(message.mission_id, _Parts(start=None))
-        if topic == _MISSION:
+        if topic.endswith(_MISSION):
             parts.start = parts.start or message
             parts.phases.add(int(message.phase))
-        elif topic == _EPOCH:
+        elif topic.endswith(_EPOCH):
             parts.epochs[int(message.event)] = message
         else:
             parts.n_radio_messages += 1
@@ -90,8 +91,7 @@ def _messages(path: Path) -> Iterator[tuple[str, Any]]:
         wanted = [
             connection
             for connection in reader.connections
-            if connection.topic in (_SCENARIO, _MISSION, _EPOCH)
-            or connection.topic.endswith(_DELIVERED)
+            if connection.topic.endswith((_SCENARIO, _MISSION, _EPOCH, _DELIVERED))
         ]
         for connection, _, content in reader.messages(wanted) if wanted else ():
             yield connection.topic, reader.deserialize(content, connection.msgtype)

@@ -11,7 +11,7 @@ from uav_collect.limits import MAX_SEED
 class Schedule:
     """The missions of a world: so many in a row, or those that are asked for."""
 
-    n_missions: int  # to fly in a row; 0: only on request, without end
+    n_missions: int  # to fly in a row; -1: without end; 0: only on request, without end
     next_seed: int | None  # of the mission that starts once the fleet is complete
     n_started: int = 0
 
@@ -30,7 +30,7 @@ class Schedule:
 
     def go_on(self, seed: int) -> None:
         """Plan what follows the mission with a seed."""
-        if self.n_missions > 0 and not self.is_over:
+        if self.n_missions != 0 and not self.is_over:
             self.next_seed = seed + 1
 
     def ask_for(self, seed: int, *, is_flying: bool) -> tuple[bool, str]:

@@ -22,9 +22,9 @@ PARAMETERS = (
     Parameter(
         name='missions',
         default=1,
-        description='missions to fly in a row before the world exits; 0: only those that '
-        '/world/control starts, without end',
-        low=0,
+        description='missions to fly in a row before the world exits; -1: one after another '
+        'without end; 0: only those that /world/control starts, without end',
+        low=-1,
         high=1_000_000,
     ),
     Parameter(

@@ -1,0 +1,95 @@
+"""A stand-in for the trainer's side of /trainer/policy, and the same missions in this process."""
+
+from array import array
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+import hashlib
+from typing import Any
+
+import numpy as np
+from uav_collect.actions import NONE
+from uav_collect.frozen import best_actions, FrozenPolicy
+from uav_collect.policy import flown_version
+from uav_collect.policy_file import policy_bytes
+from uav_collect.scenario import Scenario
+from uav_collect.site import build_site
+from uav_collect.stepping import Flights, Stepping
+
+HOVER_SHARE = 0.6
+
+
+def explored_logs(
+    scenario: Scenario,
+    seeds: Sequence[int],
+    frozen: FrozenPolicy,
+    epsilon: float,
+    allocator: str = 'exact',
+) -> list[bytes]:
+    """The logs of missions flown at once in this process, with exploration."""
+    rules = Stepping(layout=frozen.header.layout, allocator=allocator, is_logged=True)
+    flights = Flights(scenario, build_site(scenario), seeds, rules)
+    n_uavs = scenario.n_uavs
+    hidden = frozen.new_hidden(len(seeds) * n_uavs)
+    chosen = np.zeros(len(seeds), dtype=np.int64)
+    decisions = flights.decisions
+    while len(waiting := np.flatnonzero(decisions.uav != NONE)):
+        rows = waiting * n_uavs + decisions.uav[waiting]
+        values, hidden[rows] = frozen.step(decisions.observation[waiting], hidden[rows])
+        chosen[waiting] = best_actions(values, decisions.legal[waiting])
+        explored = flights.explore(epsilon, HOVER_SHARE)
+        decisions = flights.step(np.where(explored == NONE, chosen, explored))
+    name = flown_version(frozen.header.version, epsilon)
+    return [flights.mission_log(world, name).to_jsonl() for world in range(len(seeds))]
+
+
+def policy_message(frozen: FrozenPolicy, sequence: int, epsilon: float, **values: object) -> Any:  # noqa: ANN401
+    """What a trainer says of a policy, or with other values."""
+    from uav_collect_msgs.msg import Policy
+
+    content = policy_bytes(frozen)
+    message = Policy(
+        version=frozen.header.version,
+        trainer_instance='stand-in',
+        sequence=sequence,
+        content=array('B', content),
+        sha256=hashlib.sha256(content).hexdigest(),
+        epsilon=epsilon,
+        hover_share=HOVER_SHARE,
+    )
+    for name, value in values.items():
+        setattr(message, name, value)
+    return message
+
+
+class Trainer:
+    """Publishes policies and keeps what it hears."""
+
+    def __init__(self, node: Any) -> None:  # noqa: ANN401
+        from uav_collect.nodes import topics
+        from uav_collect.nodes.topics import publisher
+
+        self._node = node
+        self._publisher = publisher(node, topics.POLICY)
+        self._sequence = 0
+
+    def publish(self, frozen: FrozenPolicy, epsilon: float = 0.0, **values: object) -> None:
+        """Publish a policy, or a message with other values."""
+        self._sequence += 1
+        message = policy_message(frozen, self._sequence, epsilon)
+        message.stamp = self._node.get_clock().now().to_msg()
+        for name, value in values.items():
+            setattr(message, name, value)
+        self._publisher.publish(message)
+
+    def vanish(self) -> None:
+        """Be gone, with all that was latched."""
+        self._node.destroy_publisher(self._publisher)
+
+
+@contextmanager
+def trainer(*topics: Any) -> Iterator[tuple[Trainer, Any]]:  # noqa: ANN401
+    """A trainer in the ROS domain of the test, and what it hears on topics of the table."""
+    from fleets import listener
+
+    with listener(*topics) as ears:
+        yield Trainer(ears.node), ears
