@@ -70,9 +70,8 @@ class Course:
 
     def episodes(self, seeds: Sequence[int]) -> list[Episode]:
         """Missions as the training's rollout records them."""
-        learned = self.scenario.reward.model_copy(update={'discount_per_s': self.discount_per_s})
         flights = Flights(
-            self.scenario.model_copy(update={'reward': learned}),
+            self.scenario.with_discount(self.discount_per_s),
             build_site(self.scenario),
             seeds,
             Stepping(layout=self.layout, reward=self.reward, max_decisions=self.max_decisions),

@@ -44,7 +44,7 @@ LAYERS = (
     'metrics evaluation errands plan_search plan_bound bound bound_estimates',
     'lanes plots tables bound_tables bag bag_writer bag_repair learning_curves pettingzoo_env',
     'training_config training_progress replay minibatch',
-    'network mixer learner collector checkpoint course trainer',
+    'network mixer learner collector checkpoint course stream trainer',
 )
 LEARNING = 'network mixer learner collector checkpoint train scalar_events'
 LAYER_OF = {module: rank for rank, line in enumerate(LAYERS) for module in line.split()}

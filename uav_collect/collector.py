@@ -26,6 +26,8 @@ _N_RECENT = 100  # missions that the figures of the training's own missions are 
 class Collector:
     """Flies missions one after another in each of its places, and hands out those that end."""
 
+    is_over = False  # there is always another one
+
     def __init__(
         self,
         scenario: Scenario,

@@ -2,12 +2,15 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 from uav_collect.briefing import brief, Briefing
 from uav_collect.collector import Collector
+from uav_collect.experience import Episode
 from uav_collect.minibatch import Algorithm, Minibatch, minibatch
 from uav_collect.mission_log import MissionLog
+from uav_collect.network import Drqn
 from uav_collect.observation import observation_size
 from uav_collect.policy import LearnedPolicy
 from uav_collect.replay import Replay
@@ -17,14 +20,47 @@ from uav_collect.site import build_site, Site
 from uav_collect.training_config import TrainingConfig
 
 
+class Source(Protocol):
+    """Where a course's missions come from: a collector, or flights elsewhere."""
+
+    @property
+    def n_decisions(self) -> int:
+        """Decisions of the missions so far."""
+
+    @property
+    def n_missions(self) -> int:
+        """Missions so far."""
+
+    @property
+    def is_over(self) -> bool:
+        """Whether there are fewer than were last asked for, and there will be no more."""
+
+    @property
+    def recent_efficiency_kbit_per_j(self) -> float:
+        """Mean over the missions that ended last; nan before the first."""
+
+    @property
+    def recent_reward(self) -> float:
+        """Mean total reward, undiscounted, of the missions that ended last."""
+
+    def collect(self, agent: Drqn, n_decisions: int, epsilon: float) -> list[Episode]:
+        """The missions that end while so many decisions, or a few more, are made."""
+
+    def state(self) -> dict[str, Any]:
+        """All that it needs to go on; the inverse is `restore`."""
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go on from where another one of the same settings was."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Course:
-    """A scenario, who collects experience in it, and what was collected."""
+    """A scenario, where experience with it comes from, and what was collected."""
 
     scenario: Scenario
     site: Site
     briefing: Briefing
-    collector: Collector
+    source: Source
     replay: Replay
 
     def minibatch(
@@ -50,8 +86,12 @@ def new_courses(
     algorithm: Algorithm,
     seed: int,
     device: str,
+    sources: Sequence[Source] | None,
 ) -> list[Course]:
     """Courses at their start; they share the room of the replay.
+
+    Args:
+        sources: of each scenario's missions; None: each flies its own in this process.
 
     Raises:
         ConfigError: a fleet cannot start, or the scenarios' observations differ in size.
@@ -59,27 +99,18 @@ def new_courses(
     _check_same_size(scenarios, config)
     replay_size = config.replay.decisions // len(scenarios)
     courses = []
-    for scenario in scenarios:
+    for index, scenario in enumerate(scenarios):
         site, briefing = build_site(scenario), brief(scenario)
-        learned = _with_discount(scenario, config.reward.discount_per_s)
-        collector = Collector(learned, site, config, algorithm, seed, device)
+        if sources is None:
+            learned = scenario.with_discount(config.reward.discount_per_s)
+            source: Source = Collector(learned, site, config, algorithm, seed, device)
+        else:
+            source = sources[index]
         replay = Replay(replay_size, briefing)
         courses.append(
-            Course(
-                scenario=scenario,
-                site=site,
-                briefing=briefing,
-                collector=collector,
-                replay=replay,
-            )
+            Course(scenario=scenario, site=site, briefing=briefing, source=source, replay=replay)
         )
     return courses
-
-
-def _with_discount(scenario: Scenario, discount_per_s: float) -> Scenario:
-    """The scenario with the training's discount in its reward."""
-    reward = scenario.reward.model_copy(update={'discount_per_s': discount_per_s})
-    return scenario.model_copy(update={'reward': reward})
 
 
 def _check_same_size(scenarios: Sequence[Scenario], config: TrainingConfig) -> None:

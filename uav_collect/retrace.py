@@ -88,8 +88,7 @@ class Tracer:
         self._layout, self._reward = layout, reward
         self._first_sensor = site.first_sensor.tolist()
         self._briefing = brief(scenario)
-        learned = scenario.reward.model_copy(update={'discount_per_s': discount_per_s})
-        self._ground = lay_out(scenario.model_copy(update={'reward': learned}), site)
+        self._ground = lay_out(scenario.with_discount(discount_per_s), site)
         self._mission = mission_of(new_missions(self._briefing, self._ground, [0]), 0)
         self._union: Any = np.zeros(scenario.n_cells, dtype=np.uint8)
 

@@ -223,6 +223,11 @@ class Scenario(Section):
         """Bandwidth of each UAV [Hz]: an equal part of the system's, paper Sec. III-B."""
         return self.radio.system_bandwidth_hz / self.n_uavs
 
+    def with_discount(self, discount_per_s: float) -> 'Scenario':
+        """The scenario with another discount of rewards."""
+        reward = self.reward.model_copy(update={'discount_per_s': discount_per_s})
+        return self.model_copy(update={'reward': reward})
+
     def to_yaml(self) -> str:
         """The scenario as YAML that stands alone; equal scenarios give equal text."""
         return yaml_text.dump(self.model_dump(exclude_none=True))

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from uav_collect import frozen
 from uav_collect.checkpoint import CheckpointError, read_checkpoint, write_checkpoint
-from uav_collect.course import new_courses
+from uav_collect.course import new_courses, Source
 from uav_collect.evaluation import mission_seeds
 from uav_collect.frozen import (
     FrozenPolicy,
@@ -41,6 +41,7 @@ class Trainer:
         seed: int,
         device: str = 'cpu',
         initial: FrozenPolicy | None = None,
+        sources: Sequence[Source] | None = None,
     ) -> None:
         """Get ready: first missions in the air, weights drawn.
 
@@ -51,6 +52,7 @@ class Trainer:
             seed: of weights, missions, exploration and what is replayed, 0..2^62.
             device: 'cpu' or 'cuda'.
             initial: whose weights the agent network starts from; drawn by the seed otherwise.
+            sources: of each scenario's missions, which are flown in this process otherwise.
 
         Raises:
             ConfigError: a fleet cannot start, or the observation has no room for it.
@@ -59,7 +61,7 @@ class Trainer:
         self.scenarios, self.config, self.seed = tuple(scenarios), config, seed
         self.algorithm = Algorithm(algorithm)
         self._device = device
-        self._courses = new_courses(self.scenarios, config, self.algorithm, seed, device)
+        self._courses = new_courses(self.scenarios, config, self.algorithm, seed, device, sources)
         briefings = [course.briefing for course in self._courses]
         self._learner = Learner(config, briefings, self.algorithm, seed, device)
         self._rng = np.random.Generator(np.random.Philox(key=[seed, _REPLAY_KEY]))
@@ -75,7 +77,7 @@ class Trainer:
     @property
     def n_decisions(self) -> int:
         """Decisions flown so far."""
-        return sum(course.collector.n_decisions for course in self._courses)
+        return sum(course.source.n_decisions for course in self._courses)
 
     @property
     def n_updates(self) -> int:
@@ -87,30 +89,38 @@ class Trainer:
         """Memory that the replays take."""
         return sum(course.replay.n_bytes for course in self._courses)
 
-    def run(self, budget: Budget) -> Iterator[Progress]:
-        """Train on until the budget is spent, resumed or not.
+    def run(self, budget: Budget, look_every_updates: int | None = None) -> Iterator[Progress]:
+        """Train on until the budget is spent or experience is over, resumed or not.
+
+        Args:
+            look_every_updates: how often to yield besides.
 
         Yields:
-            How it stands, about once a second and after each validation. The weights change only
-            between two of them: stop, save or look at any.
+            How it stands, about once a second, after each validation, and once experience is
+            over. The weights change only between two of them: stop, save or look at any.
         """
         pace = Pace(self)
-        while (share_done := self._share_done(budget)) < 1.0:
+        is_over = False
+        while not is_over and (share_done := self._share_done(budget)) < 1.0:
             loss = self._advance(share_done, pace)
-            is_due = self._learner.n_updates % self.config.validation.every_updates == 0
-            is_due &= loss is not None
+            is_over = any(course.source.is_over for course in self._courses)
+            is_due = self._is_due(self.config.validation.every_updates, loss)
             if is_due:
                 pace.pause()
                 self._validate()
                 pace.go_on()
-            if is_due or pace.is_due():
+            if is_due or is_over or pace.is_due() or self._is_due(look_every_updates, loss):
                 yield self._progress(budget, pace, self._validation if is_due else None)
         if self._validation is None or self._validation.n_updates < self._learner.n_updates:
             self._validate()
             yield self._progress(budget, pace, self._validation)
 
+    def snapshot(self) -> FrozenPolicy:
+        """The network as it is now, frozen, whatever it is worth."""
+        return self._frozen(None)
+
     def policy(self) -> FrozenPolicy:
-        """The network as it is now, frozen."""
+        """The network as it is now, frozen and validated."""
         validation = self._validation
         if validation is None or validation.n_updates < self._learner.n_updates:
             validation = self._validated()
@@ -134,7 +144,7 @@ class Trainer:
             'seed': self.seed,
             'device': self._device,
             'learner': self._learner.state(),
-            'collectors': [course.collector.state() for course in self._courses],
+            'collectors': [course.source.state() for course in self._courses],
             'replays': [course.replay.state() for course in self._courses],
             'turn': self._turn,
             'rng': self._rng.bit_generator.state,
@@ -146,8 +156,11 @@ class Trainer:
         write_checkpoint(folder, state)
 
     @classmethod
-    def resume(cls, folder: Path) -> 'Trainer':
+    def resume(cls, folder: Path, sources: Sequence[Source] | None = None) -> 'Trainer':
         """Go on from what `save` wrote.
+
+        Args:
+            sources: as it was made with.
 
         Raises:
             CheckpointError: there is nothing, or it is broken.
@@ -156,7 +169,14 @@ class Trainer:
         try:
             scenarios = [from_yaml(text) for text in state['scenarios']]
             config = TrainingConfig.model_validate(state['config'])
-            trainer = cls(scenarios, config, state['algorithm'], state['seed'], state['device'])
+            trainer = cls(
+                scenarios,
+                config,
+                state['algorithm'],
+                state['seed'],
+                state['device'],
+                sources=sources,
+            )
             trainer._restore(state)
         except (KeyError, TypeError, ValueError, RuntimeError) as error:
             raise CheckpointError(
@@ -166,10 +186,10 @@ class Trainer:
 
     def _restore(self, state: dict[str, Any]) -> None:
         self._learner.restore(state['learner'])
-        for course, collector, replay in zip(
+        for course, source, replay in zip(
             self._courses, state['collectors'], state['replays'], strict=True
         ):
-            course.collector.restore(collector)
+            course.source.restore(source)
             course.replay.restore(replay)
         self._turn = state['turn']
         self._rng.bit_generator.state = state['rng']
@@ -180,6 +200,12 @@ class Trainer:
             self._best = Validation(**state['best'])
             header = self._header(self._best, state['best_weights'])
             self._best_policy = FrozenPolicy(header, state['best_weights'])
+
+    def _is_due(self, every_updates: int | None, loss: float | None) -> bool:
+        """Whether an update was the last one of so many."""
+        if every_updates is None or loss is None:
+            return False
+        return self._learner.n_updates % every_updates == 0
 
     def _share_done(self, budget: Budget) -> float:
         if budget.decisions is not None:
@@ -198,10 +224,11 @@ class Trainer:
         course, agent = self._courses[index], self._learner.networks.agent
         self._turn += 1
         epsilon, n_decisions = config.epsilon(share_done), config.rollout.decisions_per_update
-        for episode in course.collector.collect(agent, n_decisions, epsilon):
+        for episode in course.source.collect(agent, n_decisions, epsilon):
             course.replay.add(episode)
         loss = None
-        if course.replay.n_missions >= config.replay.missions_per_batch:
+        is_enough = course.replay.n_missions >= config.replay.missions_per_batch
+        if is_enough and not course.source.is_over:
             batch = course.minibatch(config, self.algorithm, self._rng)
             loss = self._learner.update(batch, config.learning_rate(share_done), index)
             pace.note(loss)
@@ -266,23 +293,23 @@ class Trainer:
 
     def _progress(self, budget: Budget, pace: Pace, validation: Validation | None) -> Progress:
         share_done = self._share_done(budget)
-        collectors = [course.collector for course in self._courses]
+        sources = [course.source for course in self._courses]
         decisions_per_s, updates_per_s, loss = pace.read()
         return Progress(
             share_done=share_done,
             wall_s=self._trained_s,
             n_decisions=self.n_decisions,
             n_updates=self._learner.n_updates,
-            n_missions=sum(it.n_missions for it in collectors),
+            n_missions=sum(it.n_missions for it in sources),
             decisions_per_s=decisions_per_s,
             updates_per_s=updates_per_s,
             loss=loss,
             epsilon=self.config.epsilon(share_done),
             learning_rate=self.config.learning_rate(share_done),
             training_efficiency_kbit_per_j=_mean(
-                it.recent_efficiency_kbit_per_j for it in collectors
+                it.recent_efficiency_kbit_per_j for it in sources
             ),
-            training_reward=_mean(it.recent_reward for it in collectors),
+            training_reward=_mean(it.recent_reward for it in sources),
             replay_transitions=sum(course.replay.n_decisions for course in self._courses),
             replay_bytes=self.replay_bytes,
             validation=validation,

@@ -1,0 +1,168 @@
+"""Missions flown elsewhere are learned from as those of the rollout are, at the stated ratio."""
+
+from collections import deque
+from collections.abc import Sequence
+from pathlib import Path
+from threading import Thread
+
+from lessons import single_threaded_torch, small
+import numpy as np
+import pytest
+from telling import Course, joined, messages_of
+from tiny import tiny, uav
+from uav_collect.assembly import Joined
+from uav_collect.experience import Episode
+from uav_collect.observation import Layout
+from uav_collect.training_config import TrainingConfig
+
+torch = single_threaded_torch()
+from uav_collect.network import Drqn  # noqa: E402
+from uav_collect.stream import Stream  # noqa: E402
+from uav_collect.trainer import Trainer  # noqa: E402
+from uav_collect.training_progress import Budget  # noqa: E402
+
+FLEET = uav(5.0, energy_budget_kj=9.0), uav(10.0, energy_budget_kj=5.0)
+COURSE = Course(scenario=tiny(*FLEET), layout=Layout.PAPER, max_decisions=9)
+LONG = Budget(decisions=10**9)
+
+
+def agent() -> Drqn:
+    return Drqn(35, 8)
+
+
+def episodes(seeds: Sequence[int]) -> list[Joined]:
+    """Missions of the rollout as if they had been joined."""
+    return [
+        Joined(mission_id=f'world-{it.mission_seed}', episode=it, efficiency_kbit_per_j=1.0)
+        for it in COURSE.episodes(seeds)
+    ]
+
+
+def stream_of(missions: Sequence[Joined], most_waiting: int = 10**9) -> Stream:
+    stream = Stream(most_waiting)
+    for each in missions:
+        stream.add(each)
+    return stream
+
+
+def settings(validation_every_updates: int) -> TrainingConfig:
+    """An update for 20 decisions."""
+    return small(
+        'strong',
+        observation='paper',
+        rollout__decisions_per_update=20,
+        validation__every_updates=validation_every_updates,
+    )
+
+
+def trained(missions: Sequence[Joined], n_updates: int, algorithm: str = 'aqmix') -> Trainer:
+    stream = stream_of(missions)
+    stream.close()
+    config = small(
+        'strong',
+        observation='paper',
+        rollout__decisions_per_update=20,
+        validation__every_updates=50,
+    )
+    trainer = Trainer([COURSE.scenario], config, algorithm, 0, sources=[stream])
+    for progress in trainer.run(LONG, look_every_updates=1):
+        if progress.n_updates == n_updates:
+            break
+    assert trainer.n_updates == n_updates
+    return trainer
+
+
+@pytest.mark.parametrize('algorithm', ['aqmix', 'aiql'])
+def test_50_updates_on_joined_missions_give_the_weights_of_50_on_the_rollouts(
+    algorithm: str,
+) -> None:
+    seeds = range(160)
+    told = joined(COURSE.assembly(), messages_of(COURSE, seeds))
+    digests = [
+        trained(missions, 50, algorithm).snapshot().digest for missions in (told, episodes(seeds))
+    ]
+    assert digests[0] == digests[1]
+
+
+def n_made(missions: Sequence[Episode]) -> int:
+    return sum(int((it.records.action >= 0).sum()) for it in missions)
+
+
+def test_it_hands_out_missions_until_there_are_as_many_decisions_as_were_asked_for() -> None:
+    missions = episodes(range(40))
+    stream = stream_of(missions)
+    asked, taken = 0, []
+    for n_decisions in (1, 30, 5, 5, 60):
+        asked += n_decisions
+        taken += stream.collect(agent(), n_decisions, 0.5)
+        most = max(it.episode.n_decisions for it in missions)
+        assert asked <= stream.n_decisions == n_made(taken) < asked + most
+    assert [it.mission_seed for it in taken] == [*range(stream.n_missions)]
+
+
+def test_it_waits_for_missions_that_another_thread_adds() -> None:
+    stream, missions = Stream(10**9), episodes(range(10))
+    adding = Thread(target=deque, args=(map(stream.add, missions), 0))
+    adding.start()
+    taken = stream.collect(agent(), n_made([it.episode for it in missions]), 0.5)
+    adding.join()
+    assert len(taken) == 10
+    assert not stream.is_over
+
+
+def test_it_is_over_when_no_more_come_and_what_is_there_is_too_little() -> None:
+    missions = episodes(range(4))
+    stream = stream_of(missions)
+    stream.close()
+    assert len(stream.collect(agent(), 10**6, 0.5)) == 4
+    assert stream.is_over
+    assert stream.collect(agent(), 1, 0.5) == []
+
+
+def test_a_learner_that_is_too_slow_takes_what_waits_without_an_update_each() -> None:
+    missions = episodes(range(40))
+    stream = stream_of(missions, most_waiting=50)
+    taken = stream.collect(agent(), 10, 0.5)
+    left = n_made([it.episode for it in missions]) - n_made(taken)
+    assert 50 - 10 < left <= 50
+
+
+def test_a_restored_stream_goes_on_and_knows_what_was_learned_from() -> None:
+    stream, other = stream_of(episodes(range(20))), Stream(10**9)
+    stream.collect(agent(), 40, 0.5)
+    other.restore(stream.state())
+    assert other.known_ids == stream.known_ids == [f'world-{seed}' for seed in range(20)]
+    assert other.n_decisions == stream.n_decisions
+    first, second = (each.collect(agent(), 30, 0.5) for each in (stream, other))
+    assert [it.mission_seed for it in first] == [it.mission_seed for it in second]
+    assert other.recent_reward == stream.recent_reward
+
+
+def test_recent_figures_are_those_of_the_missions_handed_out() -> None:
+    stream = stream_of(episodes(range(5)))
+    assert np.isnan(stream.recent_reward)
+    taken = stream.collect(agent(), 30, 0.5)
+    assert stream.recent_reward == pytest.approx(
+        np.mean([it.records.reward.sum() for it in taken])
+    )
+    assert stream.recent_efficiency_kbit_per_j == 1.0
+
+
+def test_a_training_on_a_stream_is_resumed_where_it_was_saved(tmp_path: Path) -> None:
+    missions = episodes(range(160))
+    straight, stopped = trained(missions, 40), trained(missions, 15)
+    stopped.save(tmp_path)
+    stream = Stream(10**9)
+    resumed = Trainer.resume(tmp_path, sources=[stream])
+    stream.close()
+    progress = next(it for it in resumed.run(LONG, look_every_updates=1) if it.n_updates == 40)
+    assert resumed.snapshot().digest == straight.snapshot().digest
+    assert progress.n_decisions == straight.n_decisions
+
+
+def test_a_training_ends_with_a_validation_when_missions_run_out() -> None:
+    stream = stream_of(episodes(range(30)))
+    stream.close()
+    trainer = Trainer([COURSE.scenario], settings(5), 'aqmix', 0, sources=[stream])
+    validated = [it.n_updates for it in trainer.run(LONG) if it.validation is not None]
+    assert validated[-1] == trainer.n_updates == stream.n_decisions // 20 - 1

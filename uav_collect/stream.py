@@ -1,0 +1,135 @@
+"""Missions that were flown elsewhere, handed to the learner at a stated ratio.
+
+One thread adds them as they are joined, another one learns.
+"""
+
+from collections import deque
+from threading import Condition
+from typing import Any
+
+import numpy as np
+from uav_collect.assembly import Joined
+from uav_collect.experience import Episode
+from uav_collect.network import Drqn
+
+_N_RECENT = 100  # missions that the figures of the fleet's own missions are taken from
+_N_REMEMBERED = 4096  # missions, so that none is learned from twice
+
+
+class Stream:
+    """Where the learner waits for missions; a source of a `course.Course`."""
+
+    def __init__(self, most_waiting: int) -> None:
+        """Wait for the first mission.
+
+        Args:
+            most_waiting: decisions that may wait for the learner. Where it is slower than the
+                fleet it takes what waits at once: updates become fewer, no mission is lost.
+        """
+        self._most_waiting = most_waiting
+        self._changed = Condition()
+        self._waiting: deque[Joined] = deque()
+        self._n_waiting = 0  # decisions
+        self._is_closed = False
+        self._credit = 0  # decisions handed out that were not asked for yet
+        self._recent: deque[tuple[float, float]] = deque(maxlen=_N_RECENT)
+        self._learned: deque[str] = deque(maxlen=_N_REMEMBERED)  # ids of missions handed out
+        self.is_over = False
+        self.n_decisions = 0
+        self.n_missions = 0
+
+    @property
+    def recent_efficiency_kbit_per_j(self) -> float:
+        """Mean over the missions handed out last; nan before the first."""
+        return float(np.mean([it[0] for it in self._recent])) if self._recent else np.nan
+
+    @property
+    def recent_reward(self) -> float:
+        """Mean total reward, undiscounted, of the missions handed out last."""
+        return float(np.mean([it[1] for it in self._recent])) if self._recent else np.nan
+
+    @property
+    def known_ids(self) -> list[str]:
+        """The missions that were added, as far as they are remembered."""
+        with self._changed:
+            return [*self._learned, *(it.mission_id for it in self._waiting)]
+
+    def add(self, joined: Joined) -> None:
+        """Let a mission be learned from."""
+        with self._changed:
+            self._waiting.append(joined)
+            self._n_waiting += _n_made(joined.episode)
+            self._changed.notify()
+
+    def close(self) -> None:
+        """No more will be added."""
+        with self._changed:
+            self._is_closed = True
+            self._changed.notify()
+
+    def wait(self) -> bool:
+        """Wait for a mission; whether there is one, or ever will be."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._waiting or self._is_closed)
+            return bool(self._waiting)
+
+    def collect(self, agent: Drqn, n_decisions: int, epsilon: float) -> list[Episode]:
+        """Wait for so many decisions more than those that were asked for before.
+
+        The agents fly what they were sent: neither `agent` nor `epsilon` changes that.
+
+        Returns:
+            The missions that came; fewer than asked for once there will be no more.
+        """
+        del agent, epsilon
+        taken: list[Episode] = []
+        with self._changed:
+            while self._credit < n_decisions and not self.is_over:
+                self._changed.wait_for(lambda: self._waiting or self._is_closed)
+                self.is_over = not self._waiting
+                if self._waiting:
+                    taken.append(self._take())
+                    self._credit += _n_made(taken[-1])
+            if not self.is_over:
+                self._credit -= n_decisions
+            while self._n_waiting > self._most_waiting:
+                taken.append(self._take())
+        return taken
+
+    def state(self) -> dict[str, Any]:
+        """All that it needs to go on; the inverse is `restore`."""
+        with self._changed:
+            return {
+                'waiting': [*self._waiting],
+                'learned': [*self._learned],
+                'recent': [*self._recent],
+                'credit': self._credit,
+                'n_decisions': self.n_decisions,
+                'n_missions': self.n_missions,
+            }
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go on from where another one was."""
+        with self._changed:
+            self._waiting.extend(state['waiting'])
+            self._n_waiting = sum(_n_made(it.episode) for it in self._waiting)
+            self._learned.extend(state['learned'])
+            self._recent.extend(state['recent'])
+            self._credit = state['credit']
+            self.n_decisions = state['n_decisions']
+            self.n_missions = state['n_missions']
+
+    def _take(self) -> Episode:
+        joined = self._waiting.popleft()
+        episode = joined.episode
+        self._learned.append(joined.mission_id)
+        self._recent.append((joined.efficiency_kbit_per_j, float(np.sum(episode.records.reward))))
+        self._n_waiting -= _n_made(episode)
+        self.n_decisions += _n_made(episode)
+        self.n_missions += 1
+        return episode
+
+
+def _n_made(episode: Episode) -> int:
+    """How many decisions were made: of a mission cut off, the last one was not."""
+    return episode.n_decisions - (not episode.is_whole)
