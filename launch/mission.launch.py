@@ -27,7 +27,7 @@ from launch import LaunchContext, LaunchDescription
 _CONFIG = Path(__file__).absolute().parent.parent / 'config'
 _NODES = _CONFIG / 'nodes.yaml'  # all other parameters, and the defaults of those below
 
-# Launch arguments: where the default stands in nodes.yaml, the type, and what each does.
+# Launch arguments: for which node, whose default stands in nodes.yaml, the type, and what each does.
 _ARGUMENTS = {
     'scenario': ('world_sim', str, 'name of a shipped scenario, or path of a YAML file'),
     'seed': ('world_sim', int, 'mission seed; each further mission adds 1'),
@@ -38,12 +38,12 @@ _ARGUMENTS = {
         'simulated over wall-clock time; 0: as fast as the fleet decides',
     ),
     'policy': (
-        '/*/uav_agent',
+        'uav_agent',
         str,
         'what decides: hert, hert-equal, sweep, random, a learned policy or its file, '
         'module:name or strong',
     ),
-    'bandwidth': ('/*/uav_agent', str, 'how bandwidth is shared: exact, equal or cvxpy'),
+    'bandwidth': ('uav_agent', str, 'how bandwidth is shared: exact, equal or cvxpy'),
 }
 _OUTPUT_HELP = 'folder for the bag and the mission logs; empty: a bag named by the time, no logs'
 
@@ -53,7 +53,7 @@ def generate_launch_description() -> LaunchDescription:
     arguments = [
         DeclareLaunchArgument(
             name,
-            default_value=str(nodes[owner]['ros__parameters'][name]),
+            default_value=str(nodes[f'/**/{owner}']['ros__parameters'][name]),
             description=description,
         )
         for name, (owner, _, description) in _ARGUMENTS.items()
@@ -98,7 +98,7 @@ def _start(context: LaunchContext) -> list:
 
 def _agent(number: int) -> Node:
     """The agent of one UAV; it names its namespace itself."""
-    return _node('uav_agent', _chosen('/*/uav_agent'), arguments=['--id', str(number)])
+    return _node('uav_agent', _chosen('uav_agent'), arguments=['--id', str(number)])
 
 
 def _node(executable: str, parameters: dict, **options) -> Node:
