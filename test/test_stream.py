@@ -4,6 +4,7 @@ from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
 from threading import Thread
+from typing import Any
 
 from lessons import single_threaded_torch, small
 import numpy as np
@@ -38,8 +39,8 @@ def episodes(seeds: Sequence[int]) -> list[Joined]:
     ]
 
 
-def stream_of(missions: Sequence[Joined], most_waiting: int = 10**9) -> Stream:
-    stream = Stream(most_waiting)
+def stream_of(missions: Sequence[Joined], most_waiting: int = 10**9, **values: Any) -> Stream:  # noqa: ANN401
+    stream = Stream(most_waiting, **values)
     for each in missions:
         stream.add(each)
     return stream
@@ -55,20 +56,29 @@ def settings(validation_every_updates: int) -> TrainingConfig:
     )
 
 
-def trained(missions: Sequence[Joined], n_updates: int, algorithm: str = 'aqmix') -> Trainer:
-    stream = stream_of(missions)
-    stream.close()
-    config = small(
-        'strong',
-        observation='paper',
-        rollout__decisions_per_update=20,
-        validation__every_updates=50,
-    )
-    trainer = Trainer([COURSE.scenario], config, algorithm, 0, sources=[stream])
-    for progress in trainer.run(LONG, look_every_updates=1):
-        if progress.n_updates == n_updates:
-            break
-    assert trainer.n_updates == n_updates
+class EnoughError(Exception):
+    """So many updates were made."""
+
+
+def trained(
+    missions: Sequence[Joined],
+    n_updates: int,
+    algorithm: str = 'aqmix',
+    saved: Path | None = None,
+) -> Trainer:
+    """A training on missions, or the one that was saved, after so many updates."""
+
+    def fly(epsilon: float) -> None:
+        if trainer.n_updates == n_updates:
+            raise EnoughError
+
+    sources = [stream_of(missions, fly=fly)]
+    if saved is None:
+        trainer = Trainer([COURSE.scenario], settings(50), algorithm, 0, sources=sources)
+    else:
+        trainer = Trainer.resume(saved, sources=sources)
+    with pytest.raises(EnoughError):
+        deque(trainer.run(LONG), 0)
     return trainer
 
 
@@ -149,15 +159,12 @@ def test_recent_figures_are_those_of_the_missions_handed_out() -> None:
 
 
 def test_a_training_on_a_stream_is_resumed_where_it_was_saved(tmp_path: Path) -> None:
-    missions = episodes(range(160))
-    straight, stopped = trained(missions, 40), trained(missions, 15)
+    missions = episodes(range(60))
+    straight, stopped = trained(missions, 20), trained(missions, 8)
     stopped.save(tmp_path)
-    stream = Stream(10**9)
-    resumed = Trainer.resume(tmp_path, sources=[stream])
-    stream.close()
-    progress = next(it for it in resumed.run(LONG, look_every_updates=1) if it.n_updates == 40)
+    resumed = trained([], 20, saved=tmp_path)
+    assert resumed.n_decisions == straight.n_decisions
     assert resumed.snapshot().digest == straight.snapshot().digest
-    assert progress.n_decisions == straight.n_decisions
 
 
 def test_a_training_ends_with_a_validation_when_missions_run_out() -> None:

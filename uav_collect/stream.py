@@ -4,6 +4,7 @@ One thread adds them as they are joined, another one learns.
 """
 
 from collections import deque
+from collections.abc import Callable
 from threading import Condition
 from typing import Any
 
@@ -16,17 +17,23 @@ _N_RECENT = 100  # missions that the figures of the fleet's own missions are tak
 _N_REMEMBERED = 4096  # missions, so that none is learned from twice
 
 
+def _leave(epsilon: float) -> None:
+    """Nobody flies: the missions were recorded."""
+
+
 class Stream:
     """Where the learner waits for missions; a source of a `course.Course`."""
 
-    def __init__(self, most_waiting: int) -> None:
+    def __init__(self, most_waiting: int, fly: Callable[[float], None] = _leave) -> None:
         """Wait for the first mission.
 
         Args:
             most_waiting: decisions that may wait for the learner. Where it is slower than the
                 fleet it takes what waits at once: updates become fewer, no mission is lost.
+            fly: told, each time that missions are asked for, with which epsilon they should
+                explore; how the network gets on board is its matter.
         """
-        self._most_waiting = most_waiting
+        self._most_waiting, self._fly = most_waiting, fly
         self._changed = Condition()
         self._waiting: deque[Joined] = deque()
         self._n_waiting = 0  # decisions
@@ -76,12 +83,11 @@ class Stream:
     def collect(self, agent: Drqn, n_decisions: int, epsilon: float) -> list[Episode]:
         """Wait for so many decisions more than those that were asked for before.
 
-        The agents fly what they were sent: neither `agent` nor `epsilon` changes that.
-
         Returns:
             The missions that came; fewer than asked for once there will be no more.
         """
-        del agent, epsilon
+        del agent  # what flies is far away
+        self._fly(epsilon)
         taken: list[Episode] = []
         with self._changed:
             while self._credit < n_decisions and not self.is_over:

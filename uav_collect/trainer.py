@@ -89,11 +89,8 @@ class Trainer:
         """Memory that the replays take."""
         return sum(course.replay.n_bytes for course in self._courses)
 
-    def run(self, budget: Budget, look_every_updates: int | None = None) -> Iterator[Progress]:
+    def run(self, budget: Budget) -> Iterator[Progress]:
         """Train on until the budget is spent or experience is over, resumed or not.
-
-        Args:
-            look_every_updates: how often to yield besides.
 
         Yields:
             How it stands, about once a second, after each validation, and once experience is
@@ -104,12 +101,13 @@ class Trainer:
         while not is_over and (share_done := self._share_done(budget)) < 1.0:
             loss = self._advance(share_done, pace)
             is_over = any(course.source.is_over for course in self._courses)
-            is_due = self._is_due(self.config.validation.every_updates, loss)
+            is_due = self._learner.n_updates % self.config.validation.every_updates == 0
+            is_due &= loss is not None
             if is_due:
                 pace.pause()
                 self._validate()
                 pace.go_on()
-            if is_due or is_over or pace.is_due() or self._is_due(look_every_updates, loss):
+            if is_due or is_over or pace.is_due():
                 yield self._progress(budget, pace, self._validation if is_due else None)
         if self._validation is None or self._validation.n_updates < self._learner.n_updates:
             self._validate()
@@ -200,12 +198,6 @@ class Trainer:
             self._best = Validation(**state['best'])
             header = self._header(self._best, state['best_weights'])
             self._best_policy = FrozenPolicy(header, state['best_weights'])
-
-    def _is_due(self, every_updates: int | None, loss: float | None) -> bool:
-        """Whether an update was the last one of so many."""
-        if every_updates is None or loss is None:
-            return False
-        return self._learner.n_updates % every_updates == 0
 
     def _share_done(self, budget: Budget) -> float:
         if budget.decisions is not None:

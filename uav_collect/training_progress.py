@@ -74,7 +74,6 @@ class Pace:
         self._counted = counted
         self._lap_from_s = self._read_s = monotonic()
         self._read_at = counted.n_decisions, counted.n_updates
-        self._speeds = [np.nan, np.nan]
         self._losses: list[float] = []
         self._loss = np.nan
 
@@ -103,16 +102,13 @@ class Pace:
         return monotonic() - self._read_s >= _LOOK_EVERY_S
 
     def read(self) -> tuple[float, float, float]:
-        """Decisions and updates per second, over a second at least; the mean loss since last."""
+        """Decisions and updates per second, and the mean loss, since the last call."""
         now_s = monotonic()
+        here = self._counted.n_decisions, self._counted.n_updates
+        elapsed_s = max(now_s - self._read_s, 1e-9)
+        speeds = [(new - old) / elapsed_s for new, old in zip(here, self._read_at, strict=True)]
         if self._losses:
             self._loss = float(np.mean(self._losses))
-            self._losses.clear()
-        if self.is_due() or np.isnan(self._speeds).any():
-            here = self._counted.n_decisions, self._counted.n_updates
-            elapsed_s = max(now_s - self._read_s, 1e-9)
-            self._speeds = [
-                (new - old) / elapsed_s for new, old in zip(here, self._read_at, strict=True)
-            ]
-            self._read_s, self._read_at = now_s, here
-        return self._speeds[0], self._speeds[1], self._loss
+        self._losses.clear()
+        self._read_s, self._read_at = now_s, here
+        return speeds[0], speeds[1], self._loss
