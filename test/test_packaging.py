@@ -34,7 +34,8 @@ UNITS = {
 # A module imports from its own line and the lines above. nodes/ and commands/ import from all, but
 # not from each other.
 LAYERS = (
-    'arrays compiled limits memory philox rows shared_files mission_log revision training_log',
+    'arrays compiled files limits memory philox rows shared_files mission_log revision',
+    'training_log',
     'yaml_text config_files config_rules sensors_csv scenario_model scenario site',
     'radio energy bandwidth_newton bandwidth_reference bandwidth',
     'actions exploration briefing ground missions world belief observation reward event_log',
@@ -43,8 +44,9 @@ LAYERS = (
     'batch preflight simulation airborne stepping rollout retrace assembly',
     'metrics evaluation errands plan_search plan_bound bound bound_estimates',
     'lanes plots tables bound_tables bag bag_writer bag_repair learning_curves pettingzoo_env',
-    'training_config training_progress replay minibatch',
-    'network mixer learner collector checkpoint course stream trainer',
+    'training_config training_progress training_run training_display replay minibatch',
+    'network mixer learner collector checkpoint course stream trainer scalar_events',
+    'training_folder training_loop',
 )
 LEARNING = 'network mixer learner collector checkpoint train scalar_events'
 LAYER_OF = {module: rank for rank, line in enumerate(LAYERS) for module in line.split()}

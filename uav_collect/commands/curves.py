@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from uav_collect.commands import files
+from uav_collect import files
 from uav_collect.training_log import AXES, Axis, Measure, MEASURES
 
 if TYPE_CHECKING:  # loaded when drawing, so that --help answers at once

@@ -14,7 +14,8 @@ from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING
 
-from uav_collect.commands import files, options, progress
+from uav_collect import files
+from uav_collect.commands import options, progress
 
 if TYPE_CHECKING:  # loaded when flying, so that --help answers at once
     from uav_collect.bound import Bound

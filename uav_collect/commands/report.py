@@ -7,7 +7,8 @@ import io
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from uav_collect.commands import files, progress
+from uav_collect import files
+from uav_collect.commands import progress
 from uav_collect.mission_log import MissionHeader, MissionLog, MissionLogError, read
 
 if TYPE_CHECKING:  # loaded when needed, so that --help answers at once

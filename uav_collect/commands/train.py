@@ -118,13 +118,14 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _train_all(training: Training, checkpoint_s: float) -> int:
-    from uav_collect.commands.training_session import DivergedError, InterruptedRunError, train
+    from uav_collect.commands.training_session import train_and_tell
+    from uav_collect.training_loop import DivergedError, InterruptedRunError
 
     status = 0
     with noted() as interruption:
         for one in training.runs:
             try:
-                train(one, checkpoint_s, interruption)
+                train_and_tell(one, checkpoint_s, interruption)
             except InterruptedRunError as stopped:
                 sys.stderr.write(f'{stopped}\n')
                 return interruption.exit_status

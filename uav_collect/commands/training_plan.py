@@ -3,17 +3,14 @@
 import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-import datetime
-import hashlib
-from importlib import metadata
 from pathlib import Path
-import platform
 import shlex
 import sys
 from typing import TYPE_CHECKING
 
 from uav_collect.commands import options
 from uav_collect.training_log import read_run, RUN_FILE, RunRecord, TrainingRunError
+from uav_collect.training_run import new_record, PlannedRun, stored_run
 
 if TYPE_CHECKING:  # loaded when training, so that --help answers at once
     from uav_collect.frozen import FrozenPolicy
@@ -21,37 +18,11 @@ if TYPE_CHECKING:  # loaded when training, so that --help answers at once
     from uav_collect.training_config import TrainingConfig
 
 ALGORITHMS = ('aqmix', 'qmix', 'aiql')
-CONFIG_FILE = 'training.yaml'  # of a run folder: the preset, resolved
-INITIAL_POLICY = 'initial.safetensors'
 RUNS = Path('runs') / 'train'
-_PACKAGES = ('numpy', 'numba', 'torch')
 _OWN = (
     'scenario', 'set', 'uavs', 'algorithm', 'preset', 'override', 'start_from', 'seed', 'device',
     'output',
 )  # fmt: skip
-
-
-@dataclass(frozen=True, kw_only=True)
-class PlannedRun:
-    """One run: what is trained, and where it is kept."""
-
-    folder: Path
-    record: RunRecord
-    scenarios: 'tuple[Scenario, ...]'
-    config: 'TrainingConfig'
-    initial: 'FrozenPolicy | None'  # whose weights it starts from
-
-    @property
-    def title(self) -> str:
-        """What is trained, for people; all seeds have the same."""
-        record = self.record
-        settings = ' '.join((record.preset, *record.overrides))
-        return f'{record.algorithm.upper()}, {record.flown}, {settings}'
-
-    @property
-    def scenario_files(self) -> tuple[Path, ...]:
-        """Where its scenarios are kept."""
-        return _scenario_files(self.folder, len(self.scenarios))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,33 +89,22 @@ def _record(
     initial: 'FrozenPolicy | None',
 ) -> RunRecord:
     """What the arguments say of the first run."""
-    from uav_collect.revision import git_revision
-    from uav_collect.scenario import fingerprint
-
-    n_uavs = tuple(scenario.n_uavs for scenario in scenarios)
-    names = tuple(dict.fromkeys(scenario.name for scenario in scenarios))
-    return RunRecord(
+    n_uavs = [scenario.n_uavs for scenario in scenarios]
+    names = [*dict.fromkeys(scenario.name for scenario in scenarios)]
+    return new_record(
+        scenarios,
+        config,
+        initial,
         training=_usual_name(names, n_uavs, arguments.algorithm, config.name)
         if arguments.output is None
         else arguments.output.name,
         algorithm=arguments.algorithm,
-        scenario=' '.join(names),
-        n_uavs=n_uavs,
-        scenario_fingerprint=' '.join(map(fingerprint, scenarios)),
-        preset=config.name,
         overrides=tuple(arguments.override),
-        training_fingerprint=_fingerprint(config),
-        initial='' if initial is None else initial.header.version,
         seed=arguments.seed[0],
         minutes=arguments.minutes,
         decisions=arguments.decisions,
         device=arguments.device,
         seeds=tuple(arguments.seed),
-        started=datetime.datetime.now().astimezone().isoformat(timespec='seconds'),
-        git_revision=git_revision(),
-        versions=_versions(),
-        command=shlex.join(sys.orig_argv),
-        is_done=False,
     )
 
 
@@ -154,23 +114,6 @@ def _usual_name(names: Sequence[str], n_uavs: Sequence[int], algorithm: str, pre
     least, most = min(n_uavs), max(n_uavs)
     fleet = f'{least}-{most}' if least < most else f'{most}'
     return f'{field}_n{fleet}_{algorithm}_{preset}'
-
-
-def _scenario_files(folder: Path, n_scenarios: int) -> tuple[Path, ...]:
-    """scenario.yaml, scenario_2.yaml, ..."""
-    numbers = ('', *(f'_{number}' for number in range(2, n_scenarios + 1)))
-    return tuple(folder / f'scenario{number}.yaml' for number in numbers)
-
-
-def _fingerprint(config: 'TrainingConfig') -> str:
-    return hashlib.sha256(config.to_yaml().encode()).hexdigest()[:16]
-
-
-def _versions() -> dict[str, str]:
-    import uav_collect
-
-    own = {'uav_collect': uav_collect.__version__, 'python': platform.python_version()}
-    return own | {name: metadata.version(name) for name in _PACKAGES}
 
 
 def _resumed(arguments: argparse.Namespace) -> Training:
@@ -183,12 +126,12 @@ def _resumed(arguments: argparse.Namespace) -> Training:
     folder: Path = arguments.resume
     record = _extended(read_run(folder), arguments)
     folders = _siblings(folder, record)
-    runs = [_stored(folder, record)]
+    runs = [stored_run(folder, record)]
     for seed, other in zip(record.seeds, folders, strict=False):
         if other.resolve() == folder.resolve():
             continue
         if (other / RUN_FILE).is_file():
-            runs.append(_stored(other, _extended(read_run(other), arguments)))
+            runs.append(stored_run(other, _extended(read_run(other), arguments)))
         else:
             runs.append(replace(runs[0], folder=other, record=replace(record, seed=seed)))
     pending = [run for run in runs if not run.record.is_done]
@@ -213,26 +156,6 @@ def _extended(record: RunRecord, arguments: argparse.Namespace) -> RunRecord:
     if arguments.minutes is None and arguments.decisions is None:
         return record
     return replace(record, minutes=arguments.minutes, decisions=arguments.decisions, is_done=False)
-
-
-def _stored(folder: Path, record: RunRecord) -> PlannedRun:
-    from uav_collect.policy_file import load_policy
-    from uav_collect.scenario import from_yaml
-    from uav_collect.training_config import load_preset
-
-    scenarios = []
-    for path in _scenario_files(folder, len(record.n_uavs)):
-        try:
-            scenarios.append(from_yaml(path.read_text(encoding='utf-8')))
-        except OSError as error:
-            raise TrainingRunError(f'{path}: cannot be read: {error.strerror}') from error
-    return PlannedRun(
-        folder=folder,
-        record=record,
-        scenarios=tuple(scenarios),
-        config=load_preset(folder / CONFIG_FILE),
-        initial=load_policy(folder / INITIAL_POLICY) if record.initial else None,
-    )
 
 
 def resume_command(folder: Path) -> str:

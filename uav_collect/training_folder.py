@@ -10,8 +10,7 @@ import os
 from pathlib import Path
 from typing import Any, TextIO, TYPE_CHECKING
 
-from uav_collect.commands import files
-from uav_collect.commands.training_plan import CONFIG_FILE, INITIAL_POLICY, PlannedRun
+from uav_collect import files
 from uav_collect.training_log import (
     PROGRESS_COLUMNS,
     PROGRESS_FILE,
@@ -20,10 +19,11 @@ from uav_collect.training_log import (
     VALIDATION_COLUMNS,
     VALIDATION_FILE,
 )
+from uav_collect.training_run import CONFIG_FILE, INITIAL_POLICY, PlannedRun
 
 if TYPE_CHECKING:  # loaded when training, so that --help answers at once
-    from uav_collect.commands.scalar_events import ScalarEvents
     from uav_collect.frozen import FrozenPolicy
+    from uav_collect.scalar_events import ScalarEvents
     from uav_collect.training_progress import Progress
 
 CHECKPOINT = 'checkpoint'
@@ -101,7 +101,7 @@ def opened(run: PlannedRun, n_decisions: int) -> Iterator[RunFolder]:
         TrainingRunError: another process trains in the folder.
         OSError: naming what cannot be written.
     """
-    from uav_collect.commands.scalar_events import scalar_events
+    from uav_collect.scalar_events import scalar_events
 
     run.folder.mkdir(parents=True, exist_ok=True)
     with ExitStack() as stack:

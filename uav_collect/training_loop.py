@@ -1,0 +1,140 @@
+"""One run of a training: follows the trainer, saves what it learns, tells how it goes."""
+
+from collections.abc import Callable, Iterator, Sequence
+import math
+from pathlib import Path
+from time import monotonic
+
+from uav_collect import files
+from uav_collect.checkpoint import CheckpointError
+from uav_collect.course import Source
+from uav_collect.frozen import PolicyMismatchError
+from uav_collect.trainer import Trainer
+from uav_collect.training_folder import BEST_POLICY, CHECKPOINT, LAST_POLICY, RunFolder
+from uav_collect.training_log import TrainingRunError
+from uav_collect.training_progress import Budget, Progress
+from uav_collect.training_run import PlannedRun
+
+
+class DivergedError(RuntimeError):
+    """The loss of a training is no number any more."""
+
+
+class InterruptedRunError(RuntimeError):
+    """A run was stopped, and saved."""
+
+
+def trainer_of(run: PlannedRun, sources: Sequence[Source] | None = None) -> Trainer:
+    """The trainer of a run, as its last checkpoint has it.
+
+    Args:
+        run: what is trained.
+        sources: of each scenario's missions, which are flown in this process otherwise.
+
+    Raises:
+        TrainingRunError: the checkpoint cannot be read.
+        ConfigError: the scenario cannot be trained with these settings.
+        PolicyMismatchError: the network is not that of the policy to start from.
+    """
+    checkpoint = run.folder / CHECKPOINT
+    if is_saved(checkpoint):
+        try:
+            return Trainer.resume(checkpoint, sources)
+        except CheckpointError as error:
+            raise TrainingRunError(str(error)) from error
+    record = run.record
+    return Trainer(
+        run.scenarios,
+        run.config,
+        record.algorithm,
+        record.seed,
+        device=record.device,
+        initial=run.initial,
+        sources=sources,
+    )
+
+
+def is_saved(checkpoint: Path) -> bool:
+    """Whether there is something to go on from."""
+    return any(file.suffix != '.part' for file in checkpoint.glob('*'))
+
+
+def train(
+    run: PlannedRun,
+    trainer: Trainer,
+    folder: RunFolder,
+    *,
+    checkpoint_s: float,
+    is_stopped: Callable[[], bool],
+    show: Callable[[Progress], None],
+) -> Progress | None:
+    """Train until the time is up, from where the trainer is.
+
+    Args:
+        checkpoint_s: time between two checkpoints [s].
+        is_stopped: asked about once a second.
+        show: told about once a second how it goes.
+
+    Returns:
+        The last look at it; None where the time was up before.
+
+    Raises:
+        InterruptedRunError: it was stopped; the run is saved.
+        DivergedError: the loss is no number; the best policy is kept.
+        OSError: the folder cannot be written.
+    """
+    budget = Budget(minutes=run.record.minutes, decisions=run.record.decisions)
+    saved_s = monotonic()
+    best = None
+    progress = None
+    for progress in _looks(run, trainer, budget):
+        folder.note(progress)
+        show(progress)
+        if progress.best != best:
+            best = progress.best
+            folder.keep(trainer.best_policy(), BEST_POLICY)
+        is_interrupted = is_stopped()
+        if is_interrupted or monotonic() - saved_s >= checkpoint_s:
+            _save(trainer, folder.checkpoint)
+            saved_s = monotonic()
+        if is_interrupted:
+            what = f'{progress.share_done:.0%} of {run.record.budget}'
+            raise InterruptedRunError(f'interrupted after {what}; saved')
+    _save(trainer, folder.checkpoint)
+    folder.keep(trainer.policy(), LAST_POLICY)
+    folder.finish()
+    return progress
+
+
+def _looks(run: PlannedRun, trainer: Trainer, budget: Budget) -> Iterator[Progress]:
+    """The looks at a training as long as its loss is a number.
+
+    Raises:
+        DivergedError: it is none any more.
+    """
+    try:
+        for progress in trainer.run(budget):
+            if progress.updates_per_s > 0 and not math.isfinite(progress.loss):
+                raise DivergedError(_divergence(run, trainer, f'the loss is {progress.loss}'))
+            yield progress
+    except PolicyMismatchError as error:  # weights that are no numbers cannot be validated
+        raise DivergedError(_divergence(run, trainer, str(error))) from error
+
+
+def _divergence(run: PlannedRun, trainer: Trainer, what: str) -> str:
+    best = run.folder / BEST_POLICY
+    kept = 'it has no policy yet' if trainer.best_policy() is None else f'its best policy: {best}'
+    return (
+        f'{run.folder}: diverged after {trainer.n_updates:,} updates: {what}; {kept};'
+        ' a lower learning rate may help (--override)'
+    )
+
+
+def _save(trainer: Trainer, checkpoint: Path) -> None:
+    """Save a trainer.
+
+    Raises:
+        OSError: naming the checkpoint.
+    """
+    with files.naming(checkpoint):
+        trainer.save(checkpoint)

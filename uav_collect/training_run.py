@@ -1,0 +1,115 @@
+"""A run of a training: what is trained and where it is kept; begun, or read from its folder."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import datetime
+import hashlib
+from importlib import metadata
+from pathlib import Path
+import platform
+import shlex
+import sys
+from typing import Any, TYPE_CHECKING
+
+from uav_collect.training_log import RunRecord, TrainingRunError
+
+if TYPE_CHECKING:  # loaded when training, so that --help answers at once
+    from uav_collect.frozen import FrozenPolicy
+    from uav_collect.scenario import Scenario
+    from uav_collect.training_config import TrainingConfig
+
+CONFIG_FILE = 'training.yaml'  # of a run folder: the preset, resolved
+INITIAL_POLICY = 'initial.safetensors'
+_PACKAGES = ('numpy', 'numba', 'torch')
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlannedRun:
+    """One run: what is trained, and where it is kept."""
+
+    folder: Path
+    record: RunRecord
+    scenarios: 'tuple[Scenario, ...]'
+    config: 'TrainingConfig'
+    initial: 'FrozenPolicy | None'  # whose weights it starts from
+
+    @property
+    def title(self) -> str:
+        """What is trained, for people; all seeds have the same."""
+        record = self.record
+        settings = ' '.join((record.preset, *record.overrides))
+        return f'{record.algorithm.upper()}, {record.flown}, {settings}'
+
+    @property
+    def scenario_files(self) -> tuple[Path, ...]:
+        """Where its scenarios are kept."""
+        return _scenario_files(self.folder, len(self.scenarios))
+
+
+def new_record(
+    scenarios: 'Sequence[Scenario]',
+    config: 'TrainingConfig',
+    initial: 'FrozenPolicy | None',
+    **told: Any,  # noqa: ANN401 - the other fields of a RunRecord
+) -> RunRecord:
+    """The record of a run that begins now."""
+    from uav_collect.revision import git_revision
+    from uav_collect.scenario import fingerprint
+
+    return RunRecord(
+        scenario=' '.join(dict.fromkeys(scenario.name for scenario in scenarios)),
+        n_uavs=tuple(scenario.n_uavs for scenario in scenarios),
+        scenario_fingerprint=' '.join(map(fingerprint, scenarios)),
+        preset=config.name,
+        training_fingerprint=training_fingerprint(config),
+        initial='' if initial is None else initial.header.version,
+        started=datetime.datetime.now().astimezone().isoformat(timespec='seconds'),
+        git_revision=git_revision(),
+        versions=_versions(),
+        command=shlex.join(sys.orig_argv),
+        is_done=False,
+        **told,
+    )
+
+
+def stored_run(folder: Path, record: RunRecord) -> PlannedRun:
+    """The run of a folder.
+
+    Raises:
+        TrainingRunError: a file of it cannot be read.
+    """
+    from uav_collect.policy_file import load_policy
+    from uav_collect.scenario import from_yaml
+    from uav_collect.training_config import load_preset
+
+    scenarios = []
+    for path in _scenario_files(folder, len(record.n_uavs)):
+        try:
+            scenarios.append(from_yaml(path.read_text(encoding='utf-8')))
+        except OSError as error:
+            raise TrainingRunError(f'{path}: cannot be read: {error.strerror}') from error
+    return PlannedRun(
+        folder=folder,
+        record=record,
+        scenarios=tuple(scenarios),
+        config=load_preset(folder / CONFIG_FILE),
+        initial=load_policy(folder / INITIAL_POLICY) if record.initial else None,
+    )
+
+
+def training_fingerprint(config: 'TrainingConfig') -> str:
+    """Hex digits that change with any setting."""
+    return hashlib.sha256(config.to_yaml().encode()).hexdigest()[:16]
+
+
+def _versions() -> dict[str, str]:
+    import uav_collect
+
+    own = {'uav_collect': uav_collect.__version__, 'python': platform.python_version()}
+    return own | {name: metadata.version(name) for name in _PACKAGES}
+
+
+def _scenario_files(folder: Path, n_scenarios: int) -> tuple[Path, ...]:
+    """scenario.yaml, scenario_2.yaml, ..."""
+    numbers = ('', *(f'_{number}' for number in range(2, n_scenarios + 1)))
+    return tuple(folder / f'scenario{number}.yaml' for number in numbers)
