@@ -27,7 +27,7 @@ from launch import LaunchContext, LaunchDescription
 _CONFIG = Path(__file__).absolute().parent.parent / 'config'
 _NODES = _CONFIG / 'nodes.yaml'  # all other parameters, and the defaults of those below
 
-# Launch arguments: for which node, whose default stands in nodes.yaml, the type, and what each does.
+# Launch arguments: of which node, with defaults in nodes.yaml; the type; what each does.
 _ARGUMENTS = {
     'scenario': ('world_sim', str, 'name of a shipped scenario, or path of a YAML file'),
     'seed': ('world_sim', int, 'mission seed; each further mission adds 1'),

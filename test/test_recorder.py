@@ -90,7 +90,7 @@ def fleet(ros_domain: int) -> Iterator[FakeFleet]:
 def start(processes: Processes, bag: Path, *parameters: str) -> RunningProcess:
     assigned = [word for each in parameters for word in ('-p', each)]
     recorder = processes.start('recorder', '--output', str(bag), '--ros-args', *assigned)
-    recorder.wait_for(f'recording 7 topics to {bag}')
+    recorder.wait_for(f'recording 8 topics to {bag}')
     return recorder
 
 

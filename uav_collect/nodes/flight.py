@@ -192,12 +192,14 @@ class Flight:
         convert.fill_epoch(epoch, event)
         return epoch, event
 
-    def history(self, uav: int) -> tuple[list[Observation], list[RadioMessageMsg], bool]:
-        """What a UAV was told so far, and whether its last observation waits for an answer."""
-        said = self._said[uav]
-        pending = self.pending
-        waits = pending is not None and pending.event.uav + 1 == uav
-        return said.observations, said.radio, waits
+    def recall(self, response: Any, pilot: Pilot) -> None:
+        """Tell an agent that joins all that its UAV was told so far, and what it is flown by."""
+        said, pending = self._said[pilot.uav], self.pending
+        response.mission_id = self.mission_id
+        response.observations, response.radio = said.observations, said.radio
+        response.decision_pending = pending is not None and pending.event.uav + 1 == pilot.uav
+        if self.policy is not None and pilot.policy == TOPIC:
+            response.policy = self.policy.message
 
     def terminated(self, event: Event) -> Observation:
         """Tells a UAV that the failsafe flies it home."""

@@ -21,6 +21,7 @@ from uav_collect.frozen import PolicyMismatchError
 from uav_collect.limits import ALLOCATOR_NAMES, MAX_UAVS
 from uav_collect.nodes import convert, topics
 from uav_collect.nodes.cockpit import Cockpit
+from uav_collect.nodes.following import follow_trainers
 from uav_collect.nodes.parameters import add_world_option, declare, help_text, Parameter
 from uav_collect.nodes.published import Follower, Shelf
 from uav_collect.nodes.reporter import Reporter
@@ -165,8 +166,8 @@ class AgentNode(ProcessNode):
         if self._policies is not None:  # what was refused may fit now, or no longer
             self.destroy_subscription(self._policies)
         self._shelf = shelf = Shelf(briefing)
-        watch = SubscriptionEventCallbacks(liveliness=self._on_trainer_liveliness)
-        self._policies = subscription(self, topics.POLICY, self._on_policy, on_event=watch)
+        refused = self.get_logger().error
+        self._policies = follow_trainers(self, shelf, refused, self._answer_observations)
         return Follower(shelf)
 
     def _checked_scenario(self, msg: Any) -> Scenario:
@@ -221,7 +222,7 @@ class AgentNode(ProcessNode):
                 self._give_up(answer.reason)
             return
         if self._shelf is not None:
-            self._note_policy(self._shelf, answer.policy)
+            self._shelf.note(answer.policy)  # the world has checked it
         self._is_member = True
         self._renew_publishers()
         self.get_logger().info(f'UAV {self._uav} flies, policy {self._cockpit.agent.policy.name}')
@@ -262,22 +263,6 @@ class AgentNode(ProcessNode):
     def _give_up(self, why: str) -> None:
         self.get_logger().error(why)
         self.end(MISUSED)
-
-    # What trainers publish.
-
-    def _on_policy(self, msg: Any) -> None:
-        if self._shelf is not None:
-            self._note_policy(self._shelf, msg)
-            self._answer_observations()
-
-    def _note_policy(self, shelf: Shelf, msg: Any) -> None:
-        refusal = shelf.note(msg)
-        if refusal is not None:
-            self.get_logger().error(f'UAV {self._uav}: {refusal}')
-
-    def _on_trainer_liveliness(self, event: Any) -> None:
-        if event.alive_count == 0 and self._shelf is not None:
-            self._shelf.abandon()
 
     # Flying.
 

@@ -2,26 +2,28 @@
 
 import argparse
 from collections.abc import Sequence
+from functools import partial
 import time
 from typing import Any
 import uuid
 
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
-from rosgraph_msgs.msg import Clock as ClockMsg
 from uav_collect.briefing import brief
 from uav_collect.nodes import convert, topics
 from uav_collect.nodes.display import Display
 from uav_collect.nodes.flight import FAILSAFE, Flight, mission_msg, summary
+from uav_collect.nodes.following import follow_trainers
 from uav_collect.nodes.identity import Identity, identity_of, rivalry, scenario_msg
-from uav_collect.nodes.incidents import Incidents, world_diagnostics
 from uav_collect.nodes.parameters import add_world_option, help_text
 from uav_collect.nodes.published import Shelf
+from uav_collect.nodes.reports import Reports
 from uav_collect.nodes.roster import Roster
 from uav_collect.nodes.run_folder import RunFolder
 from uav_collect.nodes.schedule import Pace, Schedule
 from uav_collect.nodes.spin import FAILED, NodeError, parse_arguments, ProcessNode, run_node
-from uav_collect.nodes.topics import publisher, subscription
+from uav_collect.nodes.topics import subscription
+from uav_collect.nodes.voice import Voice
 from uav_collect.nodes.world_settings import PARAMETERS, read_settings
 from uav_collect.policy import TOPIC
 from uav_collect.preflight import check_can_start
@@ -38,7 +40,6 @@ its missions, writes their logs and exits.
 """
 _TICK_S = 0.005
 _TOLD_PERIOD_S = 5.0  # between two lines that say for whom the world waits
-_DIAGNOSTICS_PERIOD_S = 1.0
 _OTHER_WORLD_S = 0.5  # how long a starting world listens for one that is there already
 _GATHER_S = 3.5  # from the start, for agents to join a world that does not wait for all of them
 
@@ -64,15 +65,14 @@ class WorldNode(ProcessNode):
         self._identity = Identity(born_s=time.time(), instance=str(uuid.uuid4()))
         self._roster = Roster(self._scenario.n_uavs)
         self._shelf = Shelf(briefing)
-        self._incidents = Incidents()
         first_seed = settings.seed if settings.missions else None
         self._schedule = Schedule(n_missions=settings.missions, next_seed=first_seed)
         self._pace = Pace(settings.real_time_factor)
         self._flight: Flight | None = None
         self._asked_s = self._begun_s = time.monotonic()
-        self._told_s = self._reported_s = 0.0
+        self._told_s = 0.0
         self._told_missing: list[int] = []
-        self._reports = publisher(self, topics.DIAGNOSTICS)
+        self._reports = Reports(self, self._names.namespace)
         self._other = subscription(self, self._names.scenario, self._on_scenario)
         self._is_open = self._gives_way = False
         self.create_timer(_TICK_S, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -84,31 +84,23 @@ class WorldNode(ProcessNode):
 
     def _open(self) -> None:
         self._is_open = True
-        self._clock_topic = publisher(self, self._names.clock)
-        self._epochs = publisher(self, self._names.epoch)
-        self._missions = publisher(self, self._names.mission)
-        self._scenarios = publisher(self, self._names.scenario)
-        self._observations: dict[int, Any] = {}  # publishers by UAV id
-        self._radio: dict[int, Any] = {}
+        self._voice = Voice(self, self._names, self._scenario.n_uavs)
         for uav in range(1, self._scenario.n_uavs + 1):
-            self._open_uav(uav, self._names.uav(uav))
+            self._listen_to(uav, self._names.uav(uav))
         self.create_service(Join, self._names.join_service, self._on_join)
         self.create_service(ControlMission, self._names.control_service, self._on_control)
         self._display = Display(
             self, self._names, self._scenario, self._site, self._settings.viewer_rate_hz
         )
-        watch = SubscriptionEventCallbacks(liveliness=self._on_trainer_liveliness)
-        subscription(self, topics.POLICY, self._on_policy, on_event=watch)
+        follow_trainers(self, self._shelf, partial(self._reports.note, 'policy refused'))
         self._note_lost(self._folder.keep_scenario(self._scenario.to_yaml()))
-        self._scenarios.publish(scenario_msg(self._identity, self._scenario, self._site))
+        self._voice.tell_scenario(scenario_msg(self._identity, self._scenario, self._site))
         self.get_logger().info(
             f'scenario {self._scenario.name}: {self._scenario.n_uavs} UAVs, '
             f'{self._site.n_sensors} sensors'
         )
 
-    def _open_uav(self, uav: int, own: topics.UavTopics) -> None:
-        self._observations[uav] = publisher(self, own.observation)
-        self._radio[uav] = publisher(self, own.radio_rx)
+    def _listen_to(self, uav: int, own: topics.UavTopics) -> None:
         watch = SubscriptionEventCallbacks(
             liveliness=lambda event: self._on_liveliness(uav, event)
         )
@@ -120,7 +112,7 @@ class WorldNode(ProcessNode):
         if other.instance == self._identity.instance:
             return
         gives_way = not self._is_open or self._identity.gives_way_to(other)
-        self._note('second world', rivalry(msg, gives_way=gives_way))
+        self._reports.note('second world', rivalry(msg, gives_way=gives_way))
         self._gives_way |= gives_way
 
     def _on_join(self, request: Any, response: Any) -> Any:
@@ -133,19 +125,18 @@ class WorldNode(ProcessNode):
         response.reason = answer.reason
         response.scenario_fingerprint = fingerprint(self._scenario)
         if not answer.accepted:
-            self._note('join refused', f'UAV {pilot.uav}: {pilot} refused: {answer.reason}')
+            self._reports.note(
+                'join refused', f'UAV {pilot.uav}: {pilot} refused: {answer.reason}'
+            )
             return response
         self.get_logger().info(
             f'UAV {pilot.uav}: {pilot} joined, policy {pilot.policy}, bandwidth {pilot.allocator}'
         )
         response.mission_id = self._identity.mission_id(self._schedule.n_started)
-        policy = self._shelf.latest if self._flight is None else self._flight.policy
-        if policy is not None and pilot.policy == TOPIC:
-            response.policy = policy.message
         if self._flight is not None:
-            response.mission_id = self._flight.mission_id
-            history = self._flight.history(pilot.uav)
-            response.observations, response.radio, response.decision_pending = history
+            self._flight.recall(response, pilot)
+        elif self._shelf.latest is not None and pilot.policy == TOPIC:
+            response.policy = self._shelf.latest.message
         return response
 
     def _on_liveliness(self, uav: int, event: Any) -> None:
@@ -154,7 +145,7 @@ class WorldNode(ProcessNode):
             return
         lost = self._roster.lose(uav)
         if lost is not None:
-            self._note('agent lost', f'UAV {uav}: its agent is gone, {lost}')
+            self._reports.note('agent lost', f'UAV {uav}: its agent is gone, {lost}')
 
     # What agents and people say.
 
@@ -176,15 +167,6 @@ class WorldNode(ProcessNode):
         else:
             self._go_on(flight, uav, 'radio message', flight.take_radio(uav, msg))
 
-    def _on_policy(self, msg: Any) -> None:
-        refusal = self._shelf.note(msg)
-        if refusal is not None:
-            self._note('policy refused', refusal)
-
-    def _on_trainer_liveliness(self, event: Any) -> None:
-        if event.alive_count == 0:
-            self._shelf.abandon()
-
     def _on_control(self, request: Any, response: Any) -> Any:
         is_flying = self._flight is not None
         if request.command == ControlMission.Request.START:
@@ -204,7 +186,7 @@ class WorldNode(ProcessNode):
         if now_s - self._begun_s < _OTHER_WORLD_S:
             return
         if self._gives_way:
-            self._report()
+            self._reports.publish(self._roster, self._flight)
             self.end(FAILED)
             return
         if not self._is_open:
@@ -214,8 +196,8 @@ class WorldNode(ProcessNode):
             self._watch(self._flight, now_s)
         elif self._schedule.next_seed is not None and self._is_fleet_ready(now_s):
             self._start_mission()
-        if now_s - self._reported_s > _DIAGNOSTICS_PERIOD_S:
-            self._report()
+        if self._reports.is_due(now_s):
+            self._reports.publish(self._roster, self._flight)
 
     def _is_fleet_ready(self, now_s: float) -> bool:
         missing = self._roster.missing()
@@ -271,13 +253,13 @@ class WorldNode(ProcessNode):
         """Let the deciding UAV hear and see."""
         uav = event.uav + 1
         for message in flight.deliver(event):
-            self._radio[uav].publish(message)
-        self._observations[uav].publish(flight.ask(event))
+            self._voice.relay(uav, message)
+        self._voice.show(uav, flight.ask(event))
         self._asked_s = time.monotonic()
-        self._clock_topic.publish(ClockMsg(clock=convert.stamp(event.view.time_s)))
+        self._voice.tell_time(event.view.time_s)
 
     def _refuse(self, uav: int, what: str, why: str) -> None:
-        self._note(f'{what} refused', f'UAV {uav}: {what} refused: {why}')
+        self._reports.note(f'{what} refused', f'UAV {uav}: {what} refused: {why}')
 
     def _go_on(self, flight: Flight, uav: int, what: str, refusal: str | None) -> None:
         """Carry a decision out, once all that belongs to it has come."""
@@ -299,20 +281,20 @@ class WorldNode(ProcessNode):
         time_s = flight.simulation.time_s
         if not self._pace.is_free:
             time_s = min(self._pace.time_s, flight.next_time_s)
-            self._clock_topic.publish(ClockMsg(clock=convert.stamp(time_s)))
+            self._voice.tell_time(time_s)
         self._display.show(time_s)
         timeout_s = self._settings.decision_timeout_s
         if flight.pending is not None and now_s - self._asked_s > timeout_s:
             event = flight.pending.event
             text = f'UAV {event.uav + 1}: no answer to decision {event.decision} within'
-            self._note('failsafe', f'{text} {timeout_s:g} s; the failsafe flies it home')
+            self._reports.note('failsafe', f'{text} {timeout_s:g} s; the failsafe flies it home')
             self._fly_home(flight, event)
-            self._observations[event.uav + 1].publish(flight.terminated(event))
+            self._voice.show(event.uav + 1, flight.terminated(event))
         self._advance()
 
     def _relay(self, flight: Flight) -> None:
         for hearer, message in flight.undelivered():
-            self._radio[hearer].publish(message)
+            self._voice.relay(hearer, message)
 
     def _tell_event(self, flight: Flight) -> None:
         """Tell the others what they heard, and everybody what the latest event was."""
@@ -320,14 +302,14 @@ class WorldNode(ProcessNode):
         closed = flight.closed_event()
         if closed is not None:
             epoch, event = closed
-            self._epochs.publish(epoch)
+            self._voice.tell_epoch(epoch)
             self._note_lost(self._folder.append(event))
 
     def _publish_mission(self, flight: Flight, phase: int, note: str = '') -> Mission:
         index = self._schedule.n_started - 1
         message = mission_msg(flight, self._identity.instance, index, phase)
         message.note = note
-        self._missions.publish(message)
+        self._voice.tell_mission(message)
         return message
 
     def _end_mission(self, phase: int, note: str) -> None:
@@ -341,32 +323,14 @@ class WorldNode(ProcessNode):
         self.get_logger().info(summary(message))
         self._schedule.go_on(flight.seed)
         if self._schedule.is_over:
-            self._report()
+            self._reports.publish(self._roster, self._flight)
             self.end()
 
     # What went wrong, and how all is.
 
     def _note_lost(self, failure: str | None) -> None:
         if failure is not None:
-            self._note('log lost', failure)
-
-    def _note(self, kind: str, text: str) -> None:
-        if self._incidents.note(kind, text):
-            self.get_logger().warning(text)
-            self._reported_s = 0.0  # soon
-
-    def _report(self) -> None:
-        self._reported_s = time.monotonic()
-        flight = self._flight
-        message = world_diagnostics(
-            self.get_clock().now().to_msg(),
-            self._incidents,
-            self._roster,
-            '' if flight is None else flight.mission_id,
-            () if flight is None else flight.unflown,
-            self._names.namespace,
-        )
-        self._reports.publish(message)
+            self._reports.note('log lost', failure)
 
 
 def main(argv: Sequence[str]) -> int:
