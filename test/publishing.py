@@ -42,23 +42,18 @@ def explored_logs(
     return [flights.mission_log(world, name).to_jsonl() for world in range(len(seeds))]
 
 
-def policy_message(frozen: FrozenPolicy, sequence: int, epsilon: float, **values: object) -> Any:  # noqa: ANN401
-    """What a trainer says of a policy, or with other values."""
-    from uav_collect_msgs.msg import Policy
-
+def policy_fields(frozen: FrozenPolicy, sequence: int, epsilon: float) -> dict[str, Any]:
+    """What a trainer says of a policy, by field, but for the time."""
     content = policy_bytes(frozen)
-    message = Policy(
-        version=frozen.header.version,
-        trainer_instance='stand-in',
-        sequence=sequence,
-        content=array('B', content),
-        sha256=hashlib.sha256(content).hexdigest(),
-        epsilon=epsilon,
-        hover_share=HOVER_SHARE,
-    )
-    for name, value in values.items():
-        setattr(message, name, value)
-    return message
+    return {
+        'version': frozen.header.version,
+        'trainer_instance': 'stand-in',
+        'sequence': sequence,
+        'content': array('B', content),
+        'sha256': hashlib.sha256(content).hexdigest(),
+        'epsilon': epsilon,
+        'hover_share': HOVER_SHARE,
+    }
 
 
 class Trainer:
@@ -67,7 +62,9 @@ class Trainer:
     def __init__(self, node: Any) -> None:  # noqa: ANN401
         from uav_collect.nodes import topics
         from uav_collect.nodes.topics import publisher
+        from uav_collect_msgs.msg import Policy
 
+        self._message = Policy
         self._node = node
         self._publisher = publisher(node, topics.POLICY)
         self._sequence = 0
@@ -75,11 +72,9 @@ class Trainer:
     def publish(self, frozen: FrozenPolicy, epsilon: float = 0.0, **values: object) -> None:
         """Publish a policy, or a message with other values."""
         self._sequence += 1
-        message = policy_message(frozen, self._sequence, epsilon)
-        message.stamp = self._node.get_clock().now().to_msg()
-        for name, value in values.items():
-            setattr(message, name, value)
-        self._publisher.publish(message)
+        fields = policy_fields(frozen, self._sequence, epsilon) | values
+        stamp = self._node.get_clock().now().to_msg()
+        self._publisher.publish(self._message(stamp=stamp, **fields))
 
     def vanish(self) -> None:
         """Be gone, with all that was latched."""

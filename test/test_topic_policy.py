@@ -1,5 +1,7 @@
 """Agents that fly what a trainer publishes: a version a mission, the bytes of one process."""
 
+from array import array
+import hashlib
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +14,7 @@ from uav_collect.frozen import FrozenPolicy
 from uav_collect.mission_log import from_jsonl
 from uav_collect.observation import Layout, observation_size
 from uav_collect.policy import flown_version
+from uav_collect.policy_file import policy_bytes
 from uav_collect.scenario import Scenario
 
 pytest.importorskip('rclpy')
@@ -85,11 +88,6 @@ def _flies(epochs: list[Any], version: str, n_missions: int) -> bool:
 
 def _misfit(policy: FrozenPolicy, scenario: Scenario) -> dict[str, dict[str, object]]:
     """Values of messages that are not to be flown, by a word of the refusal."""
-    from array import array
-    import hashlib
-
-    from uav_collect.policy_file import policy_bytes
-
     whole = policy_bytes(policy)
 
     def holding(content: bytes) -> dict[str, object]:
