@@ -6,7 +6,7 @@
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup mission train curves test check format bench clean distclean
+.PHONY: help setup mission train curves figures test check format bench clean distclean
 
 VENV := .venv
 PYTHON ?=
@@ -14,6 +14,7 @@ ROS := $(if $(filter jazzy,$(ROS_DISTRO)),$(if $(findstring $(CURDIR)/$(VENV),$(
 INSTALLED := $(VENV)/.installed-$(ROS)
 DEVELOPED := $(VENV)/.developed-$(ROS)
 LEARNS := $(VENV)/.learns-$(ROS)
+CLUSTERS := $(VENV)/.clusters-$(ROS)
 BUILT := install/.built
 
 # The ROS log needs a home.
@@ -61,6 +62,18 @@ TRAIN_OPTIONS = \
   $(ARGS)
 RUNS ?= $(wildcard runs/train/*/)
 
+#-SCALE      smoke (minutes), laptop (two cores, a night), paper (a cluster), or a YAML file (laptop)
+#-ONLY       studies, as ONLY='density range' (all; ARGS=--list lists them)
+#-ENGINE     local or ray (local)
+#-ADDRESS    of the Ray cluster (none: one is started on this machine)
+#-ARGS       any further arguments of the command, see ARGS=--help
+FIGURES_OPTIONS = \
+  $(if $(SCALE),--scale '$(SCALE)') \
+  $(if $(ONLY),--only $(ONLY)) \
+  $(if $(ENGINE),--engine '$(ENGINE)') \
+  $(if $(ADDRESS),--address '$(ADDRESS)') \
+  $(ARGS)
+
 help:  ## this list
 	@echo 'make TARGET [VARIABLE=value ...]'
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  %-10s %s\n", $$1, $$2 }' Makefile
@@ -70,6 +83,8 @@ help:  ## this list
 	@sed -n 's/^#>/  /p' Makefile
 	@echo 'Of make curves:'
 	@echo '  RUNS       run folders (all of runs/train); ARGS as --output and --reference'
+	@echo 'Of make figures:'
+	@sed -n 's/^#-/  /p' Makefile
 	@echo 'Of the set-up:'
 	@echo '  PYTHON     which Python to use (the first 3.11 or 3.12 of python3, python3.12, python3.11)'
 
@@ -85,7 +100,10 @@ train: $(INSTALLED) $(LEARNS)  ## learn a policy, as SCENARIO=paper_8x8 MINUTES=
 curves: $(INSTALLED)  ## draw the learning curves of RUNS, into learning_curves.png
 	@$(VENV)/bin/python -m uav_collect curves $(RUNS) $(ARGS)
 
-test: $(BUILT) $(DEVELOPED) $(LEARNS)  ## run all tests; TESTS=test/test_radio.py runs a part
+figures: $(INSTALLED) $(LEARNS) $(if $(filter ray,$(ENGINE)),$(CLUSTERS))  ## the figures of the paper's evaluation, as SCALE=smoke
+	@$(VENV)/bin/python -m uav_collect figures $(FIGURES_OPTIONS)
+
+test: $(BUILT) $(DEVELOPED) $(LEARNS) $(CLUSTERS)  ## run all tests; TESTS=test/test_radio.py runs a part
 	@. install/setup.sh && $(VENV)/bin/python -m pytest -n $(WORKERS) $(TESTS) $(ARGS)
 
 check: $(DEVELOPED) $(LEARNS)  ## ruff and mypy, as CI does
@@ -119,6 +137,11 @@ $(DEVELOPED): $(INSTALLED) requirements/dev.txt requirements/pettingzoo.txt
 
 $(LEARNS): $(INSTALLED) requirements/train.txt tools/install_training.sh
 	@sh tools/install_training.sh $(VENV)
+	@touch $@
+
+$(CLUSTERS): $(LEARNS) requirements/cluster.txt
+	@echo 'set-up: installing Ray (0.1 GB to fetch)'
+	@$(VENV)/bin/python -m pip install -qq -c requirements/constraints.txt -r requirements/cluster.txt
 	@touch $@
 
 # Folders stand for the files added to them. colcon runs make itself: a jobserver of ours would only

@@ -29,6 +29,7 @@ setup(
     install_requires=['setuptools'],
     extras_require={
         'test': ['pytest'],  # lets colcon test run pytest
+        'cluster': ['ray==2.60.0'],  # as requirements/cluster.txt
         'pettingzoo': ['gymnasium==1.4.0', 'pettingzoo==1.27.0'],  # as requirements/pettingzoo.txt
         'train': ['torch==2.13.0', 'tensorboard==2.21.0'],  # as requirements/train.txt
     },
@@ -42,12 +43,14 @@ setup(
             'world_sim = uav_collect.nodes.executables:world_sim',
             'uav_agent = uav_collect.nodes.executables:uav_agent',
             'recorder = uav_collect.nodes.executables:recorder',
+            'trainer = uav_collect.nodes.executables:trainer',
             'doctor = uav_collect.__main__:doctor',
             'evaluate = uav_collect.__main__:evaluate',
             'mission = uav_collect.__main__:mission',
             'train = uav_collect.__main__:train',
             'curves = uav_collect.__main__:curves',
             'bound = uav_collect.__main__:bound',
+            'figures = uav_collect.__main__:figures',
             'report = uav_collect.__main__:report',
         ],
     },

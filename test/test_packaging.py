@@ -16,7 +16,7 @@ import uav_collect
 ROOT = Path(__file__).parent.parent
 EXECUTABLES = (
     *('world_sim', 'uav_agent', 'recorder', 'mission', 'evaluate', 'report', 'doctor'),
-    *('train', 'curves', 'bound'),
+    *('train', 'curves', 'bound', 'figures'),
 )
 INTERFACES = sorted((ROOT / 'msg_defs').glob('*/*.[ms][sr][gv]'))
 MODULES = sorted((ROOT / 'uav_collect').rglob('*.py'))
@@ -48,7 +48,7 @@ LAYERS = (
     'network mixer learner collector checkpoint course stream trainer scalar_events',
     'training_folder training_loop',
 )
-LEARNING = 'network mixer learner collector checkpoint train scalar_events'
+LEARNING = 'network mixer learner collector checkpoint train scalar_events learning'
 LAYER_OF = {module: rank for rank, line in enumerate(LAYERS) for module in line.split()}
 
 
@@ -84,10 +84,14 @@ def test_a_module_imports_from_its_own_layer_and_those_below(path: Path) -> None
     assert {name for name in own_imports(path) if LAYER_OF.get(name, 99) > layer} == set()
 
 
-def test_commands_and_nodes_do_not_import_each_other() -> None:
-    folders = {'commands': 'nodes', 'nodes': 'commands'}
+def test_commands_nodes_and_studies_keep_apart() -> None:
+    folders = {
+        'commands': {'nodes'},
+        'nodes': {'commands', 'studies'},
+        'studies': {'commands', 'nodes'},
+    }
     for path in MODULES:
-        assert folders.get(path.parent.name) not in own_imports(path), path
+        assert not folders.get(path.parent.name, set()) & own_imports(path), path
 
 
 def test_ros_is_imported_in_nodes_alone() -> None:
@@ -102,7 +106,8 @@ def pinned(name: str) -> set[str]:
 
 
 def test_every_import_is_a_direct_requirement() -> None:
-    required = pinned('run.txt') | pinned('train.txt') | pinned('pettingzoo.txt')
+    files = ('run.txt', 'train.txt', 'pettingzoo.txt', 'cluster.txt')
+    required = set().union(*map(pinned, files))
     standard = set(sys.stdlib_module_names)
     modules = set().union(*map(foreign_imports, MODULES)) - standard - ROS_MODULES
     providers = packages_distributions()
@@ -120,7 +125,12 @@ def test_pettingzoo_is_imported_by_its_environment_alone() -> None:
     assert importers == {'pettingzoo_env'}
 
 
-@pytest.mark.parametrize('extra', ['pettingzoo', 'train'])
+def test_ray_is_imported_by_its_engine_alone() -> None:
+    importers = {path.stem for path in MODULES if foreign_imports(path) & pinned('cluster.txt')}
+    assert importers == {'cluster'}
+
+
+@pytest.mark.parametrize('extra', ['cluster', 'pettingzoo', 'train'])
 def test_an_extra_pins_what_its_requirements_file_pins(extra: str) -> None:
     pins = re.findall(r'^[\w.-]+==\S+', (ROOT / f'requirements/{extra}.txt').read_text(), re.M)
     [line] = re.findall(rf"'{extra}': \[(.*)\]", (ROOT / 'setup.py').read_text())

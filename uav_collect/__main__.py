@@ -18,6 +18,7 @@ SUMMARIES = {
     'train': 'learn a policy for a scenario, from missions flown in this process',
     'curves': 'draw the learning curves of trainings, mean and deviation over seeds',
     'bound': 'plan missions whose demand is known: what time and energy they take at least',
+    'figures': "draw the figures of the paper's evaluation, from what it takes to what it says",
     'report': 'tables and pictures of missions that were flown, from their log or bag',
     'doctor': 'say whether a mission can fly on this machine, and what it would run on',
 }
@@ -83,6 +84,11 @@ def bound() -> int:
     return _run('bound', sys.argv[1:], prog='bound')
 
 
+def figures() -> int:
+    """Draw the figures of the paper's evaluation."""
+    return _run('figures', sys.argv[1:], prog='figures')
+
+
 def report() -> int:
     """Show missions that were flown."""
     return _run('report', sys.argv[1:], prog='report')
@@ -129,6 +135,8 @@ def _command(name: str) -> _Command:
             from uav_collect.commands.curves import add_arguments, run
         case 'bound':
             from uav_collect.commands.bound import add_arguments, run
+        case 'figures':
+            from uav_collect.commands.figures import add_arguments, run
         case 'report':
             from uav_collect.commands.report import add_arguments, run
         case 'doctor':
@@ -147,10 +155,11 @@ def _is_the_users(error: Exception) -> bool:
     from uav_collect.bandwidth import AllocationError
     from uav_collect.frozen import PolicyMismatchError
     from uav_collect.scenario import ConfigError
+    from uav_collect.studies.store import StoreError
     from uav_collect.training_log import TrainingRunError
 
     return isinstance(
-        error, ConfigError | PolicyMismatchError | AllocationError | TrainingRunError
+        error, ConfigError | PolicyMismatchError | AllocationError | TrainingRunError | StoreError
     )
 
 

@@ -1,0 +1,186 @@
+"""Draws the figures of the paper's evaluation from trainings and missions that it has done."""
+
+import argparse
+from collections.abc import Mapping
+import os
+from pathlib import Path
+import sys
+from typing import TYPE_CHECKING
+
+from uav_collect import files
+from uav_collect.commands import options
+from uav_collect.commands.interruption import Interruption, noted
+
+if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
+    from uav_collect.commands.figures_plan import Plan
+    from uav_collect.studies.schedule import Engine, Standing
+
+_DESCRIPTION = """
+Draws the figures of the paper's evaluation as PNG and PDF, writes their numbers as CSV, and judges
+each of its statements in a table. The trainings, test missions and clairvoyant plans that it takes
+are started, gone on with or found: results are kept by what they depend on, so a second call does
+only what is missing, and one that was killed goes on from the last checkpoint.
+"""
+FAILED = 1  # exit status
+_MAX_WORKERS = 4096
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Describe the command and add its arguments."""
+    parser.description = _DESCRIPTION
+    parser.add_argument('--list', action='store_true', help='list the studies, and do nothing')
+    parser.add_argument(
+        '--only', nargs='+', metavar='STUDY', help='these studies (default: all, see --list)'
+    )
+    parser.add_argument(
+        '--scale',
+        default='laptop',
+        metavar='NAME|FILE',
+        help='how large: smoke (minutes), laptop (two cores, a night), paper (a cluster) or a YAML'
+        ' file (default: %(default)s)',
+    )
+    parser.add_argument(
+        '--output',
+        type=Path,
+        default=Path('runs/studies'),
+        metavar='FOLDER',
+        help='what was found is kept here, figures in a folder for each scale'
+        ' (default: %(default)s)',
+    )
+    parser.add_argument(
+        '--results',
+        type=Path,
+        metavar='FILE',
+        help='the table (default: results.md beside figures)',
+    )
+    parser.add_argument('--dry-run', action='store_true', help='say what it takes, and do nothing')
+    _add_engine_options(parser)
+
+
+def _add_engine_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        '--engine',
+        choices=('local', 'ray'),
+        default='local',
+        help='who does the work: processes of this machine, or a Ray cluster'
+        ' (default: %(default)s)',
+    )
+    parser.add_argument(
+        '--address',
+        metavar='ADDRESS',
+        help='of the Ray cluster, as HOST:6379 or auto (default: one is started on this machine)',
+    )
+    parser.add_argument(
+        '--workers',
+        type=options.whole_number(1, _MAX_WORKERS),
+        metavar='N',
+        help='jobs at once (default: one for each core, of the cluster if there is one)',
+    )
+    parser.add_argument(
+        '--checkpoint-minutes',
+        type=_minutes,
+        default=5.0,
+        metavar='M',
+        help='how often trainings are saved: so much is lost when one is killed'
+        ' (default: %(default)g)',
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Draw the figures; the exit status."""
+    from uav_collect.commands.figures_plan import planned
+
+    plan = planned(arguments)
+    plan.show()
+    if arguments.list or arguments.dry_run:
+        return 0
+    plan.check_disk()
+    status = _have_done(arguments, plan) if plan.missing else 0
+    _draw(arguments, plan)
+    return status
+
+
+def _have_done(arguments: argparse.Namespace, plan: 'Plan') -> int:
+    from uav_collect.commands.figures_display import showing
+    from uav_collect.studies.schedule import have_done
+
+    with noted() as interruption, showing(plan) as show:
+        standing = have_done(
+            plan.jobs,
+            plan.store,
+            _engine(arguments),
+            checkpoint_s=arguments.checkpoint_minutes * 60.0,
+            order=lambda job: -plan.rates.cost_s(job),
+            is_stopping=lambda: interruption.signal_number is not None,
+            show=show,
+        )
+    return _status(plan, standing, interruption)
+
+
+def _status(plan: 'Plan', standing: 'Standing', interruption: Interruption) -> int:
+    for digest, why in standing.failures.items():
+        trace = plan.store.folder / 'failures' / f'{digest}.txt'
+        sys.stderr.write(f'error: {plan.name_of(digest)}: {why} ({trace})\n')
+    if standing.n_lost:
+        sys.stderr.write(f'{standing.n_lost} jobs were lost and done again\n')
+    if interruption.signal_number is not None:
+        left = standing.total - standing.done
+        sys.stderr.write(f'interrupted with {left} jobs to do; the same command goes on\n')
+        return interruption.exit_status
+    return FAILED if standing.failures else 0
+
+
+def _engine(arguments: argparse.Namespace) -> 'Engine':
+    match arguments.engine:
+        case 'ray':
+            from uav_collect.studies.cluster import Cluster
+
+            return Cluster(arguments.address, arguments.workers)
+        case _:
+            from uav_collect.studies.processes import Processes
+
+            return Processes(arguments.workers or len(os.sched_getaffinity(0)))
+
+
+def _draw(arguments: argparse.Namespace, plan: 'Plan') -> None:
+    """Draw what can be drawn, and judge what can be judged."""
+    from uav_collect.studies.claims import judge
+    from uav_collect.studies.costs import spent
+    from uav_collect.studies.figures import draw
+    from uav_collect.studies.findings import Findings
+    from uav_collect.studies.results_text import results_text
+
+    findings, folder = Findings(plan.store), arguments.output / plan.scale.name
+    whole = plan.whole_studies()
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, study in whole.items():
+        drawn = draw(study, findings)
+        files.write_atomically(folder / f'{name}.csv', drawn.table)
+        for kind in ('png', 'pdf'):
+            files.write_atomically(folder / f'{name}.{kind}', drawn.picture(kind))
+        print(folder / f'{name}.png')
+    not_run = [name for name in plan.known_names() if name not in whole]
+    judged = judge(whole, findings)
+    jobs = plan.jobs_of(whole)
+    text = results_text(plan.scale, whole, judged, spent(jobs, plan.store), not_run)
+    results: Path = arguments.results or folder / 'results.md'
+    files.write_atomically(results, text.encode())
+    print(results)
+    _tell_not_drawn(plan, whole)
+
+
+def _tell_not_drawn(plan: 'Plan', whole: Mapping[str, object]) -> None:
+    lacking = [name for name in plan.studies if name not in whole]
+    if lacking:
+        sys.stderr.write(f'not drawn, as jobs are missing: {", ".join(lacking)}\n')
+
+
+def _minutes(text: str) -> float:
+    """A type for argparse: a time in minutes."""
+    try:
+        minutes = float(text)
+    except ValueError:
+        minutes = -1.0
+    if not 0 <= minutes < 1e6:
+        raise argparse.ArgumentTypeError(f'{text!r} must be a number of minutes, 0 or more')
+    return minutes

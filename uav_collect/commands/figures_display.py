@@ -1,0 +1,101 @@
+"""What figures says while work is done, on stderr: a picture for a person, lines for a file."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from time import monotonic
+from typing import TYPE_CHECKING
+
+from uav_collect.commands.figures_plan import Plan
+from uav_collect.studies.schedule import Standing
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+_LINE_EVERY_S = 10.0
+_BAR_WIDTH = 40
+_MAX_SHOWN = 16  # jobs that run
+
+
+@contextmanager
+def showing(plan: Plan) -> Iterator[Callable[[Standing], None]]:
+    """Show how the work stands; call what it yields with each look at it."""
+    from rich.console import Console
+    from rich.live import Live
+
+    console = Console(stderr=True)
+    pace = _Pace(plan)
+    if not console.is_terminal:
+        yield _lines(pace, lambda line: console.print(line, highlight=False, soft_wrap=True))
+        return
+    with Live(console=console, transient=True, auto_refresh=False) as live:
+        yield lambda standing: live.update(_picture(plan, pace, standing), refresh=True)
+
+
+class _Pace:
+    """How much of the work is done, by what jobs are expected to take, and how long is left."""
+
+    def __init__(self, plan: Plan) -> None:
+        self._plan = plan
+        self._begun_s = monotonic()
+        self._cost_s = {
+            digest: max(1e-3, plan.rates.cost_s(plan.jobs[digest])) for digest in plan.missing
+        }
+
+    def share_done(self, standing: Standing) -> float:
+        """Of what was missing at first."""
+        still = self._plan.store.missing(self._cost_s)
+        left_s = sum(
+            self._cost_s[digest] * (1.0 - standing.running.get(digest, 0.0)) for digest in still
+        )
+        total_s = sum(self._cost_s.values())
+        return 1.0 - left_s / total_s
+
+    def told(self, share_done: float) -> str:
+        """The time that the rest takes if it goes on as so far."""
+        if share_done <= 0.0:
+            return ''
+        left_s = (monotonic() - self._begun_s) * (1.0 / share_done - 1.0)
+        hours, minutes = divmod(round(left_s / 60.0), 60)
+        return f'{hours}:{minutes:02d} h left' if hours else f'{minutes} min left'
+
+
+def _lines(pace: _Pace, say: Callable[[str], None]) -> Callable[[Standing], None]:
+    said_s = monotonic()
+
+    def show(standing: Standing) -> None:
+        nonlocal said_s
+        if monotonic() - said_s >= _LINE_EVERY_S:
+            said_s = monotonic()
+            share_done = pace.share_done(standing)
+            parts = (*_counts(standing), f'{share_done:.0%}', pace.told(share_done))
+            say(', '.join(filter(None, parts)))
+
+    return show
+
+
+def _counts(standing: Standing) -> tuple[str, ...]:
+    lost = f'{standing.n_lost} lost and done again' if standing.n_lost else ''
+    failed = len(standing.failures) + len(standing.blocked)
+    return (
+        f'{standing.done} of {standing.total} jobs done',
+        f'{len(standing.running)} running',
+        lost,
+        f'{failed} failed' if failed else '',
+    )
+
+
+def _picture(plan: Plan, pace: _Pace, standing: Standing) -> 'RenderableType':
+    from rich.console import Group
+    from rich.progress_bar import ProgressBar
+    from rich.table import Table
+    from rich.text import Text
+
+    share_done = pace.share_done(standing)
+    top = Table.grid(padding=(0, 2))
+    bar = ProgressBar(total=1.0, completed=share_done, width=_BAR_WIDTH)
+    top.add_row(Text(f'scale {plan.scale.name}', 'bold'), bar, pace.told(share_done))
+    rows = Table.grid(padding=(0, 2))
+    for digest, share in list(standing.running.items())[:_MAX_SHOWN]:
+        rows.add_row(f'{share:4.0%}', plan.name_of(digest), standing.hosts.get(digest, ''))
+    counts = Text(f'  {", ".join(filter(None, _counts(standing)))}')
+    return Group(top, counts, rows)

@@ -1,0 +1,194 @@
+"""What the figures take: studies, their jobs, what is missing, its cost and its bytes."""
+
+import argparse
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+import importlib.util
+import os
+from pathlib import Path
+import shutil
+import sys
+
+from uav_collect.scenario import from_yaml
+from uav_collect.studies import catalogue
+from uav_collect.studies.costs import disk_bytes, GUESSED, Rates, rates_of, spent
+from uav_collect.studies.jobs import FlightsJob, Job, kind_of, PlansJob, TrainingJob
+from uav_collect.studies.records import Study
+from uav_collect.studies.requests import Requests
+from uav_collect.studies.scale import load_scale, ScaleConfig
+from uav_collect.studies.store import Store
+from uav_collect.training_log import TrainingRunError
+from uav_collect.yaml_text import ConfigError
+
+_SPARE_BYTES = 200e6  # to be left on the disk
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """What is to be drawn, and what that takes."""
+
+    scale: ScaleConfig
+    studies: Mapping[str, Study]
+    needs: Mapping[str, frozenset[str]]  # digests of a study's jobs
+    jobs: Mapping[str, Job]
+    store: Store
+    missing: frozenset[str]
+    rates: Rates
+    n_slots: int
+
+    def show(self) -> None:
+        """Print the studies, and what is missing."""
+        from rich.box import SIMPLE_HEAD
+        from rich.console import Console
+        from rich.table import Table
+
+        console = Console(highlight=False)
+        table = Table(box=SIMPLE_HEAD, pad_edge=False)
+        for heading in ('study', 'fig.', 'what'):
+            table.add_column(heading)
+        for heading in ('jobs', 'missing'):
+            table.add_column(heading, justify='right')
+        for name, study in self.studies.items():
+            needs = self.needs[name]
+            counts = str(len(needs)), str(len(needs & self.missing))
+            table.add_row(name, str(study.figure), f'{study.title}: {study.about}', *counts)
+        console.print(table)
+        for line in self._lines():
+            console.print(line, soft_wrap=True)
+
+    def _lines(self) -> list[str]:
+        missing = [self.jobs[digest] for digest in self.missing]
+        counts = Counter(map(kind_of, missing))
+        told = ', '.join(f'{counts[kind]} of {kind}' for kind in sorted(counts, reverse=True))
+        lines = [
+            f'scale {self.scale.name}: {len(self.jobs)} jobs, several of which serve many studies;'
+            f' {len(missing)} missing{f": {told}" if told else ""}'
+        ]
+        if missing:
+            results, states = disk_bytes(missing, self.n_slots)
+            lines.append(
+                f'disk: {results / 1e6:,.0f} MB of results, up to {states / 1e6:,.0f} MB of'
+                f' checkpoints while it runs, in {self.store.folder}'
+            )
+            hours = sum(map(self.rates.cost_s, missing)) / 3600.0
+            if self.rates is not GUESSED:
+                wall = f', {hours / self.n_slots:,.2f} h on {self.n_slots} cores'
+                lines.append(f'cost: about {hours:,.2f} core-hours{wall} ({self.rates.source})')
+        return lines
+
+    def check_disk(self) -> None:
+        """Refuse to begin what the disk has no room for.
+
+        Raises:
+            TrainingRunError: it has not.
+        """
+        wanted = sum(disk_bytes([self.jobs[it] for it in self.missing], self.n_slots))
+        self.store.folder.mkdir(parents=True, exist_ok=True)
+        free = shutil.disk_usage(self.store.folder).free
+        if wanted + _SPARE_BYTES > free:
+            raise TrainingRunError(
+                f'{self.store.folder}: has {free / 1e6:,.0f} MB left:'
+                f' must be {(wanted + _SPARE_BYTES) / 1e6:,.0f} MB or more'
+            )
+
+    def whole_studies(self) -> dict[str, Study]:
+        """The studies whose jobs are all done by now."""
+        return {
+            name: study
+            for name, study in self.studies.items()
+            if not self.store.missing(self.needs[name])
+        }
+
+    def known_names(self) -> tuple[str, ...]:
+        """All studies that there are."""
+        return catalogue.names()
+
+    def jobs_of(self, studies: Mapping[str, Study]) -> dict[str, Job]:
+        """The jobs that studies need."""
+        digests = set().union(*(self.needs[name] for name in studies))
+        return {digest: self.jobs[digest] for digest in digests}
+
+    def name_of(self, digest: str) -> str:
+        """What a job is called, for people."""
+        job = self.jobs[digest]
+        scenario = from_yaml(job.scenario)
+        where = f'{scenario.name}, {scenario.n_uavs} UAVs'
+        match job:
+            case TrainingJob(algorithm=algorithm, seed=seed):
+                return f'train {algorithm}, seed {seed}, {where}'
+            case FlightsJob(policy=policy, n_missions=n_missions):
+                return f'fly {n_missions} missions by {policy}, {where}'
+            case PlansJob(n_missions=n_missions):
+                return f'plan {n_missions} missions, {where}'
+
+
+def planned(arguments: argparse.Namespace) -> Plan:
+    """What the arguments ask for.
+
+    Raises:
+        ConfigError: there is no such scale or study, or a part of the scale does not fit.
+        TrainingRunError: trainings are missing, and so is torch.
+    """
+    scale = load_scale(arguments.scale)
+    requests, needs, studies = Requests(scale), {}, {}
+    for name in _names(arguments.only):
+        alone = Requests(scale)
+        studies[name] = catalogue.study(name, alone)
+        needs[name] = frozenset(alone.jobs)
+        requests.jobs.update(alone.jobs)
+    store = Store(arguments.output)
+    missing = frozenset(store.missing(requests.jobs))
+    only_tells = arguments.list
+    rates = GUESSED if only_tells else _rates(scale, requests.jobs, store, missing)
+    return Plan(
+        scale=scale,
+        studies=studies,
+        needs=needs,
+        jobs=requests.jobs,
+        store=store,
+        missing=missing,
+        rates=rates,
+        n_slots=arguments.workers or len(os.sched_getaffinity(0)),
+    )
+
+
+def _names(asked: list[str] | None) -> tuple[str, ...]:
+    known = catalogue.names()
+    for name in asked or ():
+        if name not in known:
+            raise ConfigError(f'--only is {name!r}: must be of {", ".join(known)}')
+    return tuple(name for name in known if asked is None or name in asked)
+
+
+def _rates(
+    scale: ScaleConfig, jobs: Mapping[str, Job], store: Store, missing: frozenset[str]
+) -> Rates:
+    """What jobs take: as those did that are done, or as a first minute says."""
+    trainings = [jobs[digest] for digest in sorted(missing)]
+    first = next((job for job in trainings if isinstance(job, TrainingJob)), None)
+    known = rates_of(spent(jobs, store))
+    if known is not None:
+        return known
+    if first is None or scale.measured_s == 0.0:
+        return GUESSED
+    if not importlib.util.find_spec('torch'):
+        raise TrainingRunError(
+            'figures needs torch for what is missing: "make train" installs what'
+            ' requirements/train.txt lists'
+        )
+    sys.stderr.write(f'measuring what a decision takes: {scale.measured_s:.0f} s\n')
+    from uav_collect.studies.measuring import measured
+
+    return measured(_usual(scale, trainings, first), scale.measured_s)
+
+
+def _usual(scale: ScaleConfig, trainings: list[Job], first: TrainingJob) -> TrainingJob:
+    """A training on the usual field where one is missing: others take about as long a decision."""
+    name = scale.fields.usual.scenario
+    usual = (
+        job
+        for job in trainings
+        if isinstance(job, TrainingJob) and Path(name).stem in job.scenario.splitlines()[0]
+    )
+    return next((job for job in usual if job.algorithm == 'aqmix'), first)

@@ -1,0 +1,282 @@
+"""The paper's figures 3 to 13 (Sec. VII): what each one needs."""
+
+from collections.abc import Callable, Mapping
+import math
+
+from uav_collect.studies import variants
+from uav_collect.studies.comparisons import (
+    all_trained,
+    area_panel,
+    fleets_of,
+    panel_of,
+    tested_alike,
+    tested_each,
+    tested_with_both_bandwidths,
+    usual_trained,
+)
+from uav_collect.studies.records import (
+    AQMIX,
+    COLLECTED,
+    COLLECTING,
+    COMPLETION,
+    CurvesPanel,
+    CurvesStudy,
+    EFFICIENCY,
+    LinesStudy,
+    Study,
+    TopologyStudy,
+    Trained,
+    TrajectoriesStudy,
+)
+from uav_collect.studies.requests import Requests
+from uav_collect.studies.scale import FieldConfig
+
+_Make = Callable[[Requests], Study]
+
+
+def names() -> tuple[str, ...]:
+    """The studies' names, in the order of the paper's figures."""
+    return tuple(_MAKERS)
+
+
+def study(name: str, requests: Requests) -> Study:
+    """A study, which asks for its jobs.
+
+    Raises:
+        ConfigError: a scenario or a setting of the scale does not fit.
+    """
+    return _MAKERS[name](requests)
+
+
+def _topology(requests: Requests) -> Study:
+    scale = requests.scale
+    return TopologyStudy(
+        name='topology',
+        figure=3,
+        title='Sensors of the small field, and the data of one mission',
+        about='nothing is flown',
+        scenario=variants.field_of(scale.fields.small),
+        mission_seed=scale.tests.first_seed,
+    )
+
+
+def _learning_areas(requests: Requests) -> Study:
+    fields, seeds = requests.scale.fields, requests.scale.seeds
+    panels = [
+        area_panel(requests, _cells(field), field, n_seeds)
+        for field, n_seeds in (
+            (fields.usual, seeds.usual),
+            (fields.large, seeds.large),
+            (fields.largest, seeds.largest),
+        )
+    ]
+    return CurvesStudy(
+        name='learning-areas',
+        figure=4,
+        title='Learning on areas of different size',
+        about='each algorithm is trained on each area',
+        panels=tuple(panels),
+    )
+
+
+def _learning_uavs(requests: Requests) -> Study:
+    panels = []
+    for n_uavs, (scenario, decisions, n_seeds) in fleets_of(requests).items():
+        label = f'{n_uavs} UAV{"s" if n_uavs > 1 else ""}'
+        trained = all_trained(requests, scenario, decisions, n_seeds)
+        panels.append(panel_of(requests, label, f'{n_uavs}_uavs', scenario, trained))
+    return CurvesStudy(
+        name='learning-uavs',
+        figure=5,
+        title='Learning with different numbers of UAVs',
+        about='each algorithm is trained with each number of UAVs',
+        panels=tuple(panels),
+    )
+
+
+def _energy(requests: Requests) -> Study:
+    scale = requests.scale
+    field = variants.field_of(scale.fields.usual)
+    scenarios = [variants.with_budget(field, budget_kj) for budget_kj in scale.budgets_kj]
+    return LinesStudy(
+        name='energy',
+        figure=6,
+        title='Energy budgets',
+        about='policies of the usual field with its full budget, tested with each budget',
+        over='energy budget of each UAV [kJ]',
+        column='energy_budget_kj',
+        values=scale.budgets_kj,
+        names=(),
+        measures=(COLLECTED, COMPLETION, EFFICIENCY),
+        lines=tested_alike(requests, scenarios, usual_trained(requests)),
+    )
+
+
+def _density(requests: Requests) -> Study:
+    scale = requests.scale
+    field = variants.field_of(scale.fields.usual)
+    scenarios = [variants.with_density(field, density) for density in scale.densities]
+    return LinesStudy(
+        name='density',
+        figure=7,
+        title='Density of the demand',
+        about='policies of the usual field with its own density, tested with each density',
+        over='data density [data cells per cell]',
+        column='density_share',
+        values=scale.densities,
+        names=(),
+        measures=(COMPLETION, EFFICIENCY),
+        lines=tested_alike(requests, scenarios, usual_trained(requests)),
+    )
+
+
+def _uavs(requests: Requests) -> Study:
+    fleets = fleets_of(requests)
+    n_seeds = min(n_seeds for _, _, n_seeds in fleets.values())  # a fair choice of the best
+    trained = [
+        all_trained(requests, scenario, decisions, n_seeds)
+        for scenario, decisions, _ in fleets.values()
+    ]
+    scenarios = [scenario for scenario, _, _ in fleets.values()]
+    return LinesStudy(
+        name='uavs',
+        figure=8,
+        title='Number of UAVs',
+        about='each algorithm is trained with each number of UAVs',
+        over='number of UAVs [1]',
+        column='n_uavs',
+        values=tuple(map(float, fleets)),
+        names=(),
+        measures=(COMPLETION, EFFICIENCY),
+        lines=tested_each(requests, scenarios, trained),
+    )
+
+
+def _range(requests: Requests) -> Study:
+    scale = requests.scale
+    field = variants.field_of(scale.fields.usual)
+    scenarios = [variants.with_range(field, range_m) for range_m in scale.ranges_m]
+    decisions, n_seeds = scale.fields.usual.decisions, scale.seeds.ranges
+    trained = [all_trained(requests, scenario, decisions, n_seeds) for scenario in scenarios]
+    return LinesStudy(
+        name='range',
+        figure=9,
+        title='Communication range',
+        about='each algorithm is trained with each range',
+        over='communication range between UAVs [m]',
+        column='contact_range_m',
+        values=scale.ranges_m,
+        names=tuple(map(_range_name, scale.ranges_m)),
+        measures=(COMPLETION, EFFICIENCY),
+        lines=tested_each(requests, scenarios, trained, planned=field),
+    )
+
+
+def _kernel(requests: Requests) -> Study:
+    scale = requests.scale
+    config = scale.fields.large
+    field = variants.field_of(config)
+    curves = [
+        Trained(
+            label=f'{kernel}x{kernel}',
+            digests=requests.trained(
+                AQMIX, field, config.decisions, scale.seeds.kernels, mixer__pool_side=kernel
+            ).digests,
+        )
+        for kernel in scale.kernels
+    ]
+    references = requests.references(field, 'equal')
+    panel = CurvesPanel(
+        label=_cells(config), key=_cells(config).split()[0], curves=tuple(curves),
+        references=references,
+    )  # fmt: skip
+    return CurvesStudy(
+        name='kernel',
+        figure=10,
+        title='Learning of AQMIX with kernels of different size',
+        about='AQMIX is trained with each kernel on the large field',
+        panels=(panel,),
+    )
+
+
+def _csi(requests: Requests) -> Study:
+    scale = requests.scale
+    field = variants.field_of(scale.fields.small)
+    scenarios = [variants.with_csi_error(field, error) for error in scale.csi_errors]
+    return LinesStudy(
+        name='csi',
+        figure=11,
+        title='Channel estimation error',
+        about='the policy of the small field with perfect channels, tested with each error',
+        over='variance of the channel estimation error [1]',
+        column='csi_error_variance',
+        values=scale.csi_errors,
+        names=(),
+        measures=(COLLECTING, EFFICIENCY),
+        lines=tested_with_both_bandwidths(requests, scenarios),
+    )
+
+
+def _bandwidth(requests: Requests) -> Study:
+    scale = requests.scale
+    field = variants.with_csi_error(
+        variants.field_of(scale.fields.small), scale.bandwidth_csi_error
+    )
+    scenarios = [variants.with_density(field, density) for density in scale.densities]
+    return LinesStudy(
+        name='bandwidth',
+        figure=12,
+        title='Optimal and equal bandwidth over the density of the demand',
+        about='the policy of the small field with its own density and perfect channels, tested '
+        f'with each density and a channel estimation error of {scale.bandwidth_csi_error:g}',
+        over='data density [data cells per cell]',
+        column='density_share',
+        values=scale.densities,
+        names=(),
+        measures=(COLLECTING, EFFICIENCY),
+        lines=tested_with_both_bandwidths(requests, scenarios),
+    )
+
+
+def _trajectories(requests: Requests) -> Study:
+    scale = requests.scale
+    config = scale.fields.small
+    field = variants.field_of(config)
+    trained = all_trained(requests, field, config.decisions, scale.seeds.small)
+    seed = scale.tests.first_seed
+    return TrajectoriesStudy(
+        name='trajectories',
+        figure=13,
+        title='One mission as each learned policy flies it',
+        about='each algorithm is trained on the small field',
+        scenario=field,
+        mission_seed=seed,
+        flown={label: requests.log(one, field, seed) for label, one in trained.items()},
+        tests={label: requests.flown(one, field) for label, one in trained.items()},
+    )
+
+
+_MAKERS: Mapping[str, _Make] = {
+    'topology': _topology,
+    'learning-areas': _learning_areas,
+    'learning-uavs': _learning_uavs,
+    'energy': _energy,
+    'density': _density,
+    'uavs': _uavs,
+    'range': _range,
+    'kernel': _kernel,
+    'csi': _csi,
+    'bandwidth': _bandwidth,
+    'trajectories': _trajectories,
+}
+
+
+def _cells(config: FieldConfig) -> str:
+    side = variants.field_of(config).area.cells_per_side
+    return f'{side}x{side} cells'
+
+
+def _range_name(range_m: float) -> str:
+    if range_m == 0.0:
+        return 'none'
+    return 'full' if math.isinf(range_m) else f'{range_m:g}'

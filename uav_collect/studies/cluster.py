@@ -1,0 +1,127 @@
+"""Does jobs on a Ray cluster: on whatever machines it has, without a disk that they share.
+
+A task streams the events of its job back, states and results as bytes, so losing a machine loses
+what it did since its last state.
+"""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import ray
+from ray.exceptions import (
+    GetTimeoutError,
+    NodeDiedError,
+    ObjectLostError,
+    OutOfMemoryError,
+    RayError,
+    RayTaskError,
+    TaskCancelledError,
+    WorkerCrashedError,
+)
+import uav_collect
+from uav_collect.studies.tasks import Began, Event, Failed, Finished, Left, Lost, Report, Task
+from uav_collect.studies.work import perform, sources_digest
+
+_LOSSES = (
+    WorkerCrashedError, NodeDiedError, ObjectLostError, OutOfMemoryError, GetTimeoutError,
+)  # fmt: skip
+_GET_S = 300.0  # for an event's bytes to come from where they are
+
+
+class Cluster:
+    """An engine of Ray tasks, each on one core."""
+
+    def __init__(self, address: str | None, n_slots: int | None) -> None:
+        """Connect to a cluster.
+
+        Args:
+            address: of its head, or 'auto'; None starts a cluster of this machine alone.
+            n_slots: jobs at once; None: as many as the cluster has cores.
+        """
+        self._n_slots = n_slots
+        options: dict[str, Any] = {'log_to_driver': False, 'include_dashboard': False}
+        if address is None:
+            options['num_cpus'] = n_slots
+        else:
+            # The cluster's machines may have another version of this package, or none.
+            folder = Path(uav_collect.__file__).parent
+            modules = {'py_modules': [str(folder)]}
+            options = {'address': address, 'log_to_driver': False, 'runtime_env': modules}
+        self._is_ours = not ray.is_initialized()
+        if self._is_ours:
+            ray.init(**options)
+        self._perform = ray.remote(num_cpus=1, max_retries=0)(_performed)
+        self._streams: dict[Any, str] = {}  # digest by stream of events
+        self._is_stopping = False
+
+    @property
+    def n_slots(self) -> int:
+        """How many jobs are done at once; the cluster may grow."""
+        return self._n_slots or max(1, int(ray.cluster_resources().get('CPU', 1)))
+
+    def start(self, task: Task) -> None:
+        """Begin a job where there is a core."""
+        self._streams[self._perform.remote(task, sources_digest())] = task.digest
+
+    def wait(self, timeout_s: float) -> Sequence[tuple[str, Report]]:
+        """What jobs told; of one whose machine or process is gone, that it is lost."""
+        if not self._streams:
+            return []
+        streams = [*self._streams]
+        ready, _ = ray.wait(streams, num_returns=1, timeout=timeout_s)
+        more, _ = ray.wait(streams, num_returns=len(streams), timeout=0)
+        told = []
+        for stream in dict.fromkeys([*ready, *more]):
+            digest, report = self._streams[stream], self._next(stream)
+            if isinstance(report, Finished | Failed | Lost | Left):
+                del self._streams[stream]
+            told.append((digest, report))
+        return told
+
+    def stop(self) -> None:
+        """Leave all jobs; what they did since their last states is lost."""
+        self._is_stopping = True
+        for stream in self._streams:
+            ray.cancel(stream, force=False)
+
+    def close(self) -> None:
+        """Let nothing run on."""
+        for stream in self._streams:
+            ray.cancel(stream, force=True)
+        self._streams.clear()
+        if self._is_ours:
+            ray.shutdown()
+
+    def _next(self, stream: Any) -> Report:  # noqa: ANN401 - Ray's
+        try:
+            report: Report = ray.get(next(stream), timeout=_GET_S)
+        except StopIteration:
+            return Left()
+        except TaskCancelledError:
+            return Left()
+        except _LOSSES as error:
+            return Lost(why=_first_line(error))
+        except RayTaskError as error:
+            if self._is_stopping:
+                return Left()
+            return Failed(why=_first_line(error.cause or error), trace=str(error))
+        except RayError as error:  # none that says that the job is at fault
+            return Lost(why=_first_line(error))
+        return report
+
+
+def _first_line(error: BaseException) -> str:
+    text = str(error).strip().splitlines()
+    return f'{type(error).__name__}: {text[0] if text else ""}'
+
+
+def _performed(task: Task, sources: str) -> Iterator[Event]:
+    """The events of a job, on a machine of the cluster."""
+    for event in perform(task):
+        if isinstance(event, Began) and event.sources != sources:
+            raise RuntimeError(
+                f'{event.host} has another version of uav_collect: sources {event.sources},'
+                f' must be {sources}'
+            )
+        yield event

@@ -1,0 +1,118 @@
+"""What several studies have in common: who is trained where, and what is compared with what."""
+
+from collections.abc import Mapping, Sequence
+
+from uav_collect.scenario import Scenario, with_uavs
+from uav_collect.studies import variants
+from uav_collect.studies.records import (
+    AQMIX,
+    CurvesPanel,
+    LEARNED,
+    Line,
+    PLAN,
+    RULES,
+    Tested,
+    Trained,
+)
+from uav_collect.studies.requests import Requests
+from uav_collect.studies.scale import FieldConfig
+
+
+def all_trained(
+    requests: Requests, scenario: Scenario, decisions: int, n_seeds: int
+) -> dict[str, Trained]:
+    """Ask for the trainings of each algorithm on a scenario, by label."""
+    return {label: requests.trained(label, scenario, decisions, n_seeds) for label in LEARNED}
+
+
+def usual_trained(requests: Requests) -> dict[str, Trained]:
+    """Ask for the trainings of each algorithm on the usual field, by label."""
+    config = requests.scale.fields.usual
+    field = variants.field_of(config)
+    return all_trained(requests, field, config.decisions, requests.scale.seeds.usual)
+
+
+def fleets_of(requests: Requests) -> dict[int, tuple[Scenario, int, int]]:
+    """By number of UAVs: the scenario, and the decisions and seeds of its trainings."""
+    scale = requests.scale
+    field = variants.field_of(scale.fields.usual)
+    fleets = {}
+    for fleet in scale.fleets:
+        scenario = with_uavs(field, fleet.n_uavs)
+        is_usual = fleet.n_uavs == field.n_uavs and fleet.decisions == scale.fields.usual.decisions
+        n_seeds = scale.seeds.usual if is_usual else scale.seeds.fleets
+        fleets[fleet.n_uavs] = scenario, fleet.decisions, n_seeds
+    return fleets
+
+
+def area_panel(requests: Requests, label: str, config: FieldConfig, n_seeds: int) -> CurvesPanel:
+    """The trainings on one of the paper's areas."""
+    field = variants.field_of(config)
+    trained = all_trained(requests, field, config.decisions, n_seeds)
+    return panel_of(requests, label, label.split()[0], field, trained)
+
+
+def panel_of(
+    requests: Requests, label: str, key: str, scenario: Scenario, trained: Mapping[str, Trained]
+) -> CurvesPanel:
+    """Trainings beside what needs none."""
+    # Policies are validated with equal bandwidth, so what stands beside them has it too.
+    references = requests.references(scenario, 'equal')
+    return CurvesPanel(label=label, key=key, curves=tuple(trained.values()), references=references)
+
+
+def tested_alike(
+    requests: Requests, scenarios: Sequence[Scenario], trained: Mapping[str, Trained]
+) -> tuple[Line, ...]:
+    """Policies that were trained once, tested in each scenario."""
+    return tested_each(requests, scenarios, [trained] * len(scenarios))
+
+
+def tested_each(
+    requests: Requests,
+    scenarios: Sequence[Scenario],
+    trained: Sequence[Mapping[str, Trained]],
+    planned: Scenario | None = None,
+) -> tuple[Line, ...]:
+    """Policies tested in each scenario, those trained for it.
+
+    Args:
+        planned: the one scenario that plans are made for, where what is varied means nothing to
+            them.
+    """
+    pairs = [*zip(trained, scenarios, strict=True)]
+    tests: dict[str, list[Tested]] = {
+        label: [requests.flown(policies[label], scenario) for policies, scenario in pairs]
+        for label in LEARNED
+    }
+    for label in RULES:
+        tests[label] = [requests.ruled(label, scenario) for scenario in scenarios]
+    tests[PLAN] = [requests.planned(planned or scenario) for scenario in scenarios]
+    return tuple(
+        Line(label=label, policy=label, tests=tuple(of_label)) for label, of_label in tests.items()
+    )
+
+
+def tested_with_both_bandwidths(
+    requests: Requests, scenarios: Sequence[Scenario]
+) -> tuple[Line, ...]:
+    """AQMIX's policy of the small field with optimal and with equal bandwidth, and the others."""
+    scale = requests.scale
+    config = scale.fields.small
+    field = variants.field_of(config)
+    trained = requests.trained(AQMIX, field, config.decisions, scale.seeds.small)
+    lines = []
+    for bandwidth, title in (('exact', 'optimal'), ('equal', 'equal')):
+        tests = [requests.flown(trained, scenario, bandwidth) for scenario in scenarios]
+        lines.append(
+            Line(
+                label=f'{AQMIX}, {title} bandwidth', policy=AQMIX, tests=tuple(tests),
+                is_thin=bandwidth == 'equal',
+            )
+        )  # fmt: skip
+    for label in RULES:
+        tests = [requests.ruled(label, scenario) for scenario in scenarios]
+        lines.append(Line(label=label, policy=label, tests=tuple(tests)))
+    plans = [requests.planned(scenario) for scenario in scenarios]
+    lines.append(Line(label=PLAN, policy=PLAN, tests=tuple(plans)))
+    return tuple(lines)

@@ -1,0 +1,108 @@
+"""What jobs take: what those took that are done, and what that says of the others."""
+
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+from uav_collect.briefing import brief
+from uav_collect.frozen import weight_shapes
+from uav_collect.observation import observation_size
+from uav_collect.replay import replay_bytes
+from uav_collect.scenario import from_yaml
+from uav_collect.studies.jobs import FlightsJob, Job, kind_of, settings_of, TrainingJob
+from uav_collect.studies.store import Store
+
+_ROW_BYTES = 150  # of a CSV
+_FOLDER_BYTES = 20_000  # job.json with its scenario, cost.json, blocks of the disk
+_H_PER_S = 1.0 / 3600.0
+
+
+@dataclass
+class Spent:
+    """What finished jobs took."""
+
+    n_jobs: Counter[str] = field(default_factory=Counter)  # by kind
+    cpu_s: dict[str, float] = field(default_factory=lambda: defaultdict(float))
+    units: Counter[str] = field(default_factory=Counter)  # decisions, or missions
+    n_interrupted: int = 0
+    revisions: Counter[str] = field(default_factory=Counter)
+    sources: set[str] = field(default_factory=set)
+
+    def told(self) -> str:
+        """In words: how many jobs, how many core-hours, of which revision."""
+        parts = [
+            f'{n} {kind} jobs in {self.cpu_s[kind] * _H_PER_S:.2f} core-hours'
+            for kind, n in sorted(self.n_jobs.items(), reverse=True)
+        ]
+        revisions = ', '.join(sorted(self.revisions)) or 'none'
+        hours = sum(self.cpu_s.values()) * _H_PER_S
+        return f'{"; ".join(parts)}; {hours:.2f} core-hours in all; revision {revisions}'
+
+
+def units_of(job: Job) -> int:
+    """How large a job is among those of its kind: decisions to learn from, or missions."""
+    return job.decisions if isinstance(job, TrainingJob) else job.n_missions
+
+
+def spent(jobs: Mapping[str, Job], store: Store) -> Spent:
+    """What those of some jobs took that are done."""
+    total = Spent()
+    for digest, job in jobs.items():
+        if store.has(digest):
+            cost, kind = store.cost(digest), kind_of(job)
+            total.n_jobs[kind] += 1
+            total.cpu_s[kind] += cost.cpu_s
+            total.units[kind] += units_of(job)
+            total.n_interrupted += cost.n_interruptions > 0
+            total.revisions[cost.revision] += 1
+            total.sources.add(cost.sources)
+    return total
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rates:
+    """What a unit of each kind of job takes."""
+
+    cpu_s: Mapping[str, float]  # by kind; a kind that is missing counts as nothing
+    source: str  # for people: where they are from
+
+    def cost_s(self, job: Job) -> float:
+        """What a job is expected to take [s of one core]."""
+        return units_of(job) * self.cpu_s.get(kind_of(job), 0.0)
+
+
+# To weigh jobs against each other where nothing is known yet; no figure of any result.
+GUESSED = Rates(cpu_s={'training': 2e-4, 'flights': 1e-2, 'plans': 1e-2}, source='guessed')
+
+
+def rates_of(done: Spent) -> Rates | None:
+    """What done jobs say; None where no training is done."""
+    if not done.units['training']:
+        return None
+    cpu_s = {kind: done.cpu_s[kind] / units for kind, units in done.units.items() if units}
+    return Rates(cpu_s=cpu_s, source=f'from {done.n_jobs.total()} jobs that are done')
+
+
+def disk_bytes(jobs: Iterable[Job], n_slots: int) -> tuple[int, int]:
+    """What results take on the disk, and states of trainings that run at once, at most."""
+    results, states = 0, [0]
+    for job in jobs:
+        results += _FOLDER_BYTES
+        if isinstance(job, TrainingJob):
+            weights_bytes, state_bytes = _training_bytes(job)
+            results += weights_bytes
+            states.append(state_bytes)
+        elif isinstance(job, FlightsJob):
+            results += _ROW_BYTES * job.n_missions
+    return results, sum(sorted(states)[-n_slots:])
+
+
+def _training_bytes(job: TrainingJob) -> tuple[int, int]:
+    scenario, config = from_yaml(job.scenario), settings_of(job)
+    size = observation_size(config.layout, scenario.area.cells_per_side, scenario.n_uavs)
+    shapes = weight_shapes(size, config.network.hidden_size).values()
+    weights_bytes = 4 * sum(shape[0] * (shape[1] if len(shape) > 1 else 1) for shape in shapes)
+    # Adam keeps two numbers for each weight, the target network another; the replay is the rest.
+    return weights_bytes, 4 * weights_bytes + replay_bytes(
+        config.replay.decisions, brief(scenario)
+    )

@@ -1,0 +1,96 @@
+"""Draws learning curves: reward in training above, energy efficiency in validation below."""
+
+from matplotlib.axes import Axes
+from matplotlib.ticker import EngFormatter
+from uav_collect.learning_curves import LearningCurve
+from uav_collect.plots import COLOURS
+from uav_collect.studies.drawing import (
+    COLOUR,
+    counted,
+    csv_of,
+    Drawn,
+    finish,
+    panels,
+    STYLE,
+)
+from uav_collect.studies.findings import estimated, Findings
+from uav_collect.studies.records import (
+    CurvesPanel,
+    CurvesStudy,
+    EFFICIENCY,
+    Measure,
+    PLAN,
+    REWARD,
+)
+
+_SIZE_IN = (4.0, 3.6)
+_OVER = 'decisions in training [1]'
+
+
+def draw(study: CurvesStudy, findings: Findings) -> Drawn:
+    """Draw a study.
+
+    Raises:
+        StoreError: a job of it is not done.
+    """
+    note = (
+        f'Fig. {study.figure} of the paper; {study.about}; mean and standard deviation over seeds.'
+        ' Above: missions that explore; below: validation'
+    )
+    measures = (REWARD, EFFICIENCY)
+    figure, grid = panels(2, len(study.panels), study.title, note, size_in=_SIZE_IN)
+    rows: list[list[object]] = []
+    for axes_row, measure in zip(grid, measures, strict=True):
+        for axes, panel in zip(axes_row, study.panels, strict=True):
+            for index, trained in enumerate(panel.curves):
+                curve = findings.curve(trained, measure.key)
+                if curve is not None:
+                    _draw_curve(axes, curve, COLOUR.get(curve.label, COLOURS[index]))
+                    rows += _rows(panel, curve, measure)
+            if measure is EFFICIENCY:
+                rows += _draw_references(axes, panel, findings)
+            axes.set_title(panel.label, fontsize=9)
+            finish(axes, _OVER, measure.title, measure.unit)
+            axes.xaxis.set_major_formatter(EngFormatter(sep=''))  # 500k, 2M
+            axes.set_xlim(left=0.0)
+            axes.legend(frameon=False, fontsize=7)
+    header = ('panel', 'line', 'measure', 'unit', 'n_seeds', 'n_missions', 'n_decisions', 'mean',
+              'deviation', 'low', 'high')  # fmt: skip
+    return Drawn(figure=figure, table=csv_of(header, rows))
+
+
+def _draw_curve(axes: Axes, curve: LearningCurve, colour: str) -> None:
+    n_seeds = len(curve.seeds)
+    label = counted(curve.label, [n_seeds], 'seed')
+    axes.plot(curve.over, curve.mean, color=colour, linewidth=1.6, label=label)
+    if n_seeds > 1:
+        low, high = curve.mean - curve.deviation, curve.mean + curve.deviation
+        axes.fill_between(curve.over, low, high, color=colour, alpha=0.2, linewidth=0)
+
+
+def _rows(panel: CurvesPanel, curve: LearningCurve, measure: Measure) -> list[list[object]]:
+    n_seeds = len(curve.seeds)
+    points = zip(curve.over.tolist(), curve.mean.tolist(), curve.deviation.tolist(), strict=True)
+    about = (panel.key, curve.label, measure.key, measure.unit, n_seeds, '')
+    return [
+        [*about, over, mean, deviation if n_seeds > 1 else '', '', '']
+        for over, mean, deviation in points
+    ]
+
+
+def _draw_references(axes: Axes, panel: CurvesPanel, findings: Findings) -> list[list[object]]:
+    rows: list[list[object]] = []
+    for label, tested in panel.references.items():
+        column = findings.column(tested, EFFICIENCY)
+        point = None if column is None else estimated(column)
+        if point is None:
+            continue
+        n_missions, estimate = point
+        name = 'thriftiest clairvoyant plan' if label == PLAN else label
+        axes.axhline(
+            estimate.mean, color=COLOUR[label], linewidth=1.1, linestyle=STYLE[label],
+            label=counted(name, [n_missions], 'mission'),
+        )  # fmt: skip
+        about = (panel.key, label, EFFICIENCY.key, EFFICIENCY.unit, '', n_missions, '')
+        rows.append([*about, estimate.mean, '', estimate.low, estimate.high])
+    return rows

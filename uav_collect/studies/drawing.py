@@ -1,0 +1,92 @@
+"""What all figures of studies have in common: colours, panels, legends, files."""
+
+from collections.abc import Sequence
+import csv
+from dataclasses import dataclass
+import io
+import textwrap
+
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from uav_collect.plots import COLOURS, DPI
+from uav_collect.studies.records import AIQL, AQMIX, HERT, PLAN, QMIX, SWEEP
+
+COLOUR = {
+    AQMIX: COLOURS[0], QMIX: COLOURS[1], AIQL: COLOURS[2], HERT: '#555555', SWEEP: '#009E73',
+    PLAN: '#111111',
+}  # fmt: skip
+STYLE = {
+    HERT: (0.0, (5.0, 2.0)), SWEEP: (0.0, (1.5, 1.5)), PLAN: (0.0, (5.0, 1.5, 1.0, 1.5)),
+}  # fmt: skip
+SOLID = (0.0, ())
+THIN = (0.0, (3.0, 1.0))
+_TITLE_WIDTH = 46  # characters for each panel beside another
+_GRID = '#E2E2E2'
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drawn:
+    """A figure and the numbers that it shows."""
+
+    figure: Figure
+    table: bytes  # CSV, units in the header
+
+    def picture(self, kind: str) -> bytes:
+        """The figure as 'png' or 'pdf': the same numbers give the same bytes."""
+        written = io.BytesIO()
+        # Neither the time nor the software's name.
+        metadata = {
+            'png': {'Software': None},
+            'pdf': {'CreationDate': None, 'Producer': None, 'Creator': None},
+        }[kind]
+        self.figure.savefig(written, dpi=DPI, format=kind, metadata=metadata)
+        return written.getvalue()
+
+
+def panels(
+    n_rows: int, n_columns: int, title: str, note: str, *, size_in: tuple[float, float]
+) -> tuple[Figure, list[list[Axes]]]:
+    """Empty panels under a title, row by row.
+
+    Args:
+        note: below the title: what was done.
+        size_in: width and height of a panel [inch].
+    """
+    width_in, height_in = size_in
+    # Room for a title above and legends below.
+    figure = Figure(
+        figsize=(width_in * n_columns, height_in * n_rows + 0.9),
+        facecolor='white',
+        layout='constrained',
+    )
+    FigureCanvasAgg(figure)
+    text = textwrap.fill(note, int(_TITLE_WIDTH * n_columns * width_in / 3.6))
+    figure.suptitle(f'{title}\n{text}', x=0.01, ha='left', fontsize=9)
+    axes = figure.subplots(n_rows, n_columns, squeeze=False)
+    return figure, [list(row) for row in axes]
+
+
+def finish(axes: Axes, over: str, title: str, unit: str) -> None:
+    """Label a panel."""
+    axes.set_xlabel(over, fontsize=9)
+    axes.set_ylabel(f'{title} [{unit}]', fontsize=9)
+    axes.tick_params(labelsize=8)
+    axes.grid(color=_GRID, linewidth=0.6)
+    axes.spines[['top', 'right']].set_visible(False)
+
+
+def counted(label: str, numbers: Sequence[int], noun: str) -> str:
+    """A label with how many things its line is made of: `sweep (300 missions)`."""
+    least, most = min(numbers), max(numbers)
+    count = f'{least}' if least == most else f'{least} to {most}'
+    return f'{label} ({count} {noun}{"" if most == 1 else "s"})'
+
+
+def csv_of(header: Sequence[str], rows: Sequence[Sequence[object]]) -> bytes:
+    """A table, its units in the header."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator='\n')
+    writer.writerow(header)
+    writer.writerows(rows)
+    return text.getvalue().encode()

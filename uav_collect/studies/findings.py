@@ -1,0 +1,113 @@
+"""Reads what was found for a study: tables by column, seeds and missions in order."""
+
+import csv
+from dataclasses import dataclass
+import io
+
+import numpy as np
+from uav_collect.arrays import Floats
+from uav_collect.evaluation import column_estimates, Estimate
+from uav_collect.learning_curves import LearningCurve, mean_curve
+from uav_collect.studies.flights import MISSIONS
+from uav_collect.studies.learning_files import CURVE, POLICY
+from uav_collect.studies.records import Measure, Tested, Trained
+from uav_collect.studies.store import Store
+
+_TAIL_SHARE = 0.2  # of a training: its end, over which a curve is averaged
+
+
+@dataclass(frozen=True, kw_only=True)
+class Column:
+    """A number of each mission."""
+
+    seed: Floats  # (M,) of the mission
+    value: Floats  # (M,) nan where there is none
+
+    @property
+    def is_known(self) -> Floats:
+        """Which missions count, (M,)."""
+        return np.isfinite(self.value)
+
+
+class Findings:
+    """What a store holds, as studies ask for it."""
+
+    def __init__(self, store: Store) -> None:
+        """Read from a store."""
+        self._store = store
+        self._tables: dict[str, dict[str, Floats]] = {}
+
+    def column(self, tested: Tested, measure: Measure) -> Column | None:
+        """A measure of all missions of a test, as shown; None where plans have none.
+
+        Raises:
+            StoreError: a job is not done.
+        """
+        key = measure.plan_key if tested.is_planned else measure.key
+        if not key:
+            return None
+        tables = [self._table(digest, MISSIONS) for digest in tested.digests]
+        return Column(
+            seed=np.concatenate([table['mission_seed'] for table in tables]),
+            value=np.concatenate([table[key] for table in tables]) * measure.scale,
+        )
+
+    def numbers(self, tested: Tested, key: str) -> Floats:
+        """A column of all missions of a test, (M,)."""
+        return np.concatenate([self._table(it, MISSIONS)[key] for it in tested.digests])
+
+    def curve(self, trained: Trained, key: str) -> LearningCurve | None:
+        """Mean and deviation over the seeds; None where they have no stretch in common."""
+        lines = []
+        for digest in trained.digests:
+            over, value = self._line(digest, key)
+            if not len(over):
+                return None
+            lines.append((over, value))
+        return mean_curve(trained.label, range(len(lines)), lines)
+
+    def ends(self, trained: Trained, key: str) -> Floats:
+        """What each seed achieved in the last fifth of its training, (N,)."""
+        means = []
+        for digest in trained.digests:
+            over, value = self._line(digest, key)
+            is_late = over >= (1.0 - _TAIL_SHARE) * over[-1] if len(over) else over > 0
+            means.append(float(value[is_late].mean()) if is_late.any() else np.nan)
+        return np.array(means)
+
+    def policy(self, digest: str) -> bytes:
+        """The file of a learned policy."""
+        return self._store.read(digest, POLICY)
+
+    def file(self, digest: str, name: str) -> bytes:
+        """A file that a job gave."""
+        return self._store.read(digest, name)
+
+    def _line(self, digest: str, key: str) -> tuple[Floats, Floats]:
+        """Decisions and values of a training where they are known; decisions rise."""
+        table = self._table(digest, CURVE)
+        over, value = table['n_decisions'], table[key]
+        known = np.isfinite(value)
+        moments, last_from_end = np.unique(over[known][::-1], return_index=True)
+        return moments, value[known][::-1][last_from_end]
+
+    def _table(self, digest: str, name: str) -> dict[str, Floats]:
+        if digest not in self._tables:
+            self._tables[digest] = table_of(self._store.read(digest, name))
+        return self._tables[digest]
+
+
+def table_of(content: bytes) -> dict[str, Floats]:
+    """The columns of a CSV of numbers; an empty cell is nan."""
+    header, *rows = csv.reader(io.StringIO(content.decode()))
+    cells = np.array([[float(cell or 'nan') for cell in row] for row in rows], dtype=np.float64)
+    cells = cells.reshape(len(rows), len(header))
+    return {name: cells[:, index] for index, name in enumerate(header)}
+
+
+def estimated(column: Column) -> tuple[int, Estimate] | None:
+    """How many missions count, and what they tell; None where none does."""
+    known = column.value[column.is_known]
+    if not len(known):
+        return None
+    return len(known), column_estimates(known[:, None], int(column.seed[0]))[0]

@@ -1,0 +1,162 @@
+"""Does the jobs that fly and plan missions: a row of numbers for each."""
+
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
+import csv
+from dataclasses import asdict, replace
+from functools import partial
+import io
+import json
+import math
+
+import numpy as np
+from uav_collect.bound import bound_of
+from uav_collect.bound_estimates import bound_numbers
+from uav_collect.evaluation import estimates, mission_seeds
+from uav_collect.evaluation import MEASURES as MEANS
+from uav_collect.frozen import FrozenPolicy, PolicyMismatchError, Validation
+from uav_collect.metrics import figures, MissionFigures
+from uav_collect.mission_log import MissionLog
+from uav_collect.policy import LearnedPolicy, policy_named, RulePolicy
+from uav_collect.policy_file import policy_from_bytes
+from uav_collect.rollout import fly
+from uav_collect.scenario import from_yaml
+from uav_collect.site import build_site
+from uav_collect.studies.jobs import FlightsJob, PlansJob
+
+MISSIONS = 'missions.csv'
+SUMMARY = 'summary.json'
+MISSION_COLUMNS = (
+    'mission_seed', 'efficiency_kbit_per_j', 'completion_s', 'energy_kj', 'collected_mbit',
+    'total_mbit', 'collected_share', 'is_complete', 'is_safe', 'collecting_s', 'shared_cells',
+    'visited_cells', 'decisions',
+)  # fmt: skip
+_AT_ONCE = 50  # missions between two looks
+_ENOUGH = 0.99  # share of whole missions from which on a policy is judged by its efficiency
+
+Step = float | Mapping[str, bytes]
+
+
+def flights(
+    job: FlightsJob, policies: Mapping[str, bytes], is_stopping: Callable[[], bool]
+) -> Iterator[Step]:
+    """Fly missions.
+
+    Args:
+        policies: files of learned policies, by the digest of their training.
+
+    Raises:
+        PolicyMismatchError: the policy does not fit the scenario.
+    """
+    scenario = from_yaml(job.scenario)
+    site, policy = build_site(scenario), _policy(job, policies)
+    seeds = mission_seeds(job.first_seed, job.n_missions)
+    logs: list[MissionLog] = []
+    for start in range(0, len(seeds), _AT_ONCE):
+        if is_stopping():
+            return
+        some = seeds[start : start + _AT_ONCE]
+        logs += fly(scenario, site, some, partial(replace, policy), job.bandwidth)
+        yield len(logs) / len(seeds)
+    flown = [figures(log) for log in logs]
+    rows = [_row(log, mission) for log, mission in zip(logs, flown, strict=True)]
+    kept = {log_name(log.header.mission_seed): log.to_jsonl() for log in logs if job.keeps_logs}
+    summary = _summary(job, policy, flown)
+    yield {MISSIONS: _csv(MISSION_COLUMNS, rows), SUMMARY: summary, **kept}
+
+
+def plans(job: PlansJob, is_stopping: Callable[[], bool]) -> Iterator[Step]:
+    """Plan missions; what has no plan within the budgets has empty cells."""
+    scenario = from_yaml(job.scenario)
+    site = build_site(scenario)
+    seeds = mission_seeds(job.first_seed, job.n_missions)
+    rows: list[dict[str, float]] = []
+    for seed in seeds:
+        if is_stopping():
+            return
+        bound = bound_of(scenario, site, seed, job.bandwidth, job.n_rounds)
+        about = {'mission_seed': seed, 'data_cells': bound.n_data_cells}
+        rows.append(about | {'total_mbit': bound.total_bit / 1e6} | bound_numbers(bound))
+        if len(rows) % _AT_ONCE == 0:
+            yield len(rows) / len(seeds)
+    yield {MISSIONS: _csv([*rows[0]], [[*row.values()] for row in rows])}
+
+
+def log_name(mission_seed: int) -> str:
+    """The file of a mission's log."""
+    return f'mission_{mission_seed}.jsonl'
+
+
+def _policy(job: FlightsJob, policies: Mapping[str, bytes]) -> RulePolicy | LearnedPolicy:
+    if not job.trainings:
+        rule = policy_named(job.policy)
+        if not isinstance(rule, RulePolicy):
+            raise PolicyMismatchError(f'policy {job.policy} is no rule: must come from trainings')
+        return rule
+    best = max((policy_from_bytes(policies[digest]) for digest in job.trainings), key=_merit)
+    return LearnedPolicy(name=job.policy, frozen=best)
+
+
+def _merit(policy: FrozenPolicy) -> tuple[float, float]:
+    """How well a policy validated: as a training chooses among its own."""
+    validation: Validation = policy.header.validation
+    whole = min(validation.complete_share, validation.safe_share)
+    return min(whole, _ENOUGH), validation.efficiency_kbit_per_j
+
+
+def _row(log: MissionLog, mission: MissionFigures) -> list[float]:
+    n_shared, n_visited = _visits(log)
+    return [
+        mission.mission_seed,
+        mission.efficiency_kbit_per_j,
+        mission.completion_s,
+        mission.energy_j / 1e3,
+        mission.collected_bit / 1e6,
+        mission.total_bit / 1e6,
+        mission.collected_share,
+        int(mission.is_complete),
+        int(mission.is_safe),
+        sum(uav.hover_s for uav in mission.uavs),
+        n_shared,
+        n_visited,
+        mission.n_decisions,
+    ]
+
+
+def _visits(log: MissionLog) -> tuple[int, int]:
+    """Cells in which more than one UAV decided, and in which any did; the common start aside."""
+    size_m = log.header.cell_size_m
+    visitors: dict[tuple[int, int], set[int]] = defaultdict(set)
+    events = log.events
+    places: Sequence[np.ndarray[tuple[int], np.dtype[np.int64]]] = [
+        (events[name] // size_m).astype(np.int64) for name in ('x_m', 'y_m')
+    ]
+    starts = events['decision'] == 0
+    first = set(zip(*(place[starts].tolist() for place in places), strict=True))
+    for column, row, uav in zip(*(it.tolist() for it in (*places, events['uav'])), strict=True):
+        if (column, row) not in first:
+            visitors[column, row].add(uav)
+    return sum(len(uavs) > 1 for uavs in visitors.values()), len(visitors)
+
+
+def _summary(
+    job: FlightsJob, policy: RulePolicy | LearnedPolicy, flown: Sequence[MissionFigures]
+) -> bytes:
+    rows = estimates(flown, job.first_seed)
+    document = {
+        'policy': policy.name,
+        'version': policy.version,
+        'bandwidth': job.bandwidth,
+        'missions': job.n_missions,
+        'first_seed': job.first_seed,
+        'estimates': {measure.key: asdict(row) for measure, row in zip(MEANS, rows, strict=True)},
+    }
+    return (json.dumps(document, indent=1) + '\n').encode()
+
+
+def _csv(columns: Sequence[str], rows: Sequence[Sequence[float]]) -> bytes:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator='\n')
+    writer.writerow(columns)
+    writer.writerows(['' if math.isnan(cell) else cell for cell in row] for row in rows)
+    return text.getvalue().encode()

@@ -1,0 +1,111 @@
+"""What a study is made of: pieces of work that depend on nothing but what they say.
+
+A job's digest names it. Whoever does it, wherever and whenever, gets the same bytes, so what was
+found for a digest once holds for every study that asks for it.
+"""
+
+from dataclasses import asdict, dataclass
+import hashlib
+import json
+from pathlib import Path
+
+import uav_collect
+from uav_collect import config_files
+from uav_collect.config_rules import validated
+from uav_collect.scenario import Scenario
+from uav_collect.training_config import TrainingConfig
+
+# Raised when a job's result means something else than before, though its fields are the same.
+_FORMATS = {'training': 1, 'flights': 1, 'plans': 1}
+_DIGEST_LENGTH = 24  # hex digits: 96 bits
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainingJob:
+    """One policy, learned."""
+
+    scenario: str  # YAML that stands alone
+    settings: str  # YAML that stands alone
+    layout: str  # of the observation, with its version
+    algorithm: str
+    seed: int
+    decisions: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class FlightsJob:
+    """Missions flown by one policy: a rule, or the best of those that trainings gave."""
+
+    scenario: str
+    policy: str  # a rule's name, or what the learned one is called in logs
+    trainings: tuple[str, ...]  # digests; none for a rule
+    bandwidth: str
+    first_seed: int
+    n_missions: int
+    keeps_logs: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlansJob:
+    """Missions planned with all demand known."""
+
+    scenario: str
+    bandwidth: str
+    first_seed: int
+    n_missions: int
+    n_rounds: int  # of the search for each plan
+
+
+Job = TrainingJob | FlightsJob | PlansJob
+
+
+def kind_of(job: Job) -> str:
+    """What is done."""
+    match job:
+        case TrainingJob():
+            return 'training'
+        case FlightsJob():
+            return 'flights'
+        case PlansJob():
+            return 'plans'
+
+
+def training_job(
+    scenario: Scenario, config: TrainingConfig, algorithm: str, seed: int, decisions: int
+) -> TrainingJob:
+    """The training of a policy."""
+    return TrainingJob(
+        scenario=scenario.to_yaml(),
+        settings=config.to_yaml(),
+        layout=config.layout.label,
+        algorithm=algorithm,
+        seed=seed,
+        decisions=decisions,
+    )
+
+
+def settings_of(job: TrainingJob) -> TrainingConfig:
+    """How a training learns.
+
+    Raises:
+        ConfigError: this version knows other settings.
+    """
+    document = config_files.parse(job.settings, label='settings', folder=Path())
+    return validated(TrainingConfig, document)
+
+
+def inputs_of(job: Job) -> tuple[str, ...]:
+    """Digests of the jobs whose results a job needs."""
+    return job.trainings if isinstance(job, FlightsJob) else ()
+
+
+def to_json(job: Job) -> bytes:
+    """All that the job's result depends on."""
+    kind = kind_of(job)
+    about = {'kind': kind, 'format': _FORMATS[kind], 'uav_collect': uav_collect.__version__}
+    return (json.dumps(about | asdict(job), sort_keys=True, indent=1) + '\n').encode()
+
+
+def digest_of(job: Job) -> str:
+    """The job's name: digits that change with anything that its result depends on."""
+    return hashlib.sha256(to_json(job)).hexdigest()[:_DIGEST_LENGTH]

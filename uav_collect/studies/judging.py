@@ -1,0 +1,106 @@
+"""Judges a statement by what was measured: paired values, bootstrap intervals, one rule each.
+
+A difference is paired: by mission where policies flew the same missions, by seed where algorithms
+were trained from the same seeds. The interval decides, never a person.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from uav_collect.arrays import Floats
+from uav_collect.evaluation import column_estimates, Estimate
+
+# Fewer seeds agree by chance too often: of five that toss a coin, all fall alike once in sixteen.
+MIN_SEEDS = 6
+_BOOTSTRAP_SEED = 0
+_Rule = Callable[[Estimate], tuple[bool, bool]]  # whether it holds, whether it fails
+
+
+class Verdict(StrEnum):
+    """What the measurements say of a statement."""
+
+    HOLDS = 'holds'
+    FAILS = 'does not hold'
+    OPEN = 'not resolvable at this scale'
+    NOT_RUN = 'not run'
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evidence:
+    """One number that a statement stands or falls by."""
+
+    what: str
+    unit: str
+    n: int  # missions or seeds that count
+    noun: str
+    estimate: Estimate | None  # None where nothing counts
+    verdict: Verdict
+
+
+@dataclass(frozen=True, kw_only=True)
+class Samples:
+    """A measure of things that can be paired: missions, or trainings by their seed."""
+
+    value: Floats  # (N,)
+    noun: str  # 'mission' or 'seed'
+
+    def paired(self, other: 'Samples') -> tuple[Floats, Floats]:
+        """The values of both, where both are known."""
+        if self.noun != other.noun or len(self.value) != len(other.value):
+            raise ValueError(
+                f'{len(self.value)} {self.noun}s and {len(other.value)} {other.noun}s'
+            )
+        known = np.isfinite(self.value) & np.isfinite(other.value)
+        return self.value[known], other.value[known]
+
+
+def is_above(what: str, unit: str, high: Samples, low: Samples) -> Evidence:
+    """Whether one is larger than the other, pair by pair on average."""
+    first, second = high.paired(low)
+    return _judged(what, unit, first - second, high.noun, lambda it: (it.low > 0, it.high < 0))
+
+
+def is_within(what: str, unit: str, samples: Samples, low: float, high: float) -> Evidence:
+    """Whether a mean lies in a span."""
+    values = samples.value[np.isfinite(samples.value)]
+    return _judged(
+        f'{what} (from {low:g} to {high:g})', unit, values, samples.noun,
+        lambda it: (low <= it.low and it.high <= high, it.high < low or it.low > high),
+    )  # fmt: skip
+
+
+def changed_percent(after: Samples, before: Samples) -> Samples:
+    """By how much the mean changes, in per cent: its ratio, linear in the pairs."""
+    new, old = after.paired(before)
+    if not len(old) or old.mean() == 0.0:
+        return Samples(value=np.zeros(0), noun=after.noun)
+    ratio = new.mean() / old.mean()
+    # To first order, resampling these resamples the ratio of the means.
+    values = ratio - 1.0 + (new - ratio * old) / old.mean()
+    return Samples(value=100.0 * values, noun=after.noun)
+
+
+def together(evidence: Sequence[Evidence]) -> Verdict:
+    """The verdict of a statement: it holds if each part does, and fails if one does."""
+    verdicts = {it.verdict for it in evidence}
+    if not verdicts:
+        return Verdict.NOT_RUN
+    for verdict in (Verdict.FAILS, Verdict.OPEN):
+        if verdict in verdicts:
+            return verdict
+    return Verdict.HOLDS
+
+
+def _judged(what: str, unit: str, values: Floats, noun: str, rule: _Rule) -> Evidence:
+    if not len(values):
+        return Evidence(what=what, unit=unit, n=0, noun=noun, estimate=None, verdict=Verdict.OPEN)
+    estimate = column_estimates(values[:, None], _BOOTSTRAP_SEED)[0]
+    holds, fails = rule(estimate)
+    verdict = Verdict.HOLDS if holds else Verdict.FAILS if fails else Verdict.OPEN
+    if len(values) < 2 or (noun == 'seed' and len(values) < MIN_SEEDS):
+        verdict = Verdict.OPEN
+    return Evidence(
+        what=what, unit=unit, n=len(values), noun=noun, estimate=estimate, verdict=verdict
+    )

@@ -1,0 +1,129 @@
+"""Does a training job: a policy, and how it came to be."""
+
+from collections.abc import Callable, Iterator, Mapping
+import csv
+from dataclasses import asdict, replace
+import io
+import json
+import math
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from time import monotonic
+from typing import Any
+
+import torch
+from uav_collect.frozen import FrozenPolicy, PolicyMismatchError
+from uav_collect.memory import keep_freed_memory
+from uav_collect.policy_file import policy_bytes
+from uav_collect.revision import UNKNOWN
+from uav_collect.scenario import from_yaml
+from uav_collect.studies.jobs import settings_of, TrainingJob
+from uav_collect.studies.learning_files import CURVE, CURVE_COLUMNS, POLICY, SUMMARY
+from uav_collect.trainer import Trainer
+from uav_collect.training_progress import Budget, Progress
+
+_STATE = 'state.pt'
+
+# How far it is; or that and what to go on from; or the files that came out.
+Step = float | tuple[float, Any] | Mapping[str, bytes]
+
+
+class NothingLearnedError(ValueError):
+    """A training whose weights are no numbers before its first validation."""
+
+
+def learn(
+    job: TrainingJob,
+    state: Any,  # noqa: ANN401 - what an earlier step told
+    checkpoint_s: float,
+    is_stopping: Callable[[], bool],
+) -> Iterator[Step]:
+    """Train a policy.
+
+    Raises:
+        ConfigError: the scenario cannot be trained with these settings.
+        NothingLearnedError: it diverged at once.
+    """
+    torch.set_num_threads(1)  # others run beside; and the number decides the last bits of sums
+    keep_freed_memory()
+    trainer, rows = _begun(job) if state is None else _resumed(*state)
+    saved_s = monotonic()
+    diverged = ''
+    try:
+        for progress in trainer.run(Budget(decisions=job.decisions)):
+            rows += _rows(progress)
+            yield progress.share_done
+            stops = is_stopping()
+            if stops or monotonic() - saved_s >= checkpoint_s:
+                yield progress.share_done, (_saved(trainer), list(rows))
+                saved_s = monotonic()
+            if stops:
+                return
+    except PolicyMismatchError as error:  # weights that are no numbers cannot be validated
+        diverged = str(error)
+    policy = trainer.best_policy()
+    if policy is None:
+        raise NothingLearnedError(f'{job.algorithm}, seed {job.seed}: diverged: {diverged}')
+    yield _results(job, policy, rows, trainer.n_updates, diverged)
+
+
+def _begun(job: TrainingJob) -> tuple[Trainer, list[list[float]]]:
+    scenario = from_yaml(job.scenario)
+    return Trainer([scenario], settings_of(job), job.algorithm, job.seed), []
+
+
+def _resumed(saved: bytes, rows: list[list[float]]) -> tuple[Trainer, list[list[float]]]:
+    with TemporaryDirectory() as folder:
+        (Path(folder) / _STATE).write_bytes(saved)
+        return Trainer.resume(Path(folder)), rows
+
+
+def _saved(trainer: Trainer) -> bytes:
+    with TemporaryDirectory() as folder:
+        trainer.save(Path(folder))
+        return (Path(folder) / _STATE).read_bytes()
+
+
+def _rows(progress: Progress) -> list[list[float]]:
+    if progress.validation is None:
+        return []
+    # What the clock decides, as how often there was a look, stays out.
+    known = asdict(progress) | asdict(progress.validation)
+    return [[known[column] for column in CURVE_COLUMNS]]
+
+
+def _results(
+    job: TrainingJob,
+    policy: FrozenPolicy,
+    rows: list[list[float]],
+    n_updates: int,
+    diverged: str,
+) -> dict[str, bytes]:
+    # The checkout of who did it must not show in the bytes; the cost says which it was.
+    frozen = FrozenPolicy(replace(policy.header, git_revision=UNKNOWN), policy.weights)
+    header = frozen.header
+    summary = {
+        'algorithm': job.algorithm,
+        'seed': job.seed,
+        'decisions': job.decisions,
+        'updates': n_updates,
+        'diverged': diverged,
+        'best': {
+            'version': header.version,
+            'decisions': header.decisions,
+            'validation': asdict(header.validation),
+        },
+    }
+    return {
+        POLICY: policy_bytes(frozen),
+        CURVE: _csv(rows),
+        SUMMARY: (json.dumps(summary, indent=1) + '\n').encode(),
+    }
+
+
+def _csv(rows: list[list[float]]) -> bytes:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator='\n')
+    writer.writerow(CURVE_COLUMNS)
+    writer.writerows(['' if math.isnan(cell) else cell for cell in row] for row in rows)
+    return text.getvalue().encode()

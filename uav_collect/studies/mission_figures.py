@@ -1,0 +1,101 @@
+"""Draws fields and missions: the sensors with a mission's data, and the ways of policies."""
+
+import numpy as np
+from uav_collect.arrays import Floats
+from uav_collect.ground import draw_demand, lay_out
+from uav_collect.metrics import figures
+from uav_collect.mission_log import ACTION_NAMES, from_jsonl, MissionLog
+from uav_collect.plots import draw_mission
+from uav_collect.scenario import Scenario
+from uav_collect.site import build_site, Site
+from uav_collect.studies.drawing import csv_of, Drawn, finish, panels
+from uav_collect.studies.findings import Findings
+from uav_collect.studies.flights import log_name
+from uav_collect.studies.records import TopologyStudy, TrajectoriesStudy
+
+_SIDE_IN = 4.6
+_SIZE_IN = (5.2, 6.6)
+_LOG_COLUMNS = (
+    'decision', 'time_s', 'action', 'x_m', 'y_m', 'duration_s', 'energy_j', 'collected_bit',
+)  # fmt: skip
+
+
+def draw_topology(study: TopologyStudy) -> Drawn:
+    """Draw where the sensors are, coloured by what they hold in a mission."""
+    scenario, site = study.scenario, build_site(study.scenario)
+    demand_mbit = _demand_bit(scenario, site, study.mission_seed) / 1e6
+    n_active = int((demand_mbit > 0).sum())
+    note = f'Fig. {study.figure} of the paper; mission seed {study.mission_seed}'
+    figure, [[axes]] = panels(1, 1, study.title, note, size_in=(5.6, 4.8))
+    east_m, north_m = site.position_m.T
+    silent, active = demand_mbit == 0, demand_mbit > 0
+    axes.scatter(
+        east_m[silent], north_m[silent], 9, color='#A9A9A9', linewidths=0,
+        label=f'without data ({int(silent.sum())} sensors)',
+    )  # fmt: skip
+    dots = axes.scatter(
+        east_m[active], north_m[active], 16, c=demand_mbit[active], vmin=0.0, vmax=1.0,
+        cmap='viridis', linewidths=0, label=f'with data ({n_active} sensors)',
+    )  # fmt: skip
+    figure.colorbar(dots, ax=axes, label='data [Mbit]')
+    side_m, size_m = scenario.area.side_m, scenario.area.cell_size_m
+    ticks_m = np.arange(scenario.area.cells_per_side + 1) * size_m
+    axes.set(
+        xlim=(0.0, side_m), ylim=(0.0, side_m), aspect='equal', xticks=ticks_m, yticks=ticks_m
+    )
+    finish(axes, 'east [m]', 'north', 'm')
+    axes.legend(
+        loc='upper center', bbox_to_anchor=(0.5, -0.12), frameon=False, fontsize=8, ncols=2
+    )
+    cells = zip(site.sensor_ids, east_m.tolist(), north_m.tolist(), demand_mbit, strict=True)
+    rows = [[name, x_m, y_m, float(data)] for name, x_m, y_m, data in cells]
+    return Drawn(figure=figure, table=csv_of(('sensor', 'x_m', 'y_m', 'data_mbit'), rows))
+
+
+def draw_trajectories(study: TrajectoriesStudy, findings: Findings) -> Drawn:
+    """Draw one mission as each policy flew it.
+
+    Raises:
+        StoreError: a job of it is not done.
+    """
+    scenario, site = study.scenario, build_site(study.scenario)
+    demand_bit = _demand_bit(scenario, site, study.mission_seed)
+    note = f'Fig. {study.figure} of the paper; {study.about}; mission seed {study.mission_seed}'
+    figure, [row] = panels(1, len(study.flown), study.title, note, size_in=_SIZE_IN)
+    rows: list[list[object]] = []
+    for axes, (label, digest) in zip(row, study.flown.items(), strict=True):
+        log = from_jsonl(findings.file(digest, log_name(study.mission_seed)))
+        handles = draw_mission(axes, log, site, demand_bit, scenario, _SIDE_IN)
+        axes.set_title(_merits(label, log), fontsize=8.5)
+        axes.legend(
+            handles=handles, loc='upper center', bbox_to_anchor=(0.5, -0.13), frameon=False,
+            fontsize=7.5, ncols=2,
+        )  # fmt: skip
+        rows += _rows(label, log)
+    return Drawn(figure=figure, table=csv_of(('policy', 'uav', *_LOG_COLUMNS), rows))
+
+
+def _merits(label: str, log: MissionLog) -> str:
+    mission = figures(log)
+    time = f'{mission.completion_s:.0f} s' if mission.is_finished else 'not finished'
+    return f'{label} (1 mission): {time}, {mission.efficiency_kbit_per_j:.3f} kbit/J'
+
+
+def _rows(label: str, log: MissionLog) -> list[list[object]]:
+    return [
+        [
+            label,
+            int(event['uav']),
+            *(
+                ACTION_NAMES[event[name]] if name == 'action' else event[name].item()
+                for name in _LOG_COLUMNS
+            ),
+        ]
+        for event in log.events
+    ]
+
+
+def _demand_bit(scenario: Scenario, site: Site, mission_seed: int) -> Floats:
+    demand_bit = np.zeros(site.n_sensors)
+    draw_demand(lay_out(scenario, site), mission_seed, demand_bit)
+    return demand_bit

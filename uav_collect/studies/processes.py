@@ -1,0 +1,137 @@
+"""Does jobs in processes of this machine, each doing one after another."""
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+import multiprocessing
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
+import signal
+from time import monotonic
+from traceback import format_exc
+
+from uav_collect.studies.tasks import Failed, Finished, Left, Lost, Report, Task
+
+_STOP = 'stop'
+_END_S = 5.0  # until a process that was told to end is killed
+
+
+@dataclass(eq=False)
+class _Worker:
+    process: BaseProcess
+    connection: Connection
+    digest: str | None = None  # of the job that it does
+
+
+class Processes:
+    """An engine of processes."""
+
+    def __init__(self, n_slots: int) -> None:
+        """Start processes when there is something to do for them."""
+        self._n_slots = n_slots
+        self._workers: list[_Worker] = []
+        self._context = multiprocessing.get_context('spawn')  # torch and numba have threads
+
+    @property
+    def n_slots(self) -> int:
+        """How many jobs are done at once."""
+        return self._n_slots
+
+    def start(self, task: Task) -> None:
+        """Begin a job in a process that has none."""
+        worker = next((it for it in self._workers if it.digest is None), None)
+        if worker is None:
+            worker = self._hired()
+        worker.digest = task.digest
+        _tell(worker, task)
+
+    def wait(self, timeout_s: float) -> Sequence[tuple[str, Report]]:
+        """What processes told; of one that is gone, that its job is lost."""
+        told: list[tuple[str, Report]] = []
+        by_connection = {worker.connection: worker for worker in self._workers}
+        for connection in wait([*by_connection], timeout_s):
+            worker = by_connection[connection]  # type: ignore[index]
+            digest = worker.digest
+            report = self._heard(worker)
+            if digest is not None:
+                told.append((digest, report))
+        return told
+
+    def stop(self) -> None:
+        """Ask all jobs to be left."""
+        for worker in self._workers:
+            if worker.digest is not None:
+                _tell(worker, _STOP)
+
+    def close(self) -> None:
+        """End the processes."""
+        for worker in self._workers:
+            worker.connection.close()  # what waits for jobs ends by itself
+        until_s = monotonic() + _END_S
+        for worker in self._workers:
+            if worker.digest is not None:
+                worker.process.kill()
+            worker.process.join(max(0.0, until_s - monotonic()))
+            if worker.process.is_alive():
+                worker.process.kill()
+                worker.process.join()
+        self._workers.clear()
+
+    def _hired(self) -> _Worker:
+        ours, theirs = self._context.Pipe()
+        process = self._context.Process(target=_work, args=(theirs,), daemon=True)
+        process.start()
+        theirs.close()
+        worker = _Worker(process, ours)
+        self._workers.append(worker)
+        return worker
+
+    def _heard(self, worker: _Worker) -> Report:
+        try:
+            report: Report = worker.connection.recv()
+        except (EOFError, OSError):
+            self._workers.remove(worker)
+            worker.connection.close()
+            worker.process.join()
+            return Lost(why=f'process {worker.process.pid} ended: {worker.process.exitcode}')
+        if isinstance(report, Finished | Failed | Left):
+            worker.digest = None
+        return report
+
+
+def _tell(worker: _Worker, what: Task | str) -> None:
+    with suppress(BrokenPipeError):  # it is gone, which waiting will tell
+        worker.connection.send(what)
+
+
+def _work(connection: Connection) -> None:
+    """Do jobs until there is nobody who gives any."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # who started us says when to stop
+    try:
+        while True:
+            task = connection.recv()
+            if task != _STOP:  # which may come when the job is just done
+                _do(task, connection)
+    except (EOFError, BrokenPipeError, ConnectionResetError):
+        return
+
+
+def _do(task: Task, connection: Connection) -> None:
+    from uav_collect.studies.work import perform
+
+    asked = False
+
+    def is_stopping() -> bool:
+        nonlocal asked
+        if not asked and connection.poll():
+            asked = connection.recv() == _STOP
+        return asked
+
+    steps = perform(task, is_stopping)
+    last: Report | None = None
+    while not isinstance(last, Finished | Failed | Left):
+        try:
+            last = next(steps, Left())
+        except Exception as error:  # whatever it is, it would come again: say so where it is seen
+            last = Failed(why=f'{type(error).__name__}: {error}', trace=format_exc())
+        connection.send(last)

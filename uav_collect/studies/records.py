@@ -1,0 +1,136 @@
+"""What studies are made of, as those see it who draw and judge: jobs that belong together."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from uav_collect.scenario import Scenario
+
+AQMIX, QMIX, AIQL, HERT, SWEEP, PLAN = 'AQMIX', 'QMIX', 'AIQL', 'HERT', 'sweep', 'plan'
+LEARNED = {AQMIX: 'aqmix', QMIX: 'qmix', AIQL: 'aiql'}  # the paper's order
+RULES = {HERT: 'hert', SWEEP: 'sweep'}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trained:
+    """One algorithm's trainings on one scenario, which differ in their seed alone."""
+
+    label: str
+    digests: tuple[str, ...]  # seed 0, 1, ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tested:
+    """Missions of one policy on one scenario, or the plans of these missions."""
+
+    digests: tuple[str, ...]  # in the order of the mission seeds
+    is_planned: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measure:
+    """What a panel shows."""
+
+    key: str  # a column of the missions; the unit is its last word
+    title: str
+    unit: str
+    plan_key: str = ''  # the column of the plans that goes with it; '' where none does
+    scale: float = 1.0  # from the column to what is shown
+
+
+EFFICIENCY = Measure(
+    key='efficiency_kbit_per_j',
+    title='energy efficiency',
+    unit='kbit/J',
+    plan_key='thriftiest_efficiency_kbit_per_j',
+)
+COMPLETION = Measure(
+    key='completion_s', title='completion time', unit='s', plan_key='shortest_completion_s'
+)
+COLLECTED = Measure(key='collected_share', title='data collected', unit='%', scale=100.0)
+COLLECTING = Measure(key='collecting_s', title='time spent collecting, all UAVs', unit='s')
+REWARD = Measure(key='training_reward', title='reward of a mission in training', unit='1')
+MEASURES = (EFFICIENCY, COMPLETION, COLLECTED, COLLECTING, REWARD)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Line:
+    """One policy over what is varied."""
+
+    label: str
+    policy: str  # one of the labels above
+    tests: tuple[Tested, ...]  # one for each value
+    is_thin: bool = False  # drawn as the lesser one of two of a policy
+
+
+@dataclass(frozen=True, kw_only=True)
+class LinesStudy:
+    """Tests over what is varied: a figure with a panel for each measure."""
+
+    name: str
+    figure: int  # of the paper
+    title: str
+    about: str  # what is trained for it, what only tested
+    over: str  # what is varied, with its unit
+    column: str  # the same in the CSV; the unit is its last word
+    values: tuple[float, ...]
+    names: tuple[str, ...]  # of the values; where they are, they stand side by side
+    measures: tuple[Measure, ...]
+    lines: tuple[Line, ...]
+
+    def line(self, label: str) -> Line:
+        """The line of that name."""
+        return next(line for line in self.lines if line.label == label)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CurvesPanel:
+    """The trainings on one scenario."""
+
+    label: str
+    key: str  # in the CSV
+    curves: tuple[Trained, ...]
+    references: Mapping[str, Tested]  # by label
+
+    def curve(self, label: str) -> Trained:
+        """The trainings of that name."""
+        return next(curve for curve in self.curves if curve.label == label)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CurvesStudy:
+    """Learning curves: a figure with a column of panels for each scenario."""
+
+    name: str
+    figure: int
+    title: str
+    about: str
+    panels: tuple[CurvesPanel, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class TopologyStudy:
+    """Where sensors are, and what a mission's demand may look like."""
+
+    name: str
+    figure: int
+    title: str
+    about: str
+    scenario: Scenario
+    mission_seed: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrajectoriesStudy:
+    """One mission as several policies fly it."""
+
+    name: str
+    figure: int
+    title: str
+    about: str
+    scenario: Scenario
+    mission_seed: int
+    flown: Mapping[str, str]  # digest of the job that kept the log, by label
+    tests: Mapping[str, Tested]  # many missions of the same policies, by label
+
+
+Study = LinesStudy | CurvesStudy | TopologyStudy | TrajectoriesStudy

@@ -1,0 +1,127 @@
+"""Collects the jobs that studies ask for: what several of them need is done once."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from uav_collect.scenario import Scenario
+from uav_collect.studies.jobs import (
+    digest_of,
+    FlightsJob,
+    Job,
+    PlansJob,
+    training_job,
+)
+from uav_collect.studies.records import LEARNED, PLAN, RULES, Tested, Trained
+from uav_collect.studies.scale import ScaleConfig
+from uav_collect.training_config import load_preset
+
+
+@dataclass
+class Requests:
+    """The jobs asked for so far."""
+
+    scale: ScaleConfig
+    jobs: dict[str, Job] = field(default_factory=dict)  # by digest
+
+    def ask(self, job: Job) -> str:
+        """Ask for a job; its digest."""
+        digest = digest_of(job)
+        self.jobs[digest] = job
+        return digest
+
+    def trained(
+        self,
+        label: str,
+        scenario: Scenario,
+        decisions: int,
+        n_seeds: int,
+        **settings: object,
+    ) -> Trained:
+        """Ask for trainings.
+
+        Args:
+            label: of the algorithm.
+            settings: that replace the preset's, by dotted path with __ for the dot.
+        """
+        trainings = self.scale.trainings
+        values = {name.replace('__', '.'): value for name, value in settings.items()}
+        config = load_preset(trainings.preset, trainings.set | values)
+        jobs = [
+            training_job(scenario, config, LEARNED[label], seed, decisions)
+            for seed in range(n_seeds)
+        ]
+        return Trained(label=label, digests=tuple(map(self.ask, jobs)))
+
+    def flown(self, trained: Trained, scenario: Scenario, bandwidth: str = 'exact') -> Tested:
+        """Ask for test missions of the best policy that trainings gave."""
+        return self._tested(LEARNED[trained.label], trained.digests, scenario, bandwidth)
+
+    def ruled(self, label: str, scenario: Scenario, bandwidth: str = 'exact') -> Tested:
+        """Ask for test missions of a rule."""
+        return self._tested(RULES[label], (), scenario, bandwidth)
+
+    def planned(self, scenario: Scenario, bandwidth: str = 'exact') -> Tested:
+        """Ask for plans of the test missions."""
+        digests = [
+            self.ask(
+                PlansJob(
+                    scenario=scenario.to_yaml(),
+                    bandwidth=bandwidth,
+                    first_seed=seeds[0],
+                    n_missions=len(seeds),
+                    n_rounds=self.scale.tests.plan_rounds,
+                )
+            )
+            for seeds in self._parts()
+        ]
+        return Tested(digests=tuple(digests), is_planned=True)
+
+    def references(self, scenario: Scenario, bandwidth: str = 'exact') -> dict[str, Tested]:
+        """Ask for what learned policies stand beside, by label."""
+        ruled = {label: self.ruled(label, scenario, bandwidth) for label in RULES}
+        return {**ruled, PLAN: self.planned(scenario, bandwidth)}
+
+    def log(self, trained: Trained, scenario: Scenario, mission_seed: int) -> str:
+        """Ask for the log of one mission."""
+        return self.ask(
+            _flights(
+                LEARNED[trained.label], trained.digests, scenario, 'exact',
+                range(mission_seed, mission_seed + 1), keeps_logs=True,
+            )
+        )  # fmt: skip
+
+    def _tested(
+        self, policy: str, trainings: Sequence[str], scenario: Scenario, bandwidth: str
+    ) -> Tested:
+        digests = [
+            self.ask(_flights(policy, trainings, scenario, bandwidth, seeds))
+            for seeds in self._parts()
+        ]
+        return Tested(digests=tuple(digests), is_planned=False)
+
+    def _parts(self) -> list[range]:
+        """The seeds of the test missions, job by job."""
+        tests = self.scale.tests
+        seeds = range(tests.first_seed, tests.first_seed + tests.missions)
+        size = tests.missions_per_job
+        return [seeds[start : start + size] for start in range(0, len(seeds), size)]
+
+
+def _flights(
+    policy: str,
+    trainings: Sequence[str],
+    scenario: Scenario,
+    bandwidth: str,
+    seeds: range,
+    *,
+    keeps_logs: bool = False,
+) -> FlightsJob:
+    return FlightsJob(
+        scenario=scenario.to_yaml(),
+        policy=policy,
+        trainings=tuple(trainings),
+        bandwidth=bandwidth,
+        first_seed=seeds[0],
+        n_missions=len(seeds),
+        keeps_logs=keeps_logs,
+    )

@@ -1,0 +1,132 @@
+"""Writes what was found as a document: every claim with its evidence, and what it took."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+
+from uav_collect.evaluation import LEVEL
+from uav_collect.studies.claims import Judged
+from uav_collect.studies.costs import Spent
+from uav_collect.studies.judging import Evidence, MIN_SEEDS, Verdict
+from uav_collect.studies.records import Study
+from uav_collect.studies.scale import ScaleConfig
+
+_ORDER = (Verdict.HOLDS, Verdict.FAILS, Verdict.OPEN, Verdict.NOT_RUN)
+_FEW = 3  # pieces of evidence that the first table has room for
+
+
+def results_text(
+    scale: ScaleConfig,
+    studies: Mapping[str, Study],
+    judged: Sequence[Judged],
+    spent: Spent,
+    not_run: Sequence[str],
+) -> str:
+    """The document, in Markdown.
+
+    Args:
+        spent: what the jobs of the studies took.
+        not_run: studies that were not asked for, or lack a job.
+    """
+    parts = [
+        "# Results of the paper's studies",
+        f'Made by `python -m uav_collect figures --scale {scale.name}`; not edited by hand.',
+        _what_was_run(scale, studies, spent, not_run),
+        '## Claims',
+        f'A statement of the paper, in our words, holds if the {LEVEL:.0%} bootstrap interval of '
+        'every number that it takes lies where the statement puts it, and does not if one lies '
+        'elsewhere as a whole. Tests are paired by mission, all with the optimal bandwidth and '
+        'with the best policy of all seeds in validation; what is said of learning is paired by '
+        f'seed, in the last fifth of trainings, and takes {MIN_SEEDS} seeds.',
+        _counts(judged),
+        _table(judged),
+        '## Evidence',
+        *(_details(number, it) for number, it in enumerate(judged, start=1) if it.evidence),
+    ]
+    return '\n\n'.join(parts) + '\n'
+
+
+def _what_was_run(
+    scale: ScaleConfig, studies: Mapping[str, Study], spent: Spent, not_run: Sequence[str]
+) -> str:
+    tests, fields = scale.tests, scale.fields
+    last = tests.first_seed + tests.missions - 1
+    seeds = ', '.join(f'{name} {n}' for name, n in scale.seeds.model_dump().items())
+    fleets = ', '.join(f'{it.n_uavs} UAVs {it.decisions:,}' for it in scale.fleets)
+    decisions = ', '.join(
+        f'{name} ({field.scenario}) {field.decisions:,}' for name, field in fields
+    )
+    lines = [
+        f'- Scale `{scale.name}`: preset `{scale.trainings.preset}`'
+        f'{_overrides(scale.trainings.set)}.',
+        f'- Decisions of a training: {decisions}; by fleet on the usual field: {fleets}.',
+        f'- Trainings of each algorithm, seeds from 0: {seeds}.',
+        f'- Test missions: {tests.missions}, seeds {tests.first_seed} to {last}.',
+        f'- Done: {spent.told()}.',
+        f'- Studies: {", ".join(studies)}.',
+    ]
+    if not_run:
+        lines.append(f'- Not run: {", ".join(not_run)}.')
+    return '\n'.join(lines)
+
+
+def _overrides(values: Mapping[str, object]) -> str:
+    told = ', '.join(f'`{key}={value}`' for key, value in values.items())
+    return f' with {told}' if told else ''
+
+
+def _counts(judged: Sequence[Judged]) -> str:
+    counted = Counter(it.verdict for it in judged)
+    told = [f'{counted[verdict]} {verdict}' for verdict in _ORDER if counted[verdict]]
+    return f'Of {len(judged)} statements: {", ".join(told)}.'
+
+
+def _table(judged: Sequence[Judged]) -> str:
+    lines = ['| | fig. | statement | measured | verdict |', '|---|---|---|---|---|']
+    for number, it in enumerate(judged, start=1):
+        claim = it.claim
+        lines.append(
+            f'| {number} | {claim.figure} | {claim.statement} | {_measured(it.evidence)} '
+            f'| {it.verdict} |'
+        )
+    return '\n'.join(lines)
+
+
+def _measured(evidence: Sequence[Evidence]) -> str:
+    """All numbers where they are few; else how many say what, and those that decide."""
+    if len(evidence) <= _FEW:
+        return '<br>'.join(map(_shown, evidence))
+    counted = Counter(it.verdict for it in evidence)
+    told = [f'{counted[verdict]} of {len(evidence)} {_word(verdict)}' for verdict in counted]
+    against = [it for it in evidence if it.verdict is not Verdict.HOLDS][:_FEW]
+    return '<br>'.join([', '.join(told), *map(_shown, against)])
+
+
+def _word(verdict: Verdict) -> str:
+    return {Verdict.HOLDS: 'hold', Verdict.FAILS: 'do not hold', Verdict.OPEN: 'are open'}[verdict]
+
+
+def _details(number: int, judged: Judged) -> str:
+    lines = [
+        f'### {number}. {judged.claim.statement}',
+        '',
+        '| | mean | interval | unit | n | |',
+        '|---|---|---|---|---|---|',
+    ]
+    for it in judged.evidence:
+        mean, span = _numbers(it)
+        count = f'{it.n} {it.noun}{"" if it.n == 1 else "s"}'
+        lines.append(f'| {it.what} | {mean} | {span} | {it.unit} | {count} | {it.verdict} |')
+    return '\n'.join(lines)
+
+
+def _shown(evidence: Evidence) -> str:
+    mean, span = _numbers(evidence)
+    count = f'n = {evidence.n} {evidence.noun}{"" if evidence.n == 1 else "s"}'
+    return f'{evidence.what}: {mean} ({span}) {evidence.unit}, {count}'
+
+
+def _numbers(evidence: Evidence) -> tuple[str, str]:
+    estimate = evidence.estimate
+    if estimate is None:
+        return '-', '-'
+    return f'{estimate.mean:.4g}', f'{estimate.low:.4g} to {estimate.high:.4g}'

@@ -1,0 +1,121 @@
+"""How large studies are: frozen models; values live in config/studies/*.yaml.
+
+config/studies/paper.yaml says what each one means.
+"""
+
+import math
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import Field
+from uav_collect import config_files
+from uav_collect.config_rules import number, Section, text, validated, whole
+from uav_collect.limits import MAX_UAVS
+from uav_collect.shared_files import shared_folders
+from uav_collect.yaml_text import ConfigError
+
+_Count = Annotated[int, whole(1, 1000)]
+_Decisions = Annotated[int, whole(1, 10**12)]
+_Several = Field(min_length=2)
+
+
+class FieldConfig(Section):
+    """What stands for one of the paper's areas."""
+
+    scenario: Annotated[str, text(4096)]
+    set: dict[str, Any]  # overrides of the scenario, by dotted path
+    decisions: _Decisions  # that a policy learns from
+
+
+class FieldsConfig(Section):
+    """The paper's areas."""
+
+    small: FieldConfig
+    usual: FieldConfig
+    large: FieldConfig
+    largest: FieldConfig
+
+
+class FleetSizeConfig(Section):
+    """A number of UAVs on the usual field."""
+
+    n_uavs: Annotated[int, whole(1, MAX_UAVS)]
+    decisions: _Decisions
+
+
+class SeedsConfig(Section):
+    """How many trainings of a kind there are, seeds 0, 1, ..."""
+
+    usual: _Count
+    small: _Count
+    large: _Count
+    largest: _Count
+    fleets: _Count
+    ranges: _Count
+    kernels: _Count
+
+
+class TrainingsConfig(Section):
+    """How policies learn."""
+
+    preset: Annotated[str, text(4096)]
+    set: dict[str, Any]  # overrides of the preset, by dotted path
+
+
+class TestsConfig(Section):
+    """How policies are tested."""
+
+    first_seed: Annotated[int, whole(0, 2**62)]
+    missions: Annotated[int, whole(1, 100_000)]
+    missions_per_job: Annotated[int, whole(1, 100_000)]
+    plan_rounds: Annotated[int, whole(0, 10**9)]
+
+
+class ScaleConfig(Section):
+    """How large studies are."""
+
+    name: Annotated[str, text(100)]
+    fields: FieldsConfig
+    trainings: TrainingsConfig
+    tests: TestsConfig
+    seeds: SeedsConfig
+    fleets: Annotated[tuple[FleetSizeConfig, ...], _Several]
+    budgets_kj: Annotated[tuple[Annotated[float, number(0, 1e6, 'kJ', above=True)], ...], _Several]
+    densities: Annotated[tuple[Annotated[float, number(0, 1, above=True)], ...], _Several]
+    ranges_m: Annotated[tuple[Annotated[float, number(0, math.inf, 'm')], ...], _Several]
+    kernels: Annotated[tuple[Annotated[int, whole(1, 64)], ...], _Several]
+    csi_errors: Annotated[tuple[Annotated[float, number(0, 1)], ...], _Several]
+    bandwidth_csi_error: Annotated[float, number(0, 1)]
+    measured_s: Annotated[float, number(0, 3600, 's')]
+
+
+def load_scale(name_or_path: str | Path) -> ScaleConfig:
+    """Read a scale by its name among the shipped ones, or by the path of a YAML file.
+
+    Raises:
+        ConfigError: one line per problem: file and line, key, value, what is allowed.
+    """
+    folders = shared_folders('studies')
+    path = config_files.find(str(name_or_path), folders, field='scale')
+    document = config_files.read(path, folders)
+    has_name = 'name' in document.values and document.source(('name',)) is document.top
+    named = {} if has_name else {'name': path.stem}
+    scale = validated(ScaleConfig, config_files.override(document, named))
+    _check_rising(scale, path)
+    return scale
+
+
+def scale_names() -> tuple[str, ...]:
+    """The names of the shipped scales."""
+    return config_files.names_in(shared_folders('studies'))
+
+
+def _check_rising(scale: ScaleConfig, path: Path) -> None:
+    """Every line of a figure runs from the smallest value to the largest."""
+    for key in ('budgets_kj', 'densities', 'ranges_m', 'kernels', 'csi_errors'):
+        values = getattr(scale, key)
+        if list(values) != sorted(set(values)):
+            raise ConfigError(f'{path}: {key} is {list(values)}: must rise')
+    n_uavs = [fleet.n_uavs for fleet in scale.fleets]
+    if n_uavs != sorted(set(n_uavs)):
+        raise ConfigError(f'{path}: fleets have {n_uavs} UAVs: must rise')

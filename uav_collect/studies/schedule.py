@@ -1,0 +1,185 @@
+"""Has jobs done by an engine: what is missing, the long ones first, losses made good."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from uav_collect.studies.jobs import inputs_of, Job
+from uav_collect.studies.learning_files import POLICY
+from uav_collect.studies.store import Store
+from uav_collect.studies.tasks import (
+    Began,
+    Failed,
+    Finished,
+    Left,
+    Looked,
+    Lost,
+    Report,
+    Saved,
+    Task,
+)
+
+_LOOK_EVERY_S = 0.5
+_MAX_LOSSES = 5  # of one job: then it is the job
+
+
+class Engine(Protocol):
+    """What does jobs, several at once."""
+
+    @property
+    def n_slots(self) -> int:
+        """How many jobs it does at once."""
+
+    def start(self, task: Task) -> None:
+        """Begin a job."""
+
+    def wait(self, timeout_s: float) -> Sequence[tuple[str, Report]]:
+        """What was told meanwhile, with the digest of its job; nothing if the time is up."""
+
+    def stop(self) -> None:
+        """Ask all jobs to be left, saved where they can be."""
+
+    def close(self) -> None:
+        """Let nothing run on."""
+
+
+@dataclass
+class Standing:
+    """How the jobs stand."""
+
+    total: int
+    done: int = 0  # the ones found among them
+    running: dict[str, float] = field(default_factory=dict)  # share done, by digest
+    hosts: dict[str, str] = field(default_factory=dict)  # who does them
+    n_lost: int = 0
+    failures: dict[str, str] = field(default_factory=dict)  # why, by digest
+    blocked: set[str] = field(default_factory=set)  # need what failed
+
+
+Show = Callable[[Standing], None]
+
+
+@dataclass
+class _Run:
+    jobs: Mapping[str, Job]
+    store: Store
+    engine: Engine
+    checkpoint_s: float
+    standing: Standing
+    waiting: list[str]
+    n_losses: dict[str, int] = field(default_factory=dict)
+
+    def start_what_can(self) -> None:
+        for digest in list(self.waiting):
+            if len(self.standing.running) >= self.engine.n_slots:
+                return
+            inputs = inputs_of(self.jobs[digest])
+            if any(it in self.standing.failures or it in self.standing.blocked for it in inputs):
+                self.waiting.remove(digest)
+                self.standing.blocked.add(digest)
+            elif not self.store.missing(inputs):
+                self.waiting.remove(digest)
+                self.start(digest)
+
+    def start(self, digest: str) -> None:
+        job = self.jobs[digest]
+        inputs = {it: self.store.read(it, POLICY) for it in inputs_of(job)}
+        self.standing.running[digest] = 0.0
+        self.engine.start(
+            Task(
+                digest=digest,
+                job=job,
+                inputs=inputs,
+                state=self.store.state(digest),
+                checkpoint_s=self.checkpoint_s,
+            )
+        )
+
+    def take(self, digest: str, report: Report) -> None:
+        match report:
+            case Began(host=host):
+                self.standing.hosts[digest] = host
+            case Looked(share_done=share_done):
+                self.standing.running[digest] = share_done
+            case Saved(state=state, share_done=share_done):
+                self.standing.running[digest] = share_done
+                self.store.keep_state(digest, state)
+            case Finished(results=results, cost=cost):
+                self.store.keep(self.jobs[digest], results, cost)
+                self.standing.done += 1
+                self.end(digest)
+            case Failed(why=why, trace=trace):
+                self.standing.failures[digest] = why
+                self.store.keep_failure(digest, trace)
+                self.store.drop_state(digest)  # it may be what it fails at
+                self.end(digest)
+            case Lost(why=why):
+                self.end(digest)
+                self.retry(digest, why)
+            case Left():
+                self.end(digest)
+
+    def retry(self, digest: str, why: str) -> None:
+        self.standing.n_lost += 1
+        self.n_losses[digest] = self.n_losses.get(digest, 0) + 1
+        if self.n_losses[digest] > _MAX_LOSSES:
+            self.standing.failures[digest] = f'lost {self.n_losses[digest]} times: {why}'
+        else:
+            self.waiting.insert(0, digest)
+
+    def end(self, digest: str) -> None:
+        self.standing.running.pop(digest, None)
+        self.standing.hosts.pop(digest, None)
+
+
+def have_done(
+    jobs: Mapping[str, Job],
+    store: Store,
+    engine: Engine,
+    *,
+    checkpoint_s: float,
+    order: Callable[[Job], float],
+    is_stopping: Callable[[], bool],
+    show: Show,
+) -> Standing:
+    """Have all jobs done that the store lacks.
+
+    Args:
+        jobs: by digest, those that others need among them.
+        checkpoint_s: time between two states that are kept.
+        order: of the jobs that could begin the smallest comes first.
+        is_stopping: once it is true, jobs are left, saved where they can be.
+        show: called with how it stands.
+
+    Raises:
+        OSError: the disk does not take what was found.
+    """
+    missing = store.missing(_needed_first(jobs, order))
+    standing = Standing(total=len(jobs), done=len(jobs) - len(missing))
+    run = _Run(jobs, store, engine, checkpoint_s, standing, missing)
+    try:
+        while run.waiting or standing.running:
+            if is_stopping():
+                _leave(run, show)
+                break
+            run.start_what_can()
+            show(standing)
+            for digest, report in engine.wait(_LOOK_EVERY_S):
+                run.take(digest, report)
+    finally:
+        engine.close()
+    show(standing)
+    return standing
+
+
+def _needed_first(jobs: Mapping[str, Job], order: Callable[[Job], float]) -> Iterable[str]:
+    return sorted(jobs, key=lambda digest: (order(jobs[digest]), digest))
+
+
+def _leave(run: _Run, show: Show) -> None:
+    """Wait until what runs is saved."""
+    run.engine.stop()
+    while run.standing.running:
+        for digest, report in run.engine.wait(_LOOK_EVERY_S):
+            run.take(digest, report)
+        show(run.standing)

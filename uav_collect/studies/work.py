@@ -1,0 +1,100 @@
+"""Does a job, here: a stream of events that ends with what came out.
+
+Every engine runs this one function, so results do not depend on the engine.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from importlib import metadata
+import os
+import pickle
+import platform
+import socket
+from time import monotonic, process_time
+
+import uav_collect
+from uav_collect.compiled import cache_folder
+from uav_collect.revision import git_revision
+from uav_collect.studies.flights import flights, plans
+from uav_collect.studies.jobs import FlightsJob, PlansJob, TrainingJob
+from uav_collect.studies.tasks import Began, Cost, Event, Finished, Looked, Saved, Task
+from uav_collect.studies.warming import in_turn
+
+_PACKAGES = ('numpy', 'numba', 'torch')
+
+
+@dataclass
+class _Meter:
+    """What a job has taken so far, in this process and in those before."""
+
+    before: Cost
+
+    def __post_init__(self) -> None:
+        self._cpu_s, self._wall_s = process_time(), monotonic()
+
+    def cost(self) -> Cost:
+        return replace(
+            self.before,
+            cpu_s=self.before.cpu_s + process_time() - self._cpu_s,
+            wall_s=self.before.wall_s + monotonic() - self._wall_s,
+            host=socket.gethostname(),
+            revision=git_revision(),
+            sources=sources_digest(),
+            versions=_versions(),
+        )
+
+
+def perform(task: Task, is_stopping: Callable[[], bool] = lambda: False) -> Iterator[Event]:
+    """Do a job.
+
+    Args:
+        task: the job; with a state it goes on from there.
+        is_stopping: asked from time to time; where it is true the job is left, saved if it can be,
+            without a `Finished`.
+
+    Raises:
+        ValueError: the job cannot be done: `ConfigError`, `PolicyMismatchError` and such.
+    """
+    return in_turn(task.job, _perform(task, is_stopping))
+
+
+def _perform(task: Task, is_stopping: Callable[[], bool]) -> Iterator[Event]:
+    yield Began(host=socket.gethostname(), process=os.getpid(), sources=sources_digest())
+    state, before = None, Cost()
+    if task.state is not None:
+        state, before = pickle.loads(task.state)
+        before = replace(before, n_interruptions=before.n_interruptions + 1)
+    meter = _Meter(before)
+    match task.job:
+        case TrainingJob() as job:
+            from uav_collect.studies.learning import learn
+
+            steps = learn(job, state, task.checkpoint_s, is_stopping)
+        case FlightsJob() as job:
+            steps = flights(job, task.inputs, is_stopping)
+        case PlansJob() as job:
+            steps = plans(job, is_stopping)
+    for step in steps:
+        match step:
+            case float():
+                yield Looked(share_done=step)
+            case (float() as share_done, saved):
+                told = pickle.dumps((saved, meter.cost()))
+                yield Saved(state=told, share_done=share_done)
+            case results:
+                yield Finished(results=results, cost=meter.cost())
+
+
+def sources_digest() -> str:
+    """Changes with any source that a result can depend on."""
+    return cache_folder().name
+
+
+def _versions() -> dict[str, str]:
+    known = {'uav_collect': uav_collect.__version__, 'python': platform.python_version()}
+    for name in _PACKAGES:
+        try:
+            known[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            continue
+    return known
