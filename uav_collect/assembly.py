@@ -62,6 +62,16 @@ class Tally:
     dropped: Counter[Cause] = field(default_factory=Counter)  # missions
     messages: Counter[Fate] = field(default_factory=Counter)
 
+    @staticmethod
+    def sum(tallies: 'Iterable[Tally]') -> 'Tally':
+        """That of several worlds."""
+        total = Tally()
+        for each in tallies:
+            total.n_joined += each.n_joined
+            total.dropped += each.dropped
+            total.messages += each.messages
+        return total
+
 
 @dataclass
 class _Mission:

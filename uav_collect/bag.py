@@ -1,6 +1,6 @@
 """Reads the missions of a recording: the same logs, to the byte, that the world has written."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -64,7 +64,8 @@ def read_missions(path: Path) -> list[RecordedMission]:
     """
     scenarios: dict[str, Any] = {}
     missions: dict[str, _Parts] = {}
-    for topic, message in _messages(path):
+    parts_of_missions = (_SCENARIO, _MISSION, _EPOCH, _DELIVERED)
+    for topic, message in messages(path, lambda name: name.endswith(parts_of_missions)):
         if topic.endswith(_SCENARIO):
             scenarios[message.world_instance] = message
             continue
@@ -85,14 +86,14 @@ def read_missions(path: Path) -> list[RecordedMission]:
     return [_mission(path, parts, sites) for parts in found]
 
 
-def _messages(path: Path) -> Iterator[tuple[str, Any]]:
-    """Topic and content of the messages that make up missions, as received."""
+def messages(path: Path, is_wanted: Callable[[str], bool]) -> Iterator[tuple[str, Any]]:
+    """Topic and content of the messages of some topics, as received.
+
+    Raises:
+        BagError: there is no bag, or its recorder was cut off.
+    """
     with _reader(path) as reader:
-        wanted = [
-            connection
-            for connection in reader.connections
-            if connection.topic.endswith((_SCENARIO, _MISSION, _EPOCH, _DELIVERED))
-        ]
+        wanted = [it for it in reader.connections if is_wanted(it.topic)]
         for connection, _, content in reader.messages(wanted) if wanted else ():
             yield connection.topic, reader.deserialize(content, connection.msgtype)
 

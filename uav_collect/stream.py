@@ -61,6 +61,11 @@ class Stream:
         with self._changed:
             return [*self._learned, *(it.mission_id for it in self._waiting)]
 
+    @property
+    def n_waiting(self) -> int:
+        """Decisions that wait for the learner."""
+        return self._n_waiting
+
     def add(self, joined: Joined) -> None:
         """Let a mission be learned from."""
         with self._changed:

@@ -89,6 +89,18 @@ class Trainer:
         """Memory that the replays take."""
         return sum(course.replay.n_bytes for course in self._courses)
 
+    def share_done(self, budget: Budget) -> float:
+        """How much of a budget is spent, 0..1."""
+        if budget.decisions is not None:
+            return min(1.0, self.n_decisions / budget.decisions)
+        if budget.minutes is None:
+            raise ValueError('a budget needs minutes or decisions')
+        return min(1.0, self._trained_s / (60.0 * budget.minutes))
+
+    def epsilon(self, budget: Budget) -> float:
+        """Probability to explore after so much of a budget."""
+        return self.config.epsilon(self.share_done(budget))
+
     def run(self, budget: Budget) -> Iterator[Progress]:
         """Train on until the budget is spent or experience is over, resumed or not.
 
@@ -98,7 +110,7 @@ class Trainer:
         """
         pace = Pace(self)
         is_over = False
-        while not is_over and (share_done := self._share_done(budget)) < 1.0:
+        while not is_over and (share_done := self.share_done(budget)) < 1.0:
             loss = self._advance(share_done, pace)
             is_over = any(course.source.is_over for course in self._courses)
             is_due = self._learner.n_updates % self.config.validation.every_updates == 0
@@ -199,13 +211,6 @@ class Trainer:
             header = self._header(self._best, state['best_weights'])
             self._best_policy = FrozenPolicy(header, state['best_weights'])
 
-    def _share_done(self, budget: Budget) -> float:
-        if budget.decisions is not None:
-            return min(1.0, self.n_decisions / budget.decisions)
-        if budget.minutes is None:
-            raise ValueError('a budget needs minutes or decisions')
-        return min(1.0, self._trained_s / (60.0 * budget.minutes))
-
     def _advance(self, share_done: float, pace: Pace) -> float | None:
         """Fly a little, then learn once.
 
@@ -284,7 +289,7 @@ class Trainer:
         )
 
     def _progress(self, budget: Budget, pace: Pace, validation: Validation | None) -> Progress:
-        share_done = self._share_done(budget)
+        share_done = self.share_done(budget)
         sources = [course.source for course in self._courses]
         decisions_per_s, updates_per_s, loss = pace.read()
         return Progress(

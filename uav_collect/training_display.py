@@ -15,19 +15,26 @@ _BAR_WIDTH = 40
 
 
 @contextmanager
-def showing(title: str) -> Iterator[Callable[['Progress'], None]]:
-    """Show a training; call what it yields with each look at it."""
+def showing(
+    title: str, more: Callable[[], tuple[str, ...]] = tuple
+) -> Iterator[Callable[['Progress'], None]]:
+    """Show a training; call what it yields with each look at it.
+
+    Args:
+        title: of the picture.
+        more: what else there is to tell.
+    """
     from rich.console import Console
     from rich.live import Live
 
     console = Console(stderr=True)
     if not console.is_terminal:
-        yield _lines(lambda line: console.print(line, highlight=False, soft_wrap=True))
+        yield _lines(lambda line: console.print(line, highlight=False, soft_wrap=True), more)
         return
     validated = Validated()
     with Live(console=console, transient=True, auto_refresh=False) as live:
         yield lambda progress: live.update(
-            _picture(title, progress, validated.after(progress)), refresh=True
+            _picture(title, progress, validated.after(progress), more()), refresh=True
         )
 
 
@@ -44,7 +51,9 @@ class Validated:
         return self._last
 
 
-def _lines(say: Callable[[str], None]) -> Callable[['Progress'], None]:
+def _lines(
+    say: Callable[[str], None], more: Callable[[], tuple[str, ...]]
+) -> Callable[['Progress'], None]:
     """A line every few seconds, and one for each validation."""
     said_s = -math.inf
     validated = Validated()
@@ -54,13 +63,15 @@ def _lines(say: Callable[[str], None]) -> Callable[['Progress'], None]:
         last = validated.after(progress)
         if progress.validation is not None or monotonic() - said_s >= _LINE_EVERY_S:
             said_s = monotonic()
-            parts = (*speeds(progress), *merits(progress, last), time_left(progress))
+            parts = (*speeds(progress), *merits(progress, last), time_left(progress), *more())
             say(', '.join(filter(None, parts)))
 
     return show
 
 
-def _picture(title: str, progress: 'Progress', last: 'Validation | None') -> 'RenderableType':
+def _picture(
+    title: str, progress: 'Progress', last: 'Validation | None', more: tuple[str, ...]
+) -> 'RenderableType':
     from rich.console import Group
     from rich.progress_bar import ProgressBar
     from rich.table import Table
@@ -69,7 +80,7 @@ def _picture(title: str, progress: 'Progress', last: 'Validation | None') -> 'Re
     top = Table.grid(padding=(0, 2))
     bar = ProgressBar(total=1.0, completed=progress.share_done, width=_BAR_WIDTH)
     top.add_row(Text(title, 'bold'), bar, Text(time_left(progress)))
-    lines = (speeds(progress), merits(progress, last), sizes(progress))
+    lines = (speeds(progress), merits(progress, last), sizes(progress), *((it,) for it in more))
     return Group(top, *(Text('  ' + '   '.join(parts)) for parts in lines))
 
 

@@ -1,7 +1,7 @@
 """What `ros2 run uav_collect ...` executes.
 
-A node handles one event at a time: it interprets the kernels, starts at once and stays small. That
-must be said before any of them is imported.
+Most nodes handle one event at a time: they interpret the kernels, start at once and stay small.
+That must be said before any of them is imported.
 """
 
 from collections.abc import Iterator
@@ -37,12 +37,21 @@ def recorder() -> int:
     return main(sys.argv[1:])
 
 
+def trainer() -> int:
+    """Learn from what fleets fly; its kernels are compiled, for it flies missions to validate."""
+    with _loading(interprets=False):
+        from uav_collect.nodes.trainer import main
+
+    return main(sys.argv[1:])
+
+
 @contextmanager
-def _loading() -> Iterator[None]:
-    """Interpret kernels; end without a word if told to stop before there is a node to stop."""
+def _loading(*, interprets: bool = True) -> Iterator[None]:
+    """End without a word if told to stop before there is a node to stop."""
     numbers = (signal.SIGINT, signal.SIGTERM)
     before = [signal.signal(number, lambda *_: os._exit(0)) for number in numbers]
-    interpret_kernels()
+    if interprets:
+        interpret_kernels()
     yield
     for number, handler in zip(numbers, before, strict=True):
         signal.signal(number, handler)

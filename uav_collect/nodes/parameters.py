@@ -17,7 +17,7 @@ class Parameter:
     """One parameter: its name with its unit, its default, what it does, what it may be."""
 
     name: str
-    default: bool | int | float | str
+    default: bool | int | float | str | list[str]
     description: str
     low: float | None = None  # for numbers, bounds included
     high: float | None = None

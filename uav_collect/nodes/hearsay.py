@@ -1,0 +1,87 @@
+"""Messages about missions as a learner takes them, heard on topics or read from bags."""
+
+from collections.abc import Callable
+import re
+from typing import Any
+
+from uav_collect.told import EventTold, MissionTold, Told, TransitionTold
+
+_KINDS = re.compile(r'(?P<world>.*)/(?:world/(?P<kind>mission|epoch)|uav_\d+/transition)')
+
+
+def teller(topic: str) -> tuple[str, Callable[[Any], Told]] | None:
+    """What a topic is about, by its name.
+
+    Returns:
+        The namespace of its world, and what converts its messages; None if nothing for a learner.
+    """
+    match = _KINDS.fullmatch(topic)
+    if match is None:
+        return None
+    kinds: dict[str | None, Callable[[Any], Told]] = {
+        'mission': mission_told,
+        'epoch': event_told,
+        None: transition_told,
+    }
+    return match['world'], kinds[match['kind']]
+
+
+def mission_told(msg: Any) -> MissionTold:
+    """What a Mission message says, at the start as at the end."""
+    return MissionTold(
+        mission_id=msg.mission_id,
+        scenario_fingerprint=msg.scenario_fingerprint,
+        mission_seed=int(msg.seed),
+        demand_bit=msg.demand_bit.tobytes(),
+    )
+
+
+def event_told(msg: Any) -> EventTold:
+    """What an Epoch message says."""
+    return EventTold(
+        mission_id=msg.mission_id,
+        event=int(msg.event),
+        uav=int(msg.uav) - 1,
+        decision=int(msg.decision),
+        time_s=float(msg.time_s),
+        x_m=float(msg.x_m),
+        y_m=float(msg.y_m),
+        action=int(msg.action),
+        reason=int(msg.reason),
+        duration_s=float(msg.duration_s),
+        energy_left_j=float(msg.energy_left_j),
+        energy_j=float(msg.energy_j),
+        collected_bit=float(msg.collected_bit),
+        reward=float(msg.reward),
+        is_last=bool(msg.terminal),
+        uav_x_m=msg.uav_x_m.tobytes(),
+        uav_y_m=msg.uav_y_m.tobytes(),
+        uav_energy_left_j=msg.uav_energy_left_j.tobytes(),
+        uav_phase=msg.uav_phase.tobytes(),
+        uav_complete=msg.uav_complete.tobytes(),
+        true_complete=msg.true_complete.tobytes(),
+    )
+
+
+def transition_told(msg: Any) -> TransitionTold:
+    """What a Transition message says."""
+    return TransitionTold(
+        mission_id=msg.mission_id,
+        event=int(msg.event),
+        uav=int(msg.uav) - 1,
+        decision=int(msg.decision),
+        layout=msg.layout,
+        scenario_fingerprint=msg.scenario_fingerprint,
+        observation=msg.observation.tobytes(),
+        legal=sum(int(is_legal) << action for action, is_legal in enumerate(msg.legal)),
+        action=int(msg.action),
+        time_s=float(msg.time_s),
+        energy_left_j=float(msg.energy_left_j),
+        cell=int(msg.cell),
+        previous_action=int(msg.previous_action),
+        complete=msg.complete.tobytes(),
+        seen=msg.seen.tobytes(),
+        peer_x_m=msg.peer_x_m.tobytes(),
+        peer_y_m=msg.peer_y_m.tobytes(),
+        peer_s=msg.peer_s.tobytes(),
+    )

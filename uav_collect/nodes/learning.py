@@ -1,0 +1,121 @@
+"""The trainer's second thread: it learns while the first one listens."""
+
+from contextlib import suppress
+from dataclasses import dataclass
+from queue import Empty, SimpleQueue
+from threading import Thread
+
+from uav_collect.frozen import FrozenPolicy
+from uav_collect.nodes.spin import FAILED
+from uav_collect.stream import Stream
+from uav_collect.trainer import Trainer
+from uav_collect.training_folder import opened
+from uav_collect.training_log import TrainingRunError
+from uav_collect.training_loop import DivergedError, InterruptedRunError, train, trainer_of
+from uav_collect.training_progress import Budget, Progress
+from uav_collect.training_run import PlannedRun
+
+
+@dataclass(frozen=True, kw_only=True)
+class Flown:
+    """What the fleets shall fly from now on."""
+
+    policy: FrozenPolicy
+    epsilon: float
+
+
+class Learning:
+    """Trains one run on a stream of missions, in a thread of its own."""
+
+    def __init__(
+        self,
+        run: PlannedRun,
+        *,
+        most_waiting: int,
+        publish_every_updates: int,
+        checkpoint_s: float,
+    ) -> None:
+        """Get ready, as the run's last checkpoint has it.
+
+        Args:
+            most_waiting: decisions that may wait for the learner.
+
+        Raises:
+            TrainingRunError: the checkpoint cannot be read.
+            ConfigError: the scenario cannot be trained with these settings.
+            PolicyMismatchError: the network is not that of the policy to start from.
+        """
+        self.stream = Stream(most_waiting, self._fly)
+        self.progress: Progress | None = None  # the latest look
+        self.verdict = ''  # how it ended, for people
+        self.end_status: int | None = None  # once it has ended
+        self._run, self._checkpoint_s = run, checkpoint_s
+        self._every_updates = publish_every_updates
+        self._trainer: Trainer = trainer_of(run, [self.stream])
+        self._next_flown = self._trainer.n_updates
+        self._flown: SimpleQueue[Flown] = SimpleQueue()
+        self._is_stopped = False
+        self._thread = Thread(target=self._learn, name='learning', daemon=True)
+
+    def start(self) -> None:
+        """Begin."""
+        self._thread.start()
+
+    def flown(self) -> Flown | None:
+        """What the fleets shall fly from now on, if that is something new; each is given once."""
+        latest = None
+        with suppress(Empty):
+            while True:
+                latest = self._flown.get_nowait()
+        return latest
+
+    def stop(self) -> None:
+        """Save, and come to an end."""
+        self._is_stopped = True
+        self.stream.close()
+        self._thread.join()
+
+    def _fly(self, epsilon: float) -> None:
+        """Let the fleets fly the network as it is, if they have flown long enough what it was."""
+        if self._trainer.n_updates >= self._next_flown:
+            self._next_flown = self._trainer.n_updates + self._every_updates
+            self._flown.put(Flown(policy=self._trainer.snapshot(), epsilon=epsilon))
+
+    def _learn(self) -> None:
+        try:
+            self._train()
+        except (InterruptedRunError, DivergedError, TrainingRunError) as error:
+            self.verdict = str(error)
+            self.end_status = 0 if isinstance(error, InterruptedRunError) else FAILED
+        except OSError as error:
+            self.verdict = f'{error.filename or self._run.folder}: {error.strerror or error}'
+            self.end_status = FAILED
+        except BaseException as error:
+            self.verdict = f'learning broke off: {error!r}'
+            self.end_status = FAILED
+            raise
+
+    def _train(self) -> None:
+        run, trainer = self._run, self._trainer
+        budget = Budget(minutes=run.record.minutes, decisions=run.record.decisions)
+        with opened(run, trainer.n_decisions) as folder:
+            self._fly(trainer.epsilon(budget))
+            # Minutes count from the first mission on.
+            if trainer.share_done(budget) < 1.0 and not self.stream.wait():
+                raise InterruptedRunError('stopped before a mission was flown')
+            train(
+                run,
+                trainer,
+                folder,
+                checkpoint_s=self._checkpoint_s,
+                is_stopped=lambda: self._is_stopped,
+                show=self._show,
+            )
+        best = trainer.best_policy()
+        if best is not None:
+            self._flown.put(Flown(policy=best, epsilon=0.0))
+        self.verdict = f'trained {run.record.budget}; its best policy flies'
+        self.end_status = 0
+
+    def _show(self, progress: Progress) -> None:
+        self.progress = progress

@@ -1,0 +1,281 @@
+"""The trainer node: learns from what fleets fly, and tells them what to fly."""
+
+import argparse
+from array import array
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
+from functools import partial
+import hashlib
+import math
+from pathlib import Path
+import time
+from typing import Any
+import uuid
+
+from rclpy.clock import Clock, ClockType
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.qos import QoSProfile
+from uav_collect.assembly import Assembly, Cause, Fate, Tally
+from uav_collect.bag import BagError, messages
+from uav_collect.briefing import brief
+from uav_collect.frozen import PolicyMismatchError
+from uav_collect.memory import keep_freed_memory
+from uav_collect.nodes import topics
+from uav_collect.nodes.hearsay import teller
+from uav_collect.nodes.incidents import Incidents
+from uav_collect.nodes.learning import Flown, Learning
+from uav_collect.nodes.parameters import help_text
+from uav_collect.nodes.spin import (
+    FAILED,
+    NodeError,
+    parse_arguments,
+    ProcessNode,
+    run_node,
+)
+from uav_collect.nodes.trainer_settings import PARAMETERS, planned_run, read_settings
+from uav_collect.policy_file import policy_bytes
+from uav_collect.replay import replay_bytes
+from uav_collect.retrace import Tracer
+from uav_collect.scenario import ConfigError
+from uav_collect.site import build_site
+from uav_collect.told import RefusedError, terms_of, Told
+from uav_collect.training_display import showing
+from uav_collect.training_log import TrainingRunError
+from uav_collect.training_run import PlannedRun
+from uav_collect_msgs.msg import Policy
+
+_DESCRIPTION = """
+Learns from the missions that fleets fly: joins what worlds and agents tell of them, updates the
+policy beside that, and publishes it for agents that fly the policy "topic". Goes on by itself with
+the run that its folder holds.
+"""
+_TICK_S = 0.05
+_READ_S = 0.04  # of a tick, to read a bag in
+_SHOWN_PERIOD_S = 1.0
+_WAITING_PERIOD_S = 10.0  # between two lines that say what the trainer waits for
+_READER_DEPTH = 20_000  # messages of a topic that wait while the learner has the processor
+_MOST_WAITING_UPDATES = 64  # that the learner may be late by before it skips some
+
+
+class TrainerNode(ProcessNode):
+    """Hears, joins, publishes; learning happens in another thread."""
+
+    def __init__(self, bags: Sequence[Path]) -> None:
+        """Get ready as the run's folder says, then listen, or read bags.
+
+        Args:
+            bags: to learn from instead of what flies.
+        """
+        super().__init__('trainer')
+        settings = read_settings(self)
+        try:
+            self._run = planned_run(settings)
+            self._tell_memory()
+            config = self._run.config
+            self._learning = Learning(
+                self._run,
+                most_waiting=_MOST_WAITING_UPDATES * config.rollout.decisions_per_update,
+                publish_every_updates=settings.publish_every_updates,
+                checkpoint_s=settings.checkpoint_period_s,
+            )
+            self._assemblies = self._new_assemblies(() if bags else settings.namespaces)
+        except (ConfigError, PolicyMismatchError, TrainingRunError, ValueError) as error:
+            raise NodeError(str(error)) from error
+        except OSError as error:
+            raise NodeError(f'output_dir: {error}') from error
+        self._incidents = Incidents()
+        self._instance, self._sequence = str(uuid.uuid4()), 0
+        self._version = ''
+        self._n_lost = 0
+        self._shown_s = self._told_s = -math.inf
+        self._closing = ExitStack()
+        self._show = self._closing.enter_context(showing(self._run.folder.name, self._more))
+        self._policies = topics.publisher(self, topics.POLICY)
+        self._bags = self._read(bags) if bags else None
+        for namespace in self._assemblies:
+            self._listen(namespace)
+        self._learning.start()
+        self.create_timer(_TICK_S, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def on_stop(self) -> None:
+        """Save what was learned."""
+        self._learning.stop()
+        self._publish(self._learning.flown())
+        self._closing.close()
+        if self.end_status is None:  # a signal
+            self.get_logger().info(f'{self._learning.verdict}; start it again to go on')
+
+    def _tell_memory(self) -> None:
+        size = self._run.config.replay.decisions
+        n_bytes = replay_bytes(size, brief(self._run.scenarios[0]))
+        self.get_logger().info(
+            f'the replay has room for {size:,} decisions: {n_bytes / 1e6:,.0f} MB'
+        )
+
+    # What comes in.
+
+    def _new_assemblies(self, namespaces: Sequence[str]) -> dict[str, Assembly]:
+        self._new_assembly: Callable[[], Assembly] = partial(
+            _new_assembly, self._run, self._learning.stream.known_ids
+        )
+        return {namespace: self._new_assembly() for namespace in namespaces}
+
+    def _listen(self, namespace: str) -> None:
+        world = topics.world_topics(namespace)
+        uavs = range(1, self._run.scenarios[0].n_uavs + 1)
+        for topic in (
+            world.mission,
+            world.epoch,
+            *(world.uav(uav).transition for uav in uavs),
+        ):
+            told = teller(topic.name)
+            if told is None:
+                raise RuntimeError(f'topic {topic.name} tells a learner nothing')
+            self.create_subscription(
+                topic.message,
+                topic.name,
+                partial(self._on_message, namespace, told[1]),
+                _reader_qos(topic.qos),
+                event_callbacks=SubscriptionEventCallbacks(message_lost=self._on_lost),
+            )
+
+    def _on_message(self, namespace: str, convert: Callable[[Any], Told], msg: Any) -> None:
+        try:
+            joined = self._assemblies[namespace].take(convert(msg))
+        except RefusedError as error:
+            if self._incidents.note('refused', str(error)):
+                self.get_logger().warning(f'refused: {error}; its mission is dropped')
+            return
+        if joined is not None:
+            self._learning.stream.add(joined)
+
+    def _on_lost(self, event: Any) -> None:
+        self._n_lost += event.total_count_change
+
+    def _read(self, bags: Sequence[Path]) -> Iterator[None]:
+        """Take message after message of recordings."""
+        for bag in bags:
+            for topic, msg in messages(bag, lambda name: teller(name) is not None):
+                told = teller(topic)
+                if told is not None:
+                    namespace, convert = f'{bag}{told[0]}', told[1]
+                    if namespace not in self._assemblies:
+                        self._assemblies[namespace] = self._new_assembly()
+                    self._on_message(namespace, convert, msg)
+                yield
+        for assembly in self._assemblies.values():
+            assembly.give_up()
+        self._learning.stream.close()
+
+    # What goes out.
+
+    def _tick(self) -> None:
+        self._publish(self._learning.flown())
+        now_s = time.monotonic()
+        if now_s - self._shown_s >= _SHOWN_PERIOD_S:
+            self._shown_s = now_s
+            self._tell(now_s)
+        if self._learning.end_status is not None:
+            self._end()
+        elif self._bags is not None:
+            self._go_on_reading(self._bags, now_s + _READ_S)
+
+    def _go_on_reading(self, bags: Iterator[None], until_s: float) -> None:
+        most = _MOST_WAITING_UPDATES * self._run.config.rollout.decisions_per_update // 2
+        try:
+            while time.monotonic() < until_s and self._learning.stream.n_waiting < most:
+                if next(bags, self) is self:
+                    self._bags = None
+                    return
+        except (BagError, AttributeError) as error:
+            self.get_logger().error(f'{error}')
+            self.end(FAILED)
+
+    def _publish(self, flown: Flown | None) -> None:
+        if flown is None:
+            return
+        content = policy_bytes(flown.policy)
+        self._sequence += 1
+        self._version = flown.policy.header.version
+        self._policies.publish(
+            Policy(
+                stamp=self.get_clock().now().to_msg(),
+                version=self._version,
+                trainer_instance=self._instance,
+                sequence=self._sequence,
+                content=array('B', content),
+                sha256=hashlib.sha256(content).hexdigest(),
+                epsilon=flown.epsilon,
+                hover_share=self._run.config.exploration.hover_share,
+            )
+        )
+
+    def _tell(self, now_s: float) -> None:
+        progress = self._learning.progress
+        if progress is not None:
+            self._show(progress)
+        elif now_s - self._told_s >= _WAITING_PERIOD_S:
+            self._told_s = now_s
+            self.get_logger().info(', '.join(('waiting for missions', *self._more())))
+
+    def _more(self) -> tuple[str, ...]:
+        """What became of messages and missions."""
+        total = Tally.sum(it.tally for it in self._assemblies.values())
+        dropped = ', '.join(f'{total.dropped[cause]} {cause}' for cause in Cause)
+        n_waiting = sum(assembly.n_waiting for assembly in self._assemblies.values())
+        return (
+            f'policy {self._version}',
+            f'{total.n_joined} missions joined, dropped: {dropped}',
+            f'messages: {n_waiting} wait, {total.messages[Fate.DUPLICATE]} twice,'
+            f' {total.messages[Fate.LATE]} late, {self._n_lost} lost',
+        )
+
+    def _end(self) -> None:
+        status = self._learning.end_status
+        say = self.get_logger().error if status else self.get_logger().info
+        say(self._learning.verdict)
+        self.end(status or 0)
+
+
+def _new_assembly(run: PlannedRun, known: Sequence[str]) -> Assembly:
+    scenario, config = run.scenarios[0], run.config
+    site = build_site(scenario)
+    reward = config.reward
+    tracer = Tracer(scenario, site, config.layout, config.reward_kind, reward.discount_per_s)
+    terms = terms_of(scenario, config.layout, site.n_sensors)
+    return Assembly(
+        terms, tracer, max_decisions=config.max_decisions(scenario.n_cells), known=known
+    )
+
+
+def _reader_qos(offered: QoSProfile) -> QoSProfile:
+    """Take everything that is offered, however busy the learner is."""
+    return QoSProfile(
+        depth=max(offered.depth, _READER_DEPTH),
+        reliability=offered.reliability,
+        durability=offered.durability,
+    )
+
+
+def main(argv: Sequence[str]) -> int:
+    """Run the trainer; the exit status."""
+    import torch
+
+    parser = argparse.ArgumentParser(
+        prog='trainer',
+        description=_DESCRIPTION,
+        epilog=help_text(PARAMETERS),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        '--from-bag',
+        type=Path,
+        nargs='+',
+        default=[],
+        metavar='BAG',
+        help='learn from recorded missions instead of those that are flown',
+    )
+    arguments = parse_arguments(parser, argv)
+    torch.set_num_threads(1)  # measured: more threads on busy cores are several times slower
+    keep_freed_memory()
+    return run_node(lambda: TrainerNode(arguments.from_bag), argv)
