@@ -102,8 +102,10 @@ class StandIn:
         return self.call(self._control, ControlMission.Request(command=command, seed=seed))
 
     def ask_to_join(self, uav: int, policy: str = 'sweep', instance: str = INSTANCE) -> Any:  # noqa: ANN401
-        """What the world answers to an agent."""
+        """What the world heard first answers to an agent; another world may be faster."""
+        world = self.scenario().world_instance
         request = Join.Request(
+            world_instance=world,
             uav=uav,
             agent_instance=instance,
             host='test',
@@ -112,16 +114,23 @@ class StandIn:
             policy_version='1',
             allocator='exact',
         )
-        return self.call(self._join, request)
+        while (answer := self.call(self._join, request)).world_instance != world:
+            pass
+        return answer
+
+    def scenario(self) -> Any:  # noqa: ANN401
+        """What the world heard first has told of itself; waits for it."""
+        scenarios = self.heard[topics.SCENARIO.name]
+        self.wait_until(lambda: bool(scenarios))
+        return scenarios[0]
 
     def join(self, uav: int, policy: str = 'sweep') -> None:
         """Fly a UAV from now on."""
-        scenarios = self.heard[topics.SCENARIO.name]
-        self.wait_until(lambda: bool(scenarios))
-        scenario, own = from_yaml(scenarios[0].yaml), topics.uav_topics(uav)
+        told = self.scenario()
+        scenario, own = from_yaml(told.yaml), topics.uav_topics(uav)
         _compile(scenario, policy)
         agent = _Agent(brief(scenario), uav - 1, policy_named(policy), allocator_named('exact'))
-        cockpit = Cockpit(agent, scenario.n_cells, scenarios[0].world_instance)
+        cockpit = Cockpit(agent, scenario.n_cells, told.world_instance)
         for topic, note in (
             (own.radio_rx, cockpit.note_radio),
             (own.observation, cockpit.note_observation),

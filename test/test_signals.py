@@ -82,7 +82,7 @@ def test_a_mission_in_flight_stops_node_by_node_and_what_was_flown_is_kept(
     assert 'ended' not in world.output
     stop(world, signals)
     world.wait_for('was aborted, the world was stopped')
-    waiting.wait_for('the world is gone')
+    waiting.wait_for('a world is gone')
     stop(waiting, signals)
     stop(recorder, signals)
     assert fleet.processes.survivors() == []

@@ -1,6 +1,7 @@
 """Which world is which: of two in one ROS domain, the later one gives way."""
 
 from dataclasses import dataclass
+import math
 from typing import Any
 
 from uav_collect.nodes.convert import stamp
@@ -31,6 +32,9 @@ class Identity:
         if mission_id.startswith(f'{self.instance[:_SHORT]}-'):
             return f'decision {decision} is of mission {mission_id}, which is not in flight'
         return f'mission {mission_id!r} is not of this world'
+
+
+NO_WORLD = Identity(born_s=math.inf, instance='')  # every world comes before it
 
 
 def identity_of(msg: Any) -> Identity:

@@ -50,7 +50,8 @@ _NOTICED = {
 }
 
 _CURRENT = QoSProfile(depth=1, durability=_LATCHED)
-_WORLD = QoSProfile(depth=1, durability=_LATCHED, **_NOTICED)
+# A reader keeps this many of all worlds together: with one, of two worlds it may miss the first.
+_WORLD = QoSProfile(depth=10, durability=_LATCHED, **_NOTICED)
 _MISSIONS = QoSProfile(depth=1_000, durability=_LATCHED)
 _EVENTS = QoSProfile(depth=10_000, durability=_LATCHED)
 _TO_UAV = QoSProfile(depth=3_000, durability=_LATCHED)

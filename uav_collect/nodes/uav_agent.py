@@ -2,7 +2,7 @@
 
 import argparse
 from collections.abc import Callable, Sequence
-from functools import partial, wraps
+from functools import wraps
 import math
 import os
 import socket
@@ -11,7 +11,6 @@ from typing import Any
 import uuid
 
 from rclpy.clock import Clock, ClockType
-from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.subscription import Subscription
 from rclpy.task import Future
 from rclpy.utilities import remove_ros_args
@@ -27,6 +26,7 @@ from uav_collect.nodes.published import Follower, Shelf
 from uav_collect.nodes.reporter import Reporter
 from uav_collect.nodes.spin import MISUSED, NodeError, ProcessNode, run_node
 from uav_collect.nodes.topics import publisher, subscription
+from uav_collect.nodes.world_choice import WorldChoice
 from uav_collect.observation import Layout
 from uav_collect.policy import policy_for, policy_named, STRONG, TOPIC
 from uav_collect.scenario import ConfigError, fingerprint, from_yaml, Scenario
@@ -105,14 +105,12 @@ class AgentNode(ProcessNode):
         self._policies: Subscription | None = None  # to what trainers publish
         self._asked_s = -math.inf
         self._is_member = False
-        self._world = ''  # the instance whose fleet this agent is in, or wants to be in
         self._published_for = ''  # the instance that the publishers were made for
-        self._must_look = False
         self._since_s = time.monotonic()
         self._told, self._told_s = '', -math.inf
         self._names = topics.world_topics(topics.world_of(self.get_namespace(), self._uav))
         self._own = self._names.uav(self._uav)
-        self._scenarios = self._look_for_world()
+        self._world = WorldChoice(self, self._names.scenario, self._on_world)
         subscription(self, self._own.radio_rx, self._on_radio)
         subscription(self, self._own.observation, self._on_observation)
         self._client = self.create_client(Join, self._names.join_service)
@@ -128,23 +126,15 @@ class AgentNode(ProcessNode):
 
     # Joining a world's fleet.
 
-    def _look_for_world(self) -> Subscription:
-        watch = SubscriptionEventCallbacks(liveliness=self._on_world_liveliness)
-        return subscription(self, self._names.scenario, self._on_scenario, on_event=watch)
-
     def _tick(self) -> None:
-        if self._must_look:
-            self._must_look = False
-            self.destroy_subscription(self._scenarios)
-            self._scenarios = self._look_for_world()
+        self._world.tick()
         if self._cockpit is not None and self._cockpit.lacks_policy:
             self._is_member = False  # the world has the policy, and answers with it
         self._ask()
 
     @_ending
-    def _on_scenario(self, msg: Any) -> None:
-        if msg.world_instance == self._world:
-            return
+    def _on_world(self, msg: Any) -> None:
+        """Try to join the fleet of a world, by its scenario."""
         scenario = self._checked_scenario(msg)
         briefing, uav = brief(scenario), self._uav - 1
         policy = self._follower(briefing) or policy_for(self._policy, scenario)
@@ -153,7 +143,6 @@ class AgentNode(ProcessNode):
         self._cockpit = Cockpit(agent, scenario.n_cells, msg.world_instance, follower)
         if self._layout is not None or follower is not None:
             self._reporter = Reporter(self._layout, briefing, uav, msg.fingerprint)
-        self._world = msg.world_instance
         self._is_member = False
         self._asked_s = -math.inf
         self._since_s = time.monotonic()
@@ -196,6 +185,7 @@ class AgentNode(ProcessNode):
             return
         self._asked_s = now_s
         request = Join.Request(
+            world_instance=self._world.instance,
             uav=self._uav,
             agent_instance=self._instance,
             host=socket.gethostname(),
@@ -204,15 +194,16 @@ class AgentNode(ProcessNode):
             policy_version=self._cockpit.agent.policy.version,
             allocator=self._allocator,
         )
-        answer = self._client.call_async(request)
-        answer.add_done_callback(partial(self._on_answer, self._world))
+        self._client.call_async(request).add_done_callback(self._on_answer)
 
     @_ending
-    def _on_answer(self, world: str, future: Future) -> None:
-        if self._is_member or world != self._world or self._cockpit is None:
+    def _on_answer(self, future: Future) -> None:
+        if self._is_member or self._cockpit is None:
             return
         self._asked_s = -math.inf
         answer = future.result()
+        if answer.world_instance != self._world.instance:  # it was faster than the one asked for
+            return
         if answer.waits_for_policy:
             self._since_s = time.monotonic()
             self._tell_waiting(f'the first policy of a trainer on {topics.POLICY.name}')
@@ -231,24 +222,15 @@ class AgentNode(ProcessNode):
 
     def _renew_publishers(self) -> None:
         """Start without a history: what was latched for a world that is gone confuses the next."""
-        if self._published_for == self._world:
+        if self._published_for == self._world.instance:
             return
-        self._published_for = self._world
+        self._published_for = self._world.instance
         for stale in filter(None, (self._command, self._radio, self._transition)):
             self.destroy_publisher(stale)
         self._command = publisher(self, self._own.command)
         self._radio = publisher(self, self._own.radio_tx)
         if self._reporter is not None:
             self._transition = publisher(self, self._own.transition)
-
-    def _on_world_liveliness(self, event: Any) -> None:
-        """A world is gone, or only too slow to be heard; its instance tells when one is back."""
-        if event.alive_count_change >= 0 or not self._world:
-            return
-        if event.alive_count == 0:
-            self.get_logger().info('the world is gone; waiting for the next one')
-        else:  # of two worlds one is left, perhaps not the one that was heard last
-            self._must_look = True
 
     def _tell_waiting(self, what: str = '') -> None:
         if what != self._told or time.monotonic() - self._told_s > _TOLD_PERIOD_S:

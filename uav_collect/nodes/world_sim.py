@@ -27,7 +27,7 @@ from uav_collect.nodes.voice import Voice
 from uav_collect.nodes.world_settings import PARAMETERS, read_settings
 from uav_collect.policy import TOPIC
 from uav_collect.preflight import check_can_start
-from uav_collect.scenario import ConfigError, fingerprint, load, Scenario
+from uav_collect.scenario import ConfigError, load, Scenario
 from uav_collect.simulation import Event
 from uav_collect.site import build_site, Site
 from uav_collect_msgs.msg import Mission
@@ -116,6 +116,9 @@ class WorldNode(ProcessNode):
         self._gives_way |= gives_way
 
     def _on_join(self, request: Any, response: Any) -> Any:
+        response.world_instance = self._identity.instance
+        if request.world_instance != self._identity.instance:
+            return response
         pilot = convert.pilot_from_request(request)
         response.waits_for_policy = pilot.policy == TOPIC and self._shelf.latest is None
         if response.waits_for_policy:
@@ -123,7 +126,6 @@ class WorldNode(ProcessNode):
         answer = self._roster.ask(pilot)
         response.accepted, response.retry = answer.accepted, answer.retry
         response.reason = answer.reason
-        response.scenario_fingerprint = fingerprint(self._scenario)
         if not answer.accepted:
             self._reports.note(
                 'join refused', f'UAV {pilot.uav}: {pilot} refused: {answer.reason}'

@@ -1,0 +1,77 @@
+"""Which world an agent flies for: the earliest of those that are there."""
+
+from collections.abc import Callable
+from dataclasses import replace
+import math
+import time
+from typing import Any
+
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.node import Node
+from rclpy.subscription import Subscription
+from uav_collect.nodes.identity import identity_of, NO_WORLD
+from uav_collect.nodes.topics import subscription, Topic
+
+_GIVES_WAY_S = 10.0  # a later world is gone by then, or else it is the earlier one that is gone
+
+
+class WorldChoice:
+    """Hears worlds come and go: what is told by a later one, which has to give way, is ignored."""
+
+    def __init__(self, node: Node, topic: Topic, fly_for: Callable[[Any], None]) -> None:
+        """Listen for worlds.
+
+        Args:
+            node: the agent.
+            topic: where worlds tell their scenarios.
+            fly_for: gets the scenario of a world that is chosen.
+        """
+        self._node = node
+        self._topic = topic
+        self._fly_for = fly_for
+        self._world = NO_WORLD
+        self._look_at_s = math.inf
+        self._scenarios = self._listen()
+
+    @property
+    def instance(self) -> str:
+        """The world's; empty before the first one. It stays when the world is gone."""
+        return self._world.instance
+
+    def tick(self) -> None:
+        """Look whether the world is still there, if that is in doubt; call it often."""
+        if time.monotonic() < self._look_at_s:
+            return
+        self._look_at_s = math.inf
+        self._world = replace(self._world, born_s=math.inf)  # until it is heard again, if it is
+        self._node.destroy_subscription(self._scenarios)
+        self._scenarios = self._listen()
+
+    def _listen(self) -> Subscription:
+        watch = SubscriptionEventCallbacks(liveliness=self._on_liveliness)
+        return subscription(self._node, self._topic, self._on_scenario, on_event=watch)
+
+    def _on_scenario(self, msg: Any) -> None:
+        world, before = identity_of(msg), self._world
+        if world.gives_way_to(before):
+            self._look_within(_GIVES_WAY_S)
+            return
+        self._world = world
+        if world.instance != before.instance:
+            self._fly_for(msg)
+
+    def _on_liveliness(self, event: Any) -> None:
+        """A world is gone, or only too slow to be heard; its instance tells when one is back.
+
+        Only the change counts: a subscription that is younger than a world does not count it.
+        """
+        if self._world == NO_WORLD:
+            return
+        if event.alive_count_change < 0:
+            self._look_within(0.0)
+            self._node.get_logger().info('a world is gone; looking for the one to fly for')
+        elif event.alive_count_change == 0:  # perhaps one died while another came
+            self._look_within(_GIVES_WAY_S)
+
+    def _look_within(self, time_s: float) -> None:
+        self._look_at_s = min(self._look_at_s, time.monotonic() + time_s)
