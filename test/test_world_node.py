@@ -232,6 +232,28 @@ def test_a_paced_mission_takes_its_time_to_the_last_landing(fleet: Fleet, pilot:
     assert [fleet.log(SEED)] == logs(fleet.scenario, [SEED])
 
 
+def test_a_mission_is_cut_off_where_a_learner_has_enough_of_it(
+    fleet: Fleet, pilot: StandIn
+) -> None:
+    world = fleet.start_world(seed=SEED, missions=2, max_decisions=7)
+    pilot.join(1)
+    epochs, missions = pilot.heard[topics.EPOCH.name], pilot.heard[topics.MISSION.name]
+    for n_told in (1, 3):
+        pilot.wait_until(lambda n_told=n_told: len(missions) == n_told)
+        pilot.fly_on()
+    assert world.wait_for_exit() == 0
+    pilot.wait_until(lambda: len(epochs) == 16)
+    assert [epoch.event for epoch in epochs] == 2 * [*range(8)]
+    assert not any(epoch.terminal for epoch in epochs)
+    assert [(it.phase, it.note) for it in missions[1::2]] == 2 * [
+        (Mission.ABORTED, 'cut off by max_decisions')
+    ]
+    whole = logs(fleet.scenario, [SEED, SEED + 1])
+    assert [log.splitlines()[:9] for log in whole] == [
+        log.splitlines() for log in fleet.logs([SEED, SEED + 1])
+    ]
+
+
 # What it publishes
 
 

@@ -84,6 +84,7 @@ class Flight:
         self.unflown = {uav for uav in ids if uav not in pilots}  # ids the failsafe flies home
         self.pending: Pending | None = None
         self.n_radio_messages = 0
+        self.n_decisions = 0
         self._n_cells = scenario.n_cells
         self._said: dict[int, _Said] = defaultdict(_Said)  # by id
         self._sequences = [0] * scenario.n_uavs  # decision of each UAV's latest transmission
@@ -236,6 +237,7 @@ class Flight:
 
     def _start(self, event: Event, decision: Decision, policy_version: str) -> None:
         self.pending = self._event = None
+        self.n_decisions += decision.action != actions.HOME
         self.simulation.start(event, decision)
         self._open = (event.view.time_s, policy_version)
 

@@ -28,6 +28,14 @@ PARAMETERS = (
         high=1_000_000,
     ),
     Parameter(
+        name='max_decisions',
+        default=0,
+        description='decisions of the fleet after which a mission is cut off, as learners do; '
+        '0: never',
+        low=0,
+        high=1_000_000,
+    ),
+    Parameter(
         name='real_time_factor',
         default=0.0,
         description='simulated over wall-clock time; 0: as fast as the fleet decides',
@@ -70,6 +78,7 @@ class WorldSettings:
     scenario: str
     seed: int
     missions: int
+    max_decisions: int
     real_time_factor: float
     wait_for_agents: bool
     decision_timeout_s: float

@@ -127,9 +127,8 @@ class WorldNode(ProcessNode):
         response.accepted, response.retry = answer.accepted, answer.retry
         response.reason = answer.reason
         if not answer.accepted:
-            self._reports.note(
-                'join refused', f'UAV {pilot.uav}: {pilot} refused: {answer.reason}'
-            )
+            told = f'UAV {pilot.uav}: {pilot} refused: {answer.reason}'
+            self._reports.note('join refused', told)
             return response
         self.get_logger().info(
             f'UAV {pilot.uav}: {pilot} joined, policy {pilot.policy}, bandwidth {pilot.allocator}'
@@ -244,6 +243,9 @@ class WorldNode(ProcessNode):
             if event is None:
                 self._tell_event(flight)
                 self._end_mission(Mission.ENDED, flight.failsafe_note)
+            elif 0 < self._settings.max_decisions < flight.n_decisions:
+                self._tell_event(flight)
+                self._end_mission(Mission.ABORTED, 'cut off by max_decisions')
             elif event.uav + 1 in flight.unflown:
                 self._tell_event(flight)
                 self._fly_home(flight, event)
