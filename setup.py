@@ -44,7 +44,6 @@ setup(
             'uav_agent = uav_collect.nodes.executables:uav_agent',
             'recorder = uav_collect.nodes.executables:recorder',
             'trainer = uav_collect.nodes.executables:trainer',
-            'trainer = uav_collect.nodes.executables:trainer',
             'doctor = uav_collect.__main__:doctor',
             'evaluate = uav_collect.__main__:evaluate',
             'mission = uav_collect.__main__:mission',
