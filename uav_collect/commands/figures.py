@@ -2,14 +2,16 @@
 
 import argparse
 from collections.abc import Mapping
+import importlib.util
 import os
 from pathlib import Path
 import sys
 from typing import TYPE_CHECKING
 
 from uav_collect import files
-from uav_collect.commands import options
+from uav_collect.commands import options, progress
 from uav_collect.commands.interruption import Interruption, noted
+from uav_collect.training_log import TrainingRunError
 
 if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
     from uav_collect.commands.figures_plan import Plan
@@ -104,6 +106,8 @@ def _have_done(arguments: argparse.Namespace, plan: 'Plan') -> int:
     from uav_collect.commands.figures_display import showing
     from uav_collect.studies.schedule import have_done
 
+    if arguments.engine == 'local':
+        progress.say_if_compiling(*plan.kernels())
     with noted() as interruption, showing(plan) as show:
         standing = have_done(
             plan.jobs,
@@ -133,6 +137,11 @@ def _status(plan: 'Plan', standing: 'Standing', interruption: Interruption) -> i
 def _engine(arguments: argparse.Namespace) -> 'Engine':
     match arguments.engine:
         case 'ray':
+            if not importlib.util.find_spec('ray'):
+                raise TrainingRunError(
+                    '--engine ray needs ray: "make figures ENGINE=ray" installs what'
+                    ' requirements/cluster.txt lists'
+                )
             from uav_collect.studies.cluster import Cluster
 
             return Cluster(arguments.address, arguments.workers)

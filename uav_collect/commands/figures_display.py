@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
 _LINE_EVERY_S = 10.0
+_DRAWN_EVERY_S = 0.5
 _BAR_WIDTH = 40
 _MAX_SHOWN = 16  # jobs that run
 
@@ -28,7 +29,15 @@ def showing(plan: Plan) -> Iterator[Callable[[Standing], None]]:
         yield _lines(pace, lambda line: console.print(line, highlight=False, soft_wrap=True))
         return
     with Live(console=console, transient=True, auto_refresh=False) as live:
-        yield lambda standing: live.update(_picture(plan, pace, standing), refresh=True)
+        drawn_s = 0.0
+
+        def show(standing: Standing) -> None:
+            nonlocal drawn_s
+            if monotonic() - drawn_s >= _DRAWN_EVERY_S:
+                drawn_s = monotonic()
+                live.update(_picture(plan, pace, standing), refresh=True)
+
+        yield show
 
 
 class _Pace:

@@ -2,7 +2,7 @@
 
 import argparse
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 import importlib.util
 import os
@@ -18,6 +18,7 @@ from uav_collect.studies.records import Study
 from uav_collect.studies.requests import Requests
 from uav_collect.studies.scale import load_scale, ScaleConfig
 from uav_collect.studies.store import Store
+from uav_collect.studies.warming import kernels_of
 from uav_collect.training_log import TrainingRunError
 from uav_collect.yaml_text import ConfigError
 
@@ -109,6 +110,10 @@ class Plan:
         digests = set().union(*(self.needs[name] for name in studies))
         return {digest: self.jobs[digest] for digest in digests}
 
+    def kernels(self) -> set[str]:
+        """The modules whose kernels the missing jobs take."""
+        return {kernels_of(self.jobs[digest]) for digest in self.missing}
+
     def name_of(self, digest: str) -> str:
         """What a job is called, for people."""
         job = self.jobs[digest]
@@ -139,8 +144,9 @@ def planned(arguments: argparse.Namespace) -> Plan:
         requests.jobs.update(alone.jobs)
     store = Store(arguments.output)
     missing = frozenset(store.missing(requests.jobs))
-    only_tells = arguments.list
-    rates = GUESSED if only_tells else _rates(scale, requests.jobs, store, missing)
+    if not arguments.list and arguments.engine == 'local':
+        _check_torch(requests.jobs[digest] for digest in missing)
+    rates = GUESSED if arguments.list else _rates(scale, requests.jobs, store, missing)
     return Plan(
         scale=scale,
         studies=studies,
@@ -161,6 +167,15 @@ def _names(asked: list[str] | None) -> tuple[str, ...]:
     return tuple(name for name in known if asked is None or name in asked)
 
 
+def _check_torch(missing: Iterable[Job]) -> None:
+    trains = any(isinstance(job, TrainingJob) for job in missing)
+    if trains and not importlib.util.find_spec('torch'):
+        raise TrainingRunError(
+            'figures needs torch for what is missing: "make figures" installs what'
+            ' requirements/train.txt lists'
+        )
+
+
 def _rates(
     scale: ScaleConfig, jobs: Mapping[str, Job], store: Store, missing: frozenset[str]
 ) -> Rates:
@@ -170,13 +185,8 @@ def _rates(
     known = rates_of(spent(jobs, store))
     if known is not None:
         return known
-    if first is None or scale.measured_s == 0.0:
+    if first is None or scale.measured_s == 0.0 or not importlib.util.find_spec('torch'):
         return GUESSED
-    if not importlib.util.find_spec('torch'):
-        raise TrainingRunError(
-            'figures needs torch for what is missing: "make train" installs what'
-            ' requirements/train.txt lists'
-        )
     sys.stderr.write(f'measuring what a decision takes: {scale.measured_s:.0f} s\n')
     from uav_collect.studies.measuring import measured
 

@@ -26,7 +26,6 @@ class Spent:
     units: Counter[str] = field(default_factory=Counter)  # decisions, or missions
     n_interrupted: int = 0
     revisions: Counter[str] = field(default_factory=Counter)
-    sources: set[str] = field(default_factory=set)
 
     def told(self) -> str:
         """In words: how many jobs, how many core-hours, of which revision."""
@@ -36,7 +35,10 @@ class Spent:
         ]
         revisions = ', '.join(sorted(self.revisions)) or 'none'
         hours = sum(self.cpu_s.values()) * _H_PER_S
-        return f'{"; ".join(parts)}; {hours:.2f} core-hours in all; revision {revisions}'
+        return (
+            f'{"; ".join(parts)}; {hours:.2f} core-hours in all, {self.n_interrupted} jobs went on'
+            f' from a checkpoint; revision {revisions}'
+        )
 
 
 def units_of(job: Job) -> int:
@@ -55,7 +57,6 @@ def spent(jobs: Mapping[str, Job], store: Store) -> Spent:
             total.units[kind] += units_of(job)
             total.n_interrupted += cost.n_interruptions > 0
             total.revisions[cost.revision] += 1
-            total.sources.add(cost.sources)
     return total
 
 

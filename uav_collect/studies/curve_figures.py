@@ -23,7 +23,7 @@ from uav_collect.studies.records import (
     REWARD,
 )
 
-_SIZE_IN = (4.0, 3.6)
+_SIZE_IN = (4.2, 3.9)
 _OVER = 'decisions in training [1]'
 
 
@@ -53,7 +53,9 @@ def draw(study: CurvesStudy, findings: Findings) -> Drawn:
             finish(axes, _OVER, measure.title, measure.unit)
             axes.xaxis.set_major_formatter(EngFormatter(sep=''))  # 500k, 2M
             axes.set_xlim(left=0.0)
-            axes.legend(frameon=False, fontsize=7)
+            axes.legend(
+                loc='upper center', bbox_to_anchor=(0.5, -0.16), frameon=False, fontsize=7, ncols=2
+            )
     header = ('panel', 'line', 'measure', 'unit', 'n_seeds', 'n_missions', 'n_decisions', 'mean',
               'deviation', 'low', 'high')  # fmt: skip
     return Drawn(figure=figure, table=csv_of(header, rows))

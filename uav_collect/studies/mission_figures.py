@@ -14,7 +14,7 @@ from uav_collect.studies.flights import log_name
 from uav_collect.studies.records import TopologyStudy, TrajectoriesStudy
 
 _SIDE_IN = 4.6
-_SIZE_IN = (5.2, 6.6)
+_SIZE_IN = (5.0, 5.4)
 _LOG_COLUMNS = (
     'decision', 'time_s', 'action', 'x_m', 'y_m', 'duration_s', 'energy_j', 'collected_bit',
 )  # fmt: skip
@@ -26,7 +26,7 @@ def draw_topology(study: TopologyStudy) -> Drawn:
     demand_mbit = _demand_bit(scenario, site, study.mission_seed) / 1e6
     n_active = int((demand_mbit > 0).sum())
     note = f'Fig. {study.figure} of the paper; mission seed {study.mission_seed}'
-    figure, [[axes]] = panels(1, 1, study.title, note, size_in=(5.6, 4.8))
+    figure, [[axes]] = panels(1, 1, study.title, note, size_in=(5.6, 4.6))
     east_m, north_m = site.position_m.T
     silent, active = demand_mbit == 0, demand_mbit > 0
     axes.scatter(

@@ -15,7 +15,7 @@ def in_turn(job: Job, events: Iterator[Event]) -> Iterator[Event]:
         yield from events
         return
     with _turn():
-        if not kernels_are_cached(_kernels_of(job)):
+        if not kernels_are_cached(kernels_of(job)):
             for event in events:
                 yield event
                 if not isinstance(event, Began):
@@ -33,7 +33,7 @@ def _turn() -> Iterator[None]:
         yield
 
 
-def _kernels_of(job: Job) -> str:
+def kernels_of(job: Job) -> str:
     """The module whose kernels do most of a job."""
     match job:
         case TrainingJob():
