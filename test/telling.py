@@ -64,6 +64,7 @@ class Course:
         """What joins the messages of its missions."""
         site = build_site(self.scenario)
         tracer = Tracer(self.scenario, site, self.layout, self.reward, self.discount_per_s)
+        tracer.warm_up()
         terms = terms_of(self.scenario, self.layout, site.n_sensors)
         settings = {'max_decisions': self.max_decisions, **values}
         return Assembly(terms, tracer, **settings)  # type: ignore[arg-type]

@@ -22,7 +22,7 @@ from uav_collect.experience import (
 )
 from uav_collect.ground import demand_by_cell, Ground, lay_out
 from uav_collect.missions import ACTIVE, Mission, mission_of, new_missions, restart_mission
-from uav_collect.observation import Layout
+from uav_collect.observation import Layout, observation_size
 from uav_collect.reward import discount, energy_reward, news_reward, Reward
 from uav_collect.scenario import Scenario
 from uav_collect.site import Site
@@ -92,6 +92,21 @@ class Tracer:
         self._mission = mission_of(new_missions(self._briefing, self._ground, [0]), 0)
         self._union: Any = np.zeros(scenario.n_cells, dtype=np.uint8)
 
+    def warm_up(self) -> None:
+        """Let kernels be compiled, which takes a minute once."""
+        side, n_uavs = self._briefing.cells_per_side, self._briefing.n_uavs
+        size, records = (
+            observation_size(self._layout, side, n_uavs),
+            new_records(0, self._briefing),
+        )
+        none = np.zeros(0, dtype=np.int64)
+        nothing = np.zeros((0, size), dtype=np.float32)
+        demand_bit = np.zeros((1, side * side))
+        observations(int(self._layout), self._briefing, records, demand_bit, none, none, nothing)
+        never, known = np.zeros(0), np.zeros((0, side * side), dtype=np.uint8)
+        events = _Events(none, none, never, never, never, never, never, never, known)
+        self._add_up(events, records, is_whole=False)
+
     def episode(self, parts: MissionParts) -> Episode:
         """The mission as the learner keeps it.
 
@@ -110,7 +125,8 @@ class Tracer:
         _write_decisions(records, decisions)
         _write_world(records, self._briefing, events, demand_bit)
         self._check_observations(records, decisions, demand_bit)
-        self._sum_rewards(records, parts)
+        events_flown = _columns(events, self._briefing.n_uavs, len(self._union))
+        self._add_up(events_flown, records, is_whole=parts.is_whole)
         if not parts.is_whole:
             records.action[-1] = NONE
         return Episode(
@@ -127,16 +143,15 @@ class Tracer:
         collected_bit = sum(event.collected_bit for event in parts.events)
         return collected_bit / spent_j / 1e3 if spent_j > 0.0 else 0.0
 
-    def _sum_rewards(self, records: Records, parts: MissionParts) -> None:
-        n_cells = len(self._union)
+    def _add_up(self, events: _Events, records: Records, *, is_whole: bool) -> None:
         self._union[:] = 0
         _sum_rewards(
             int(self._reward),
             self._briefing,
             self._ground,
             self._mission,
-            _columns(parts.events, self._briefing.n_uavs, n_cells),
-            parts.is_whole,
+            events,
+            is_whole,
             self._union,
             records.reward,
             records.duration_s,

@@ -89,6 +89,12 @@ class Trainer:
         """Memory that the replays take."""
         return sum(course.replay.n_bytes for course in self._courses)
 
+    def warm_up(self) -> None:
+        """Let the kernels of validation be compiled, which takes a minute once."""
+        pilot = LearnedPolicy('new', self._frozen(None))
+        for course in self._courses:
+            course.validate(pilot, [_VALIDATION_SEED])
+
     def share_done(self, budget: Budget) -> float:
         """How much of a budget is spent, 0..1."""
         if budget.decisions is not None:
@@ -96,10 +102,6 @@ class Trainer:
         if budget.minutes is None:
             raise ValueError('a budget needs minutes or decisions')
         return min(1.0, self._trained_s / (60.0 * budget.minutes))
-
-    def epsilon(self, budget: Budget) -> float:
-        """Probability to explore after so much of a budget."""
-        return self.config.epsilon(self.share_done(budget))
 
     def run(self, budget: Budget) -> Iterator[Progress]:
         """Train on until the budget is spent or experience is over, resumed or not.

@@ -106,6 +106,8 @@ def opened(run: PlannedRun, n_decisions: int) -> Iterator[RunFolder]:
     run.folder.mkdir(parents=True, exist_ok=True)
     with ExitStack() as stack:
         stack.enter_context(_locked(run.folder))
+        for stale in run.folder.glob('.*.part'):  # of a process that was killed
+            stale.unlink()
         for path, scenario in zip(run.scenario_files, run.scenarios, strict=True):
             files.write_atomically(path, scenario.to_yaml().encode())
         files.write_atomically(run.folder / CONFIG_FILE, run.config.to_yaml().encode())

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from queue import Empty, SimpleQueue
 from threading import Thread
 
+from uav_collect.compiled import kernels_are_compiled
 from uav_collect.frozen import FrozenPolicy
 from uav_collect.nodes.spin import FAILED
 from uav_collect.stream import Stream
@@ -59,6 +60,8 @@ class Learning:
 
     def start(self) -> None:
         """Begin."""
+        if kernels_are_compiled():  # else the other thread would wait while one compiles
+            self._trainer.warm_up()
         self._thread.start()
 
     def flown(self) -> Flown | None:
@@ -90,7 +93,7 @@ class Learning:
         except OSError as error:
             self.verdict = f'{error.filename or self._run.folder}: {error.strerror or error}'
             self.end_status = FAILED
-        except BaseException as error:
+        except BaseException as error:  # whatever it is, the other thread must hear of it
             self.verdict = f'learning broke off: {error!r}'
             self.end_status = FAILED
             raise
@@ -98,10 +101,11 @@ class Learning:
     def _train(self) -> None:
         run, trainer = self._run, self._trainer
         budget = Budget(minutes=run.record.minutes, decisions=run.record.decisions)
+        share_done = trainer.share_done(budget)
         with opened(run, trainer.n_decisions) as folder:
-            self._fly(trainer.epsilon(budget))
+            self._fly(trainer.config.epsilon(share_done))
             # Minutes count from the first mission on.
-            if trainer.share_done(budget) < 1.0 and not self.stream.wait():
+            if share_done < 1.0 and not self.stream.wait():
                 raise InterruptedRunError('stopped before a mission was flown')
             train(
                 run,

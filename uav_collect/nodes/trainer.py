@@ -18,6 +18,7 @@ from rclpy.qos import QoSProfile
 from uav_collect.assembly import Assembly, Cause, Fate, Tally
 from uav_collect.bag import BagError, messages
 from uav_collect.briefing import brief
+from uav_collect.compiled import kernels_are_cached, kernels_are_compiled
 from uav_collect.frozen import PolicyMismatchError
 from uav_collect.memory import keep_freed_memory
 from uav_collect.nodes import topics
@@ -78,6 +79,7 @@ class TrainerNode(ProcessNode):
                 publish_every_updates=settings.publish_every_updates,
                 checkpoint_s=settings.checkpoint_period_s,
             )
+            self._tell_compiling()
             self._assemblies = self._new_assemblies(() if bags else settings.namespaces)
         except (ConfigError, PolicyMismatchError, TrainingRunError, ValueError) as error:
             raise NodeError(str(error)) from error
@@ -112,6 +114,10 @@ class TrainerNode(ProcessNode):
             f'the replay has room for {size:,} decisions: {n_bytes / 1e6:,.0f} MB'
         )
 
+    def _tell_compiling(self) -> None:
+        if kernels_are_compiled() and not all(map(kernels_are_cached, ('airborne', 'retrace'))):
+            self.get_logger().info('compiling (once): this takes about a minute')
+
     # What comes in.
 
     def _new_assemblies(self, namespaces: Sequence[str]) -> dict[str, Assembly]:
@@ -143,7 +149,8 @@ class TrainerNode(ProcessNode):
         try:
             joined = self._assemblies[namespace].take(convert(msg))
         except RefusedError as error:
-            if self._incidents.note('refused', str(error)):
+            _, _, what = str(error).partition(': ')
+            if self._incidents.note('refused', what):
                 self.get_logger().warning(f'refused: {error}; its mission is dropped')
             return
         if joined is not None:
@@ -224,7 +231,7 @@ class TrainerNode(ProcessNode):
         dropped = ', '.join(f'{total.dropped[cause]} {cause}' for cause in Cause)
         n_waiting = sum(assembly.n_waiting for assembly in self._assemblies.values())
         return (
-            f'policy {self._version}',
+            f'policy {self._version}' if self._version else 'no policy yet',
             f'{total.n_joined} missions joined, dropped: {dropped}',
             f'messages: {n_waiting} wait, {total.messages[Fate.DUPLICATE]} twice,'
             f' {total.messages[Fate.LATE]} late, {self._n_lost} lost',
@@ -240,8 +247,10 @@ class TrainerNode(ProcessNode):
 def _new_assembly(run: PlannedRun, known: Sequence[str]) -> Assembly:
     scenario, config = run.scenarios[0], run.config
     site = build_site(scenario)
-    reward = config.reward
-    tracer = Tracer(scenario, site, config.layout, config.reward_kind, reward.discount_per_s)
+    discount_per_s = config.reward.discount_per_s
+    tracer = Tracer(scenario, site, config.layout, config.reward_kind, discount_per_s)
+    if kernels_are_compiled():
+        tracer.warm_up()
     terms = terms_of(scenario, config.layout, site.n_sensors)
     return Assembly(
         terms, tracer, max_decisions=config.max_decisions(scenario.n_cells), known=known
