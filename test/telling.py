@@ -53,10 +53,13 @@ class Course:
     max_decisions: int = 10**6
     epsilon: float = 0.3
     hover_share: float = 0.6
+    flown: FrozenPolicy | None = None  # random weights otherwise
 
     @property
     def policy(self) -> FrozenPolicy:
-        """Random weights."""
+        """What flies."""
+        if self.flown is not None:
+            return self.flown
         side, n_uavs = self.scenario.area.cells_per_side, self.scenario.n_uavs
         return random_policy(policy_header(self.layout, side, n_uavs), seed=1)
 

@@ -1,0 +1,270 @@
+"""The trainer node beside worlds and agents: what they fly is what it learns, whoever dies."""
+
+from collections import deque
+from collections.abc import Sequence
+import os
+from pathlib import Path
+import signal
+from typing import Any
+
+from fleets import Fleet, parameters, wait_until
+from learned import header as policy_header
+from learned import saved
+from lessons import single_threaded_torch
+from processes import Processes, RunningProcess
+import pytest
+from telling import Course, same
+from tiny import tiny, uav
+from uav_collect.assembly import Joined
+from uav_collect.experience import Episode
+from uav_collect.observation import Layout
+from uav_collect.policy_file import load_policy
+from uav_collect.training_config import load_preset, TrainingConfig
+from uav_collect.training_log import read_columns, read_run
+
+torch = single_threaded_torch()
+pytest.importorskip('rclpy')
+from uav_collect.checkpoint import read_checkpoint  # noqa: E402
+from uav_collect.stream import Stream  # noqa: E402
+from uav_collect.trainer import Trainer  # noqa: E402
+from uav_collect.training_progress import Budget  # noqa: E402
+
+pytestmark = pytest.mark.ros
+
+SCENARIO = tiny(uav(5.0, energy_budget_kj=9.0), uav(10.0, energy_budget_kj=5.0))
+SETTINGS = {
+    'network.hidden_size': 8, 'mixer.embedding_size': 4, 'mixer.hypernetwork_size': 6,
+    'mixer.pool_side': 2, 'replay.missions_per_batch': 4, 'validation.missions': 2,
+    'validation.every_updates': 50, 'rollout.max_decisions_per_cell': 0.6,
+    'exploration.epsilon_first': 0.3,
+}  # fmt: skip
+N_KILLS = int(os.environ.get('UAV_COLLECT_KILLS', '2'))
+NEVER = 1_000_000  # updates: the first policy flies until the end
+
+
+def start_trainer(
+    processes: Processes, folder: Path, *flags: str, decisions: int = 1000, **values: object
+) -> RunningProcess:
+    """A trainer of the tiny scenario, its kernels interpreted: a compiler would take minutes."""
+    file = folder.parent / 'tiny.yaml'
+    file.write_text(SCENARIO.to_yaml())
+    overrides = ', '.join(f'{key}={value}' for key, value in SETTINGS.items())
+    told = {
+        'scenario': file, 'output_dir': folder, 'decisions': decisions,
+        'decisions_per_update': 20, 'replay_decisions': 2000, 'overrides': f'[{overrides}]',
+    }  # fmt: skip
+    return processes.start(
+        'trainer', *flags, *parameters(**{**told, **values}), UAV_COLLECT_KERNELS='interpreted'
+    )
+
+
+def fleet_of(processes: Processes, folder: Path, world: str = '') -> Fleet:
+    return Fleet(processes=processes, scenario=SCENARIO, folder=folder / f'w{world}', world=world)
+
+
+def start_fleet(fleet: Fleet, missions: int = -1, **values: object) -> RunningProcess:
+    """Agents that fly what a trainer publishes, and their world."""
+    fleet.start_agents('topic', 'equal')
+    return fleet.start_world(missions=missions, **values)
+
+
+def config_of(**values: object) -> TrainingConfig:
+    sizes = {'rollout.decisions_per_update': 20, 'replay.decisions': 2000}
+    return load_preset('strong', {**SETTINGS, **sizes, **values})
+
+
+def replayed(folder: Path) -> tuple[list[Episode], dict[str, Any]]:
+    """The missions that a saved trainer holds, in the order in which they came; its state."""
+    trainer = Trainer.resume(folder / 'checkpoint', sources=[Stream(NEVER)])
+    replay = trainer._courses[0].replay
+    held = [replay._episode(mission) for mission in replay._missions]
+    return held, read_checkpoint(folder / 'checkpoint')
+
+
+def in_process(seeds: Sequence[int], budget: Budget) -> tuple[list[Episode], Trainer]:
+    """What the same network flies and learns in this process."""
+    trainer = Trainer([SCENARIO], config_of(), 'aqmix', 0, sources=[stream := Stream(NEVER)])
+    config, frozen = trainer.config, trainer.snapshot()
+    course = Course(
+        scenario=SCENARIO,
+        discount_per_s=config.reward.discount_per_s,
+        max_decisions=config.max_decisions(SCENARIO.n_cells),
+        flown=frozen,
+    )
+    episodes = course.episodes(seeds)
+    for episode in episodes:
+        stream.add(
+            Joined(
+                mission_id=str(episode.mission_seed), episode=episode, efficiency_kbit_per_j=0.0
+            )
+        )
+    deque(trainer.run(budget), 0)
+    return episodes, trainer
+
+
+def test_what_is_learned_over_ros_and_from_a_bag_is_what_is_learned_in_one_process(
+    processes: Processes, tmp_path: Path
+) -> None:
+    # The first policy flies all missions, so that they can be flown again.
+    fleet = fleet_of(processes, tmp_path)
+    recorder = fleet.start_recorder()
+    live = start_trainer(processes, tmp_path / 'live', publish_every_updates=NEVER)
+    world = start_fleet(fleet, missions=200, seed=100)
+    assert live.wait_for_exit() == 0
+    episodes, state = replayed(tmp_path / 'live')
+    expected, trainer = in_process(range(100, 300), Budget(decisions=1000))
+    assert state['learner']['n_updates'] == trainer.n_updates >= 48
+    assert len(episodes) > 60
+    for one in episodes:
+        assert same(one, expected[one.mission_seed - 100]) == []
+    learned = load_policy(tmp_path / 'live' / 'last.safetensors')
+    assert learned.digest == trainer.snapshot().digest
+    assert '0 missing, 0 refused, 0 failsafe' in live.output
+    # As much as the trainer needs is in the bag when the world is done.
+    assert world.wait_for_exit() == 0
+    recorder.send(signal.SIGINT)
+    assert recorder.wait_for_exit() == 0
+    again = start_trainer(processes, tmp_path / 'again', '--from-bag', str(fleet.bag))
+    assert again.wait_for_exit() == 0
+    assert load_policy(tmp_path / 'again' / 'last.safetensors').digest == learned.digest
+
+
+def n_updates(folder: Path) -> int:
+    """How many updates a training has told of."""
+    file = folder / 'progress.csv'
+    found = read_columns(file, ('n_updates',))['n_updates'] if file.exists() else ()
+    return int(found[-1]) if len(found) else 0
+
+
+def wait_for_updates(folder: Path, n_wanted: int) -> None:
+    """Wait until a training has made so many updates, and saved itself once."""
+    saved = folder / 'checkpoint' / 'state.pt'
+    wait_until(lambda: n_updates(folder) >= n_wanted and saved.exists())
+
+
+def test_a_trainer_that_is_killed_goes_on_from_its_last_checkpoint(
+    processes: Processes, tmp_path: Path
+) -> None:
+    fleet, folder = fleet_of(processes, tmp_path), tmp_path / 'run'
+    world = start_fleet(fleet)
+    settings = {'decisions': 1500 * (N_KILLS + 1), 'checkpoint_period_s': 0.2}
+    seen = 0
+    for _ in range(N_KILLS):
+        trainer = start_trainer(processes, folder, **settings)  # type: ignore[arg-type]
+        wait_for_updates(folder, seen + 10)
+        trainer.kill()
+        assert world.is_running
+        world.wait_for('mission .* ended')  # the fleet flies on
+        _, state = replayed(folder)
+        assert state['learner']['n_updates'] >= seen
+        seen = state['learner']['n_updates']
+    trainer = start_trainer(processes, folder, **settings)  # type: ignore[arg-type]
+    assert trainer.wait_for_exit() == 0
+    assert read_run(folder).is_done
+    episodes, state = replayed(folder)
+    assert state['collectors'][0]['n_decisions'] >= settings['decisions']
+    seeds = [one.mission_seed for one in episodes]
+    assert len(seeds) == len(set(seeds))  # none was learned from twice
+    rows = read_columns(folder / 'progress.csv', ('n_decisions',))['n_decisions']
+    assert (rows[1:] >= rows[:-1]).all()
+    assert not [*folder.rglob('*.part')]
+
+
+def test_a_signal_saves_what_was_learned_and_the_same_command_goes_on(
+    processes: Processes, tmp_path: Path
+) -> None:
+    folder = tmp_path / 'run'
+    start_fleet(fleet_of(processes, tmp_path))
+    trainer = start_trainer(processes, folder, decisions=10**6)
+    wait_until(lambda: n_updates(folder) > 3)
+    trainer.send(signal.SIGINT)
+    assert trainer.wait_for_exit() == 0
+    assert 'decisions; saved; start it again to go on' in trainer.output
+    before = read_checkpoint(folder / 'checkpoint')['learner']['n_updates']
+    again = start_trainer(processes, folder, decisions=10**6)
+    wait_until(lambda: n_updates(folder) > before)
+    assert again.is_running
+
+
+def test_agents_and_worlds_that_die_cost_their_mission_and_no_more(
+    processes: Processes, tmp_path: Path
+) -> None:
+    fleet, folder = fleet_of(processes, tmp_path), tmp_path / 'run'
+    trainer = start_trainer(processes, folder, decisions=10**6)
+    agents = fleet.start_agents('topic', 'equal')
+    world = fleet.start_world(missions=-1, decision_timeout_s=100.0)
+    wait_until(lambda: n_updates(folder) > 3)
+    agents[0].kill()
+    seen = n_updates(folder)
+    fleet.start_agent(1, 'topic', 'equal')
+    wait_until(lambda: n_updates(folder) > seen + 3)
+    world.kill()
+    seen = n_updates(folder)
+    fleet.start_world(missions=-1, seed=10**6)
+    wait_until(lambda: n_updates(folder) > seen + 10)
+    trainer.send(signal.SIGINT)
+    assert trainer.wait_for_exit() == 0
+    assert ' 0 refused' in trainer.output.splitlines()[-2]
+    episodes, _ = replayed(folder)
+    assert max(one.mission_seed for one in episodes) >= 10**6
+
+
+def test_two_worlds_make_the_experience_of_one_trainer(
+    processes: Processes, tmp_path: Path
+) -> None:
+    folder = tmp_path / 'run'
+    trainer = start_trainer(processes, folder, worlds='[a, b]')
+    for place, name in enumerate('ab'):
+        start_fleet(fleet_of(processes, tmp_path, name), seed=1000 * place)
+    assert trainer.wait_for_exit() == 0
+    episodes, _ = replayed(folder)
+    assert {one.mission_seed // 1000 for one in episodes} == {0, 1}
+
+
+def test_what_agents_encode_otherwise_is_refused_and_named(
+    processes: Processes, tmp_path: Path
+) -> None:
+    fleet = fleet_of(processes, tmp_path)
+    trainer = start_trainer(processes, tmp_path / 'run')
+    fleet.start_agents('random', observation_layout='paper')
+    fleet.start_world(missions=3)
+    trainer.wait_for(r"refused: .* layout is 'paper/1': must be 'egocentric/\d'; its mission")
+    trainer.send(signal.SIGINT)
+    assert trainer.wait_for_exit() == 0
+    assert 'stopped before a mission was flown' in trainer.output
+
+
+@pytest.mark.parametrize(
+    ('values', 'words'),
+    [
+        ({'algorithm': 'qmix'}, "algorithm is 'qmix': must be aqmix or aiql"),
+        ({'output_dir': "''"}, 'output_dir is missing'),
+        ({'minutes': 3.0}, 'minutes and decisions are given'),
+        ({'scenario': 'nowhere'}, 'nowhere'),
+        ({'preset': 'paper'}, 'reward.discount_per_s is 0.5: must be 0.99'),
+        ({'start_from': 'wide.safetensors'}, 'its observation size is'),
+    ],
+)
+def test_what_cannot_be_trained_is_said_in_one_line(
+    values: dict[str, object], words: str, processes: Processes, tmp_path: Path
+) -> None:
+    saved(tmp_path, 'wide', policy_header(Layout.PAPER, 7))
+    if values.get('preset') == 'paper':
+        values = {**values, 'overrides': '[reward.discount_per_s=0.5]'}
+    trainer = start_trainer(processes, tmp_path / 'run', **values)  # type: ignore[arg-type]
+    assert trainer.wait_for_exit() == 2
+    assert words in trainer.output
+    assert 'Traceback' not in trainer.output
+
+
+def test_the_folder_of_another_run_is_refused(processes: Processes, tmp_path: Path) -> None:
+    folder = tmp_path / 'run'
+    first = start_trainer(processes, folder)
+    wait_until((folder / 'run.json').exists)
+    second = start_trainer(processes, folder, seed=1)
+    assert second.wait_for_exit() == 2
+    assert 'holds a run whose seed is 0: must be 1, or choose another output_dir' in second.output
+    third = start_trainer(processes, folder)
+    assert third.wait_for_exit() == 1
+    assert f'{folder}: another process trains in it' in third.output
+    assert first.is_running
