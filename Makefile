@@ -6,7 +6,7 @@
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup mission train curves figures test check format bench clean distclean
+.PHONY: help setup mission train train-fleet curves figures test check format bench clean distclean
 
 VENV := .venv
 PYTHON ?=
@@ -62,6 +62,21 @@ TRAIN_OPTIONS = \
   $(ARGS)
 RUNS ?= $(wildcard runs/train/*/)
 
+#+SCENARIO, ALGORITHM (not qmix), PRESET, SEED (one), UAVS and ARGS as of make train, and
+#+MINUTES    how long to train (60)
+#+WORLDS     worlds to fly in at once, each with a fleet of its own (1)
+#+OUTPUT     run folder; one that holds the same run already is gone on with
+TRAIN_FLEET_OPTIONS = \
+  $(if $(SCENARIO),--scenario '$(SCENARIO)') \
+  $(if $(ALGORITHM),--algorithm '$(ALGORITHM)') \
+  $(if $(PRESET),--preset '$(PRESET)') \
+  $(if $(MINUTES),--minutes '$(MINUTES)') \
+  $(if $(SEED),--seed '$(SEED)') \
+  $(if $(UAVS),--uavs '$(UAVS)') \
+  $(if $(WORLDS),--worlds '$(WORLDS)') \
+  $(if $(OUTPUT),--output '$(OUTPUT)') \
+  $(ARGS)
+
 #-SCALE      smoke (minutes), laptop (two cores, a night), paper (a cluster), or a YAML file (laptop)
 #-ONLY       studies, as ONLY='density range' (all; ARGS=--list lists them)
 #-ENGINE     local or ray (local)
@@ -76,11 +91,13 @@ FIGURES_OPTIONS = \
 
 help:  ## this list
 	@echo 'make TARGET [VARIABLE=value ...]'
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  %-10s %s\n", $$1, $$2 }' Makefile
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-11s %s\n", $$1, $$2 }' Makefile
 	@echo 'Variables of make mission, with their defaults:'
 	@sed -n 's/^#:/  /p' Makefile
 	@echo 'Of make train:'
 	@sed -n 's/^#>/  /p' Makefile
+	@echo 'Of make train-fleet:'
+	@sed -n 's/^#+/  /p' Makefile
 	@echo 'Of make curves:'
 	@echo '  RUNS       run folders (all of runs/train); ARGS as --output and --reference'
 	@echo 'Of make figures:'
@@ -96,6 +113,9 @@ mission: $(BUILT)  ## fly a mission over ROS 2 and show it, as SCENARIO=lillgrun
 
 train: $(INSTALLED) $(LEARNS)  ## learn a policy, as SCENARIO=paper_8x8 MINUTES=10 SEED=7
 	@$(VENV)/bin/python -m uav_collect train $(TRAIN_OPTIONS)
+
+train-fleet: $(BUILT) $(LEARNS)  ## learn over ROS 2 while a fleet flies, as SCENARIO=paper_8x8 WORLDS=2
+	@. install/setup.sh && $(VENV)/bin/python -m uav_collect train-fleet $(TRAIN_FLEET_OPTIONS)
 
 curves: $(INSTALLED)  ## draw the learning curves of RUNS, into learning_curves.png
 	@$(VENV)/bin/python -m uav_collect curves $(RUNS) $(ARGS)

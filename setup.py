@@ -48,6 +48,7 @@ setup(
             'evaluate = uav_collect.__main__:evaluate',
             'mission = uav_collect.__main__:mission',
             'train = uav_collect.__main__:train',
+            'train_fleet = uav_collect.__main__:train_fleet',
             'curves = uav_collect.__main__:curves',
             'bound = uav_collect.__main__:bound',
             'figures = uav_collect.__main__:figures',

@@ -210,7 +210,7 @@ sys.exit(service.run())
 # The parameters
 
 
-@pytest.mark.parametrize('node', ['world_sim', 'uav_agent', 'recorder'])
+@pytest.mark.parametrize('node', ['world_sim', 'uav_agent', 'recorder', 'trainer'])
 def test_the_shipped_parameters_are_those_of_the_node_at_their_defaults(node: str) -> None:
     module = pytest.importorskip(f'uav_collect.nodes.{node}', reason='needs rclpy')
     shipped = {

@@ -16,7 +16,7 @@ import uav_collect
 ROOT = Path(__file__).parent.parent
 EXECUTABLES = (
     *('world_sim', 'uav_agent', 'recorder', 'mission', 'evaluate', 'report', 'doctor'),
-    *('train', 'curves', 'bound', 'figures'),
+    *('train', 'curves', 'bound', 'figures', 'trainer', 'train_fleet'),
 )
 INTERFACES = sorted((ROOT / 'msg_defs').glob('*/*.[ms][sr][gv]'))
 MODULES = sorted((ROOT / 'uav_collect').rglob('*.py'))
@@ -48,7 +48,7 @@ LAYERS = (
     'network mixer learner collector checkpoint course stream trainer scalar_events',
     'training_folder training_loop',
 )
-LEARNING = 'network mixer learner collector checkpoint train scalar_events learning'
+LEARNING = 'network mixer learner collector checkpoint train trainer scalar_events learning'
 LAYER_OF = {module: rank for rank, line in enumerate(LAYERS) for module in line.split()}
 
 

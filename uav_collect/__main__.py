@@ -16,6 +16,7 @@ SUMMARIES = {
     'mission': 'fly one mission over ROS 2, every UAV a process of its own, and record it',
     'evaluate': 'fly many missions in this process; mean figures with 95 % intervals',
     'train': 'learn a policy for a scenario, from missions flown in this process',
+    'train-fleet': 'let a fleet learn over ROS 2 while it flies, every node a process',
     'curves': 'draw the learning curves of trainings, mean and deviation over seeds',
     'bound': 'plan missions whose demand is known: what time and energy they take at least',
     'figures': "draw the figures of the paper's evaluation, from what it takes to what it says",
@@ -72,6 +73,11 @@ def evaluate() -> int:
 def train() -> int:
     """Learn a policy."""
     return _run('train', sys.argv[1:], prog='train')
+
+
+def train_fleet() -> int:
+    """Let a fleet learn while it flies."""
+    return _run('train-fleet', sys.argv[1:], prog='train_fleet')
 
 
 def curves() -> int:
@@ -131,6 +137,8 @@ def _command(name: str) -> _Command:
             from uav_collect.commands.evaluate import add_arguments, run
         case 'train':
             from uav_collect.commands.train import add_arguments, run
+        case 'train-fleet':
+            from uav_collect.commands.train_fleet import add_arguments, run
         case 'curves':
             from uav_collect.commands.curves import add_arguments, run
         case 'bound':

@@ -1,7 +1,7 @@
-"""The processes of a mission: the recorder, the world and one agent per UAV."""
+"""The processes of a mission: the recorder, the world and one agent per UAV; and of a training."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 import os
 from pathlib import Path
@@ -11,6 +11,8 @@ import time
 
 _STOP_S = 5.0  # how long a process may take to end after SIGINT
 _PARTICIPANTS = 30  # that find each other where discovery stays on this machine
+_RESTARTS = 3  # of one process within _RESTART_S; more, and something is wrong with it
+_RESTART_S = 60.0
 
 
 class FleetError(RuntimeError):
@@ -18,17 +20,30 @@ class FleetError(RuntimeError):
 
 
 @dataclass(frozen=True, kw_only=True)
+class _Start:
+    """What a process is, to start it again."""
+
+    command: tuple[str, ...]
+    stop_s: float
+    ends_last: bool
+
+
+@dataclass(frozen=True, kw_only=True)
 class FleetProcess:
-    """One running executable; what it says goes to its log."""
+    """One running executable."""
 
     name: str
-    log: Path
+    log: Path | None  # what it says; None: it says it here
     popen: 'subprocess.Popen[bytes]'
+    start: _Start
 
     def last_words(self) -> str:
         """The end of its log."""
+        if self.log is None:
+            return ''
         lines = self.log.read_text(errors='replace').splitlines()
-        return '\n'.join(f'  {line}' for line in lines[-5:])
+        told = '\n'.join(f'  {line}' for line in lines[-5:])
+        return f'; its last words, from {self.log}:\n{told}'
 
 
 class Fleet:
@@ -39,57 +54,103 @@ class Fleet:
         self._folder = folder
         self._environment = _environment(n_processes)
         self._running: list[FleetProcess] = []
+        self._restarts: list[tuple[str, float]] = []  # which process, when
 
-    def start(self, executable: str, log_name: str, arguments: Sequence[str]) -> FleetProcess:
+    def start(
+        self,
+        executable: str,
+        log_name: str,
+        arguments: Sequence[str],
+        *,
+        stop_s: float = _STOP_S,
+        is_shown: bool = False,
+        ends_last: bool = False,
+    ) -> FleetProcess:
         """Start an executable of uav_collect.
+
+        Args:
+            log_name: names the process and its log.
+            stop_s: how long it may take to end after SIGINT.
+            is_shown: what it says goes where this process says things.
+            ends_last: it hears the last words of the others.
 
         Raises:
             FleetError: the package is not built, or not sourced.
         """
-        log = self._folder / f'{log_name}.log'
-        with log.open('wb') as output:
-            popen = subprocess.Popen(
-                [_find(executable), *arguments],
-                stdin=subprocess.DEVNULL,
-                stdout=output,
-                stderr=subprocess.STDOUT,
-                env=self._environment,
-                start_new_session=True,  # Ctrl-C is for this process, which ends them in order
-            )
-        process = FleetProcess(name=log_name, log=log, popen=popen)
-        self._running.append(process)
-        return process
+        command = (_find(executable), *arguments)
+        start = _Start(command=command, stop_s=stop_s, ends_last=ends_last)
+        log = None if is_shown else self._folder / f'{log_name}.log'
+        return self._launch(log_name, log, start)
 
     def check(self) -> None:
         """Raise FleetError if a process failed."""
         for process in self._running:
             status = process.popen.poll()
             if status not in (None, 0):
-                raise FleetError(
-                    f'{process.name} failed with exit status {status}; its last words, '
-                    f'from {process.log}:\n{process.last_words()}'
-                )
+                what = f'{process.name} failed with exit status {status}'
+                raise FleetError(f'{what}{process.last_words()}')
+
+    def revive(self) -> list[str]:
+        """Start again what was killed by a signal; the names.
+
+        Raises:
+            FleetError: a process failed by itself, or is killed again and again.
+        """
+        now_s = time.monotonic()
+        self._restarts = [each for each in self._restarts if now_s - each[1] < _RESTART_S]
+        killed = [it for it in self._running if (it.popen.poll() or 0) < 0]
+        for process in killed:
+            self._restarts.append((process.name, now_s))
+            if sum(name == process.name for name, _ in self._restarts) > _RESTARTS:
+                break
+            self._running.remove(process)
+            self._launch(process.name, process.log, process.start)
+        self.check()
+        return [process.name for process in killed]
+
+    def status(self, name: str) -> int | None:
+        """The exit status of a process; None while it runs."""
+        [popen] = [process.popen for process in self._running if process.name == name]
+        return popen.poll()
 
     def stop(self) -> None:
-        """End what still runs: SIGINT, and SIGKILL for what does not listen.
+        """End what still runs: SIGINT, and SIGKILL for what does not listen."""
+        for ends_last in (False, True):
+            _end([it for it in self._running if it.start.ends_last == ends_last])
 
-        What was started first, the recorder, ends last: it hears the last words of the others.
-        """
-        _end(self._running[1:])
-        _end(self._running[:1])
+    def _launch(self, name: str, log: Path | None, start: _Start) -> FleetProcess:
+        with log.open('ab') if log else nullcontext() as output:
+            popen = subprocess.Popen(
+                start.command,
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=output and subprocess.STDOUT,
+                env=self._environment,
+                start_new_session=True,  # Ctrl-C is for this process, which ends them in order
+            )
+        process = FleetProcess(name=name, log=log, popen=popen, start=start)
+        self._running.append(process)
+        return process
 
 
 def _end(processes: Sequence[FleetProcess]) -> None:
     for process in processes:
         if process.popen.poll() is None:
             process.popen.send_signal(signal.SIGINT)
-    deadline_s = time.monotonic() + _STOP_S
-    for process in processes:
+    asked_s = time.monotonic()
+    for process in sorted(processes, key=lambda it: it.start.stop_s):
+        left_s = asked_s + process.start.stop_s - time.monotonic()
         try:
-            process.popen.wait(max(0.0, deadline_s - time.monotonic()))
+            process.popen.wait(max(0.0, left_s))
         except subprocess.TimeoutExpired:
             process.popen.kill()
             process.popen.wait()
+
+
+def ros_parameters(**values: object) -> list[str]:
+    """ROS parameters on a command line; texts stay texts even if they read like numbers."""
+    assigned = [f'{name}:={_yaml(value)}' for name, value in values.items()]
+    return ['--ros-args', *(word for each in assigned for word in ('-p', each))]
 
 
 @contextmanager
@@ -110,6 +171,14 @@ def running_fleet(folder: Path, n_processes: int) -> Iterator[Fleet]:
         fleet.stop()
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def _yaml(value: object) -> str:
+    if isinstance(value, str | Path):
+        return "'{}'".format(str(value).replace("'", "''"))
+    if isinstance(value, list):
+        return f'[{", ".join(map(_yaml, value))}]'
+    return str(value)
 
 
 def _find(executable: str) -> str:

@@ -9,7 +9,13 @@ import time
 from typing import TYPE_CHECKING
 
 from uav_collect.commands import options, report
-from uav_collect.commands.fleet import Fleet, FleetError, FleetProcess, running_fleet
+from uav_collect.commands.fleet import (
+    Fleet,
+    FleetError,
+    FleetProcess,
+    ros_parameters,
+    running_fleet,
+)
 from uav_collect.compiled import interpret_kernels
 
 if TYPE_CHECKING:  # loaded when flying, so that --help answers at once
@@ -131,11 +137,12 @@ def _fly(
         'recorder',
         'recorder',
         ['--output', str(folder / 'bag'), '--ros-args', '-p', 'stop_after_missions:=1'],
+        ends_last=True,
     )
     world = fleet.start(
         'world_sim',
         'world_sim',
-        _parameters(
+        ros_parameters(
             scenario=scenario_file,
             seed=arguments.seed,
             output_dir=folder,
@@ -147,11 +154,6 @@ def _fly(
         fleet.start('uav_agent', f'uav_{uav}', [*flags, '--bandwidth', arguments.bandwidth])
     _follow(fleet, world, _log_file(folder, arguments.seed))
     _await(fleet, recorder)
-
-
-def _parameters(**values: object) -> list[str]:
-    assigned = [f'{name}:={value}' for name, value in values.items()]
-    return ['--ros-args', *(word for each in assigned for word in ('-p', each))]
 
 
 def _follow(fleet: Fleet, world: FleetProcess, log: Path) -> None:

@@ -2,9 +2,12 @@
 
 import argparse
 from collections.abc import Callable
+import importlib.util
+import math
 from typing import TYPE_CHECKING
 
 from uav_collect.limits import ALLOCATOR_NAMES, MAX_SEED, MAX_UAVS
+from uav_collect.training_log import TrainingRunError
 
 if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
     from uav_collect.scenario import Scenario
@@ -125,3 +128,28 @@ def whole_number(low: int, high: int) -> Callable[[str], int]:
         return number
 
     return parse
+
+
+def minutes(text: str) -> float:
+    """A type for argparse: a time in minutes."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f'{text!r} must be a number of minutes above 0')
+    return value
+
+
+def check_torch(command: str) -> None:
+    """Make sure that what a command learns with is there.
+
+    Raises:
+        TrainingRunError: naming what is missing.
+    """
+    missing = [name for name in ('torch', 'tensorboard') if not importlib.util.find_spec(name)]
+    if missing:
+        raise TrainingRunError(
+            f'{command} needs {" and ".join(missing)}: "make train" installs what'
+            ' requirements/train.txt lists'
+        )

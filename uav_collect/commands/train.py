@@ -1,8 +1,6 @@
 """Trains a policy for a scenario, one run for each seed, in this process."""
 
 import argparse
-import importlib.util
-import math
 from pathlib import Path
 import sys
 
@@ -34,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     time = parser.add_mutually_exclusive_group()
     time.add_argument(
         '--minutes',
-        type=_minutes,
+        type=options.minutes,
         metavar='M',
         help=f'how long to train each seed (default: {_MINUTES:g})',
     )
@@ -46,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         '--checkpoint-minutes',
-        type=_minutes,
+        type=options.minutes,
         default=5.0,
         metavar='M',
         help='how often to save all that --resume needs (default: %(default)g)',
@@ -105,7 +103,7 @@ def _add_learning_options(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Train; the exit status."""
-    _check_torch()
+    options.check_torch('train')
     if arguments.resume is None:
         _fill_in(arguments)
     training = planned(arguments)
@@ -133,15 +131,6 @@ def _train_all(training: Training, checkpoint_s: float) -> int:
                 sys.stderr.write(f'error: {error}\n')
                 status = DIVERGED
     return status
-
-
-def _check_torch() -> None:
-    missing = [name for name in ('torch', 'tensorboard') if not importlib.util.find_spec(name)]
-    if missing:
-        raise TrainingRunError(
-            f'train needs {" and ".join(missing)}: "make train" installs what'
-            ' requirements/train.txt lists'
-        )
 
 
 def _fill_in(arguments: argparse.Namespace) -> None:
@@ -178,14 +167,3 @@ def _draw_together(training: Training) -> None:
     table = picture.with_suffix('.csv')
     draw_curve(training.folders, picture, table, title=first.title)
     print(f'curve of {len(training.folders)} seeds: {picture}, {table}')
-
-
-def _minutes(text: str) -> float:
-    """A type for argparse: a time in minutes."""
-    try:
-        minutes = float(text)
-    except ValueError:
-        minutes = math.nan
-    if not 0 < minutes < math.inf:
-        raise argparse.ArgumentTypeError(f'{text!r} must be a number of minutes above 0')
-    return minutes

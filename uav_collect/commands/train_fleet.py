@@ -1,0 +1,199 @@
+"""Lets a fleet learn over ROS 2 while it flies, every node a process of its own."""
+
+import argparse
+from pathlib import Path
+import string
+import sys
+import time
+from typing import TYPE_CHECKING
+
+from uav_collect.commands import options
+from uav_collect.commands.fleet import Fleet, FleetError, ros_parameters, running_fleet
+
+if TYPE_CHECKING:  # loaded when training, so that --help answers at once
+    from uav_collect.scenario import Scenario
+
+_DESCRIPTION = """
+Starts world_sims that fly mission after mission, their uav_agents, and the trainer, as processes
+that talk over DDS. The agents fly what the trainer publishes; the trainer learns from what they
+tell, shows how it goes and saves it in a run folder as train does. Ctrl-C saves; the same command
+goes on. What is killed is started again.
+"""
+INTERRUPTED = 130  # exit status after Ctrl-C, as shells have it
+_ALGORITHMS = ('aqmix', 'aiql')  # those that learn from UAVs which do not wait for each other
+_PRESET = 'strong'
+_MINUTES = 60.0
+_RUNS = Path('runs', 'train_fleet')
+_MAX_WORLDS = 16
+_PROCESSES = 'processes'  # of a run folder: what they say
+_SCENARIO_FILE = 'scenario.yaml'
+_LOOK_S = 0.2
+_SAVE_S = 120.0  # how long the trainer may take to save
+
+# Missions to learn from come from a range of seeds that users do not evaluate on by chance; runs,
+# worlds and their starts each have a part of it.
+_FIRST_SEED = 2**61
+_SEEDS_PER_RUN, _SEEDS_PER_WORLD, _SEEDS_PER_START = 2**32, 2**28, 2**20
+_N_RUNS = 2**28
+_N_STARTS = _SEEDS_PER_WORLD // _SEEDS_PER_START
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Describe the command and add its arguments."""
+    parser.description = _DESCRIPTION
+    options.add_scenario_options(parser)
+    parser.add_argument(
+        '--worlds',
+        type=options.whole_number(1, _MAX_WORLDS),
+        default=1,
+        metavar='N',
+        help='worlds to fly in at once, each with a fleet of its own (default: %(default)s)',
+    )
+    parser.add_argument(
+        '--algorithm',
+        choices=_ALGORITHMS,
+        default=_ALGORITHMS[0],
+        help='how it learns (default: %(default)s)',
+    )
+    parser.add_argument(
+        '--preset',
+        default=_PRESET,
+        metavar='NAME|FILE',
+        help='settings of the training: paper, strong, refine or a YAML file'
+        ' (default: %(default)s)',
+    )
+    parser.add_argument(
+        '--override',
+        action='extend',
+        nargs='+',
+        default=[],
+        metavar='KEY=VALUE',
+        help='replace values of the preset',
+    )
+    options.add_seed_option(parser, 'of weights and missions')
+    duration = parser.add_mutually_exclusive_group()
+    duration.add_argument(
+        '--minutes',
+        type=options.minutes,
+        metavar='M',
+        help=f'how long to train (default: {_MINUTES:g})',
+    )
+    duration.add_argument(
+        '--decisions',
+        type=options.whole_number(1, 10**12),
+        metavar='D',
+        help='or how many decisions to learn from',
+    )
+    parser.add_argument('--record', action='store_true', help='keep every message in a bag')
+    parser.add_argument(
+        '--output',
+        type=Path,
+        metavar='FOLDER',
+        help='run folder; one that holds the same run already is gone on with'
+        f' (default: {_RUNS}/SCENARIO_nUAVS_ALGORITHM_PRESET_sSEED)',
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Train; the exit status."""
+    from uav_collect.scenario import parse_override
+    from uav_collect.training_config import load_preset
+
+    options.check_torch('train-fleet')
+    scenario = options.scenario_of(arguments)
+    overrides = dict(parse_override(assignment) for assignment in arguments.override)
+    config = load_preset(arguments.preset, overrides)
+    folder = arguments.output or _RUNS / (
+        f'{scenario.name}_n{scenario.n_uavs}_{arguments.algorithm}_{config.name}_s{arguments.seed}'
+    )
+    said = _new_folder(folder / _PROCESSES)
+    n_participants = 1 + arguments.worlds * (1 + scenario.n_uavs + arguments.record)
+    try:
+        with running_fleet(said, n_participants) as fleet:
+            _start(fleet, folder, said, scenario, arguments, allocator=config.rollout.bandwidth,
+                   max_decisions=config.max_decisions(scenario.n_cells))  # fmt: skip
+            _supervise(fleet)
+    except KeyboardInterrupt:
+        _say(f'interrupted; the same command goes on with {folder}')
+        return INTERRUPTED
+    except FleetError as error:
+        sys.stderr.write(f'error: {error}\n')
+        return 1
+    _say(f'learned; the policy is in {folder}')
+    return 0
+
+
+def _start(
+    fleet: Fleet,
+    folder: Path,
+    said: Path,
+    scenario: 'Scenario',
+    arguments: argparse.Namespace,
+    *,
+    allocator: str,
+    max_decisions: int,
+) -> None:
+    scenario_file = said / _SCENARIO_FILE
+    scenario_file.write_text(scenario.to_yaml(), encoding='utf-8')
+    if not (folder / _SCENARIO_FILE).exists():  # tells the trainer that the folder is for a run
+        (folder / _SCENARIO_FILE).write_text(scenario.to_yaml(), encoding='utf-8')
+    names = _world_names(arguments.worlds)
+    for number, name in enumerate(names):
+        named, suffix = (['--world', name], f'_{name}') if name else ([], '')
+        if arguments.record:
+            bag = ['--output', str(said / f'bag{suffix}')]
+            fleet.start('recorder', f'recorder{suffix}', [*named, *bag], ends_last=True)
+        values = ros_parameters(
+            scenario=scenario_file,
+            seed=_first_seed(arguments.seed, number, int(said.name)),
+            missions=-1,
+            max_decisions=max_decisions,
+            viewer_rate_hz=0.0,
+        )
+        fleet.start('world_sim', f'world_sim{suffix}', [*named, *values])
+        for uav in range(1, scenario.n_uavs + 1):
+            flags = ['--id', str(uav), '--policy', 'topic', '--bandwidth', allocator]
+            fleet.start('uav_agent', f'uav_{uav}{suffix}', [*named, *flags])
+    values = ros_parameters(
+        scenario=scenario_file,
+        algorithm=arguments.algorithm,
+        preset=arguments.preset,
+        overrides=arguments.override or [''],
+        seed=arguments.seed,
+        worlds=names,
+        output_dir=folder,
+        minutes=float(arguments.minutes or (0.0 if arguments.decisions else _MINUTES)),
+        decisions=arguments.decisions or 0,
+    )
+    fleet.start('trainer', 'trainer', values, is_shown=True, stop_s=_SAVE_S)
+
+
+def _supervise(fleet: Fleet) -> None:
+    """Keep all processes running until the trainer has had its time."""
+    while fleet.status('trainer') != 0:
+        for name in fleet.revive():
+            _say(f'{name} was killed and is started again')
+        time.sleep(_LOOK_S)
+
+
+def _world_names(n_worlds: int) -> list[str]:
+    """One world has no name, so that its topics are the usual ones."""
+    return [''] if n_worlds == 1 else [*string.ascii_lowercase[:n_worlds]]
+
+
+def _first_seed(run_seed: int, world: int, start: int) -> int:
+    first = _FIRST_SEED + run_seed % _N_RUNS * _SEEDS_PER_RUN
+    return first + world * _SEEDS_PER_WORLD + start % _N_STARTS * _SEEDS_PER_START
+
+
+def _new_folder(parent: Path) -> Path:
+    """1, 2, ...: one for each start of the command."""
+    parent.mkdir(parents=True, exist_ok=True)
+    numbers = [int(path.name) for path in parent.iterdir() if path.name.isdecimal()]
+    folder = parent / str(max(numbers, default=0) + 1)
+    folder.mkdir()
+    return folder
+
+
+def _say(text: str) -> None:
+    sys.stderr.write(f'{text}\n')
