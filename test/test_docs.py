@@ -16,7 +16,7 @@ import sys
 from interpreted import interpreted
 import pytest
 from uav_collect.__main__ import SUMMARIES
-from uav_collect.commands import bound, curves, evaluate, mission, report, train
+from uav_collect.commands import bound, curves, evaluate, figures, mission, report, train
 from uav_collect.scenario import load, scenario_names
 from uav_collect.site import build_site
 
@@ -29,9 +29,9 @@ README = (ROOT / 'README.md').read_text()
 PAPER_MAP = (ROOT / 'docs' / 'paper_map.md').read_text()
 COMMANDS = {
     **{'curves': curves, 'evaluate': evaluate, 'mission': mission, 'report': report},
-    **{'train': train, 'bound': bound},
+    **{'train': train, 'bound': bound, 'figures': figures},
 }
-ABROAD = {'ros2', 'rviz2', 'colcon', 'source', 'export'}  # programs that are not ours
+ABROAD = {'ros2', 'rviz2', 'colcon', 'ray', 'source', 'export'}  # programs that are not ours
 
 
 def blocks(text: str, language: str) -> list[str]:

@@ -138,10 +138,8 @@ def planned(arguments: argparse.Namespace) -> Plan:
     scale = load_scale(arguments.scale)
     requests, needs, studies = Requests(scale), {}, {}
     for name in _names(arguments.only):
-        alone = Requests(scale)
-        studies[name] = catalogue.study(name, alone)
-        needs[name] = frozenset(alone.jobs)
-        requests.jobs.update(alone.jobs)
+        studies[name] = catalogue.study(name, requests)
+        needs[name] = requests.taken()
     store = Store(arguments.output)
     missing = frozenset(store.missing(requests.jobs))
     if not arguments.list and arguments.engine == 'local':

@@ -1,7 +1,7 @@
 """Collects the jobs that studies ask for: what several of them need is done once."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from uav_collect.scenario import Scenario
 from uav_collect.studies.jobs import (
@@ -22,12 +22,21 @@ class Requests:
 
     scale: ScaleConfig
     jobs: dict[str, Job] = field(default_factory=dict)  # by digest
+    _asked: set[str] = field(default_factory=set)  # since they were last taken
+    _texts: dict[str, str] = field(default_factory=dict)  # of scenarios: YAML is slowly written
+    _trainings: dict[object, Trained] = field(default_factory=dict)
 
     def ask(self, job: Job) -> str:
         """Ask for a job; its digest."""
         digest = digest_of(job)
         self.jobs[digest] = job
+        self._asked.add(digest)
         return digest
+
+    def taken(self) -> frozenset[str]:
+        """What was asked for since the last call."""
+        taken, self._asked = frozenset(self._asked), set()
+        return taken
 
     def trained(
         self,
@@ -43,14 +52,16 @@ class Requests:
             label: of the algorithm.
             settings: that replace the preset's, by dotted path with __ for the dot.
         """
-        trainings = self.scale.trainings
-        values = {name.replace('__', '.'): value for name, value in settings.items()}
-        config = load_preset(trainings.preset, trainings.set | values)
-        jobs = [
-            training_job(scenario, config, LEARNED[label], seed, decisions)
-            for seed in range(n_seeds)
-        ]
-        return Trained(label=label, digests=tuple(map(self.ask, jobs)))
+        known = (label, self._text(scenario), decisions, n_seeds, tuple(settings.items()))
+        if known not in self._trainings:
+            trainings = self.scale.trainings
+            values = {name.replace('__', '.'): value for name, value in settings.items()}
+            config = load_preset(trainings.preset, trainings.set | values)
+            first = training_job(scenario, config, LEARNED[label], 0, decisions)
+            digests = [self.ask(replace(first, seed=seed)) for seed in range(n_seeds)]
+            self._trainings[known] = Trained(label=label, digests=tuple(digests))
+        self._asked.update(self._trainings[known].digests)
+        return self._trainings[known]
 
     def flown(self, trained: Trained, scenario: Scenario, bandwidth: str = 'exact') -> Tested:
         """Ask for test missions of the best policy that trainings gave."""
@@ -65,7 +76,7 @@ class Requests:
         digests = [
             self.ask(
                 PlansJob(
-                    scenario=scenario.to_yaml(),
+                    scenario=self._text(scenario),
                     bandwidth=bandwidth,
                     first_seed=seeds[0],
                     n_missions=len(seeds),
@@ -85,7 +96,10 @@ class Requests:
         """Ask for the log of one mission."""
         return self.ask(
             _flights(
-                LEARNED[trained.label], trained.digests, scenario, 'exact',
+                LEARNED[trained.label],
+                trained.digests,
+                self._text(scenario),
+                'exact',
                 range(mission_seed, mission_seed + 1), keeps_logs=True,
             )
         )  # fmt: skip
@@ -94,10 +108,17 @@ class Requests:
         self, policy: str, trainings: Sequence[str], scenario: Scenario, bandwidth: str
     ) -> Tested:
         digests = [
-            self.ask(_flights(policy, trainings, scenario, bandwidth, seeds))
+            self.ask(_flights(policy, trainings, self._text(scenario), bandwidth, seeds))
             for seeds in self._parts()
         ]
         return Tested(digests=tuple(digests), is_planned=False)
+
+    def _text(self, scenario: Scenario) -> str:
+        """The scenario as YAML."""
+        values = scenario.model_dump_json()
+        if values not in self._texts:
+            self._texts[values] = scenario.to_yaml()
+        return self._texts[values]
 
     def _parts(self) -> list[range]:
         """The seeds of the test missions, job by job."""
@@ -110,14 +131,14 @@ class Requests:
 def _flights(
     policy: str,
     trainings: Sequence[str],
-    scenario: Scenario,
+    scenario: str,
     bandwidth: str,
     seeds: range,
     *,
     keeps_logs: bool = False,
 ) -> FlightsJob:
     return FlightsJob(
-        scenario=scenario.to_yaml(),
+        scenario=scenario,
         policy=policy,
         trainings=tuple(trainings),
         bandwidth=bandwidth,
