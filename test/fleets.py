@@ -139,15 +139,15 @@ class Fleet:
         wait_until(lambda: self.n_events(seed) >= n_events)
 
 
-def wait_until(condition: Callable[[], bool]) -> None:
+def wait_until(condition: Callable[[], bool], deadline_s: float = DEADLINE_S) -> None:
     """Wait until something holds.
 
     Raises:
-        AssertionError: it did not in `DEADLINE_S`.
+        AssertionError: it did not in time.
     """
-    end_s = time.monotonic() + DEADLINE_S
+    end_s = time.monotonic() + deadline_s
     while not condition():
-        assert time.monotonic() < end_s, f'not within {DEADLINE_S} s'
+        assert time.monotonic() < end_s, f'not within {deadline_s} s'
         time.sleep(_POLL_S)
 
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from telling import Course, is_decision, joined, messages_of, same
 from tiny import tiny, uav
-from uav_collect.actions import FAILSAFE, HOME
+from uav_collect.actions import FAILSAFE, HOME, NONE
 from uav_collect.assembly import Cause, Fate
-from uav_collect.experience import Episode
+from uav_collect.experience import Episode, Records
 from uav_collect.observation import Layout
 from uav_collect.reward import Reward
 from uav_collect.told import EventTold, MissionTold, RefusedError, Told, TransitionTold
@@ -73,6 +73,26 @@ def test_a_mission_that_is_cut_off_ends_with_the_decision_it_waits_for() -> None
     # What comes after the cut is known to be of no use.
     assert assembly.tally.messages[Fate.LATE] == assembly.tally.messages[Fate.DROPPED] == 0
     assert assembly.tally.messages.total() == len(events_and_decisions(messages))
+
+
+def test_a_mission_that_the_world_gave_up_is_cut_off_there() -> None:
+    flown = course()
+    messages = [messages_of(flown, [seed]) for seed in SEEDS]
+    for each in messages:
+        last = [at for at, it in enumerate(each) if isinstance(it, EventTold)][7]
+        del each[last + 1 : -1]
+        n_decisions = sum(is_decision(it) for it in each)
+        each[-1] = changed(each[-1], cut_after=n_decisions)
+    whole = flown.episodes(SEEDS)
+    for order in (1, -1):
+        told = [it for each in messages for it in each[::order]]
+        found = joined(flown.assembly(), told)
+        for one, other in zip(found, whole, strict=True):
+            n_kept = one.episode.n_decisions
+            assert (n_kept, one.episode.is_whole) == (8, False)
+            kept = Records(*(table[:n_kept] for table in other.records))
+            kept.action[-1], kept.reward[-1], kept.duration_s[-1] = NONE, 0.0, 0.0
+            assert same(one.episode, replace(other, records=kept, is_whole=False)) == []
 
 
 def test_the_efficiency_of_a_mission_is_its_logs() -> None:

@@ -4,6 +4,7 @@ from collections import deque
 from collections.abc import Sequence
 import os
 from pathlib import Path
+import shlex
 import signal
 from typing import Any
 
@@ -11,7 +12,7 @@ from fleets import Fleet, parameters, wait_until
 from learned import header as policy_header
 from learned import saved
 from lessons import single_threaded_torch
-from processes import Processes, RunningProcess
+from processes import executable, Processes, RunningProcess
 import pytest
 from telling import Course, same
 from tiny import tiny, uav
@@ -39,13 +40,23 @@ SETTINGS = {
     'exploration.epsilon_first': 0.3,
 }  # fmt: skip
 N_KILLS = int(os.environ.get('UAV_COLLECT_KILLS', '2'))
+TRAINED_S = 300.0  # for what takes ten seconds where nothing else runs
 NEVER = 1_000_000  # updates: the first policy flies until the end
 
 
 def start_trainer(
-    processes: Processes, folder: Path, *flags: str, decisions: int = 1000, **values: object
+    processes: Processes,
+    folder: Path,
+    *flags: str,
+    decisions: int = 1000,
+    n_blocks: int | None = None,
+    **values: object,
 ) -> RunningProcess:
-    """A trainer of the tiny scenario, its kernels interpreted: a compiler would take minutes."""
+    """A trainer of the tiny scenario, its kernels interpreted: a compiler would take minutes.
+
+    Args:
+        n_blocks: most that a file of it may take.
+    """
     file = folder.parent / 'tiny.yaml'
     file.write_text(SCENARIO.to_yaml())
     overrides = ', '.join(f'{key}={value}' for key, value in SETTINGS.items())
@@ -53,9 +64,10 @@ def start_trainer(
         'scenario': file, 'output_dir': folder, 'decisions': decisions,
         'decisions_per_update': 20, 'replay_decisions': 2000, 'overrides': f'[{overrides}]',
     }  # fmt: skip
-    return processes.start(
-        'trainer', *flags, *parameters(**{**told, **values}), UAV_COLLECT_KERNELS='interpreted'
-    )
+    command = [str(executable('trainer')), *flags, *parameters(**{**told, **values})]
+    if n_blocks is not None:
+        command = ['sh', '-c', f'ulimit -f {n_blocks}; exec {shlex.join(command)}']
+    return processes.run('trainer', *command, UAV_COLLECT_KERNELS='interpreted')
 
 
 def fleet_of(processes: Processes, folder: Path, world: str = '') -> Fleet:
@@ -110,7 +122,7 @@ def test_what_is_learned_over_ros_and_from_a_bag_is_what_is_learned_in_one_proce
     recorder = fleet.start_recorder()
     live = start_trainer(processes, tmp_path / 'live', publish_every_updates=NEVER)
     world = start_fleet(fleet, missions=200, seed=100)
-    assert live.wait_for_exit() == 0
+    assert live.wait_for_exit(TRAINED_S) == 0
     episodes, state = replayed(tmp_path / 'live')
     expected, trainer = in_process(range(100, 300), Budget(decisions=1000))
     assert state['learner']['n_updates'] == trainer.n_updates >= 48
@@ -121,11 +133,11 @@ def test_what_is_learned_over_ros_and_from_a_bag_is_what_is_learned_in_one_proce
     assert learned.digest == trainer.snapshot().digest
     assert '0 missing, 0 refused, 0 failsafe' in live.output
     # As much as the trainer needs is in the bag when the world is done.
-    assert world.wait_for_exit() == 0
+    assert world.wait_for_exit(TRAINED_S) == 0
     recorder.send(signal.SIGINT)
     assert recorder.wait_for_exit() == 0
     again = start_trainer(processes, tmp_path / 'again', '--from-bag', str(fleet.bag))
-    assert again.wait_for_exit() == 0
+    assert again.wait_for_exit(TRAINED_S) == 0
     assert load_policy(tmp_path / 'again' / 'last.safetensors').digest == learned.digest
 
 
@@ -137,9 +149,8 @@ def n_updates(folder: Path) -> int:
 
 
 def wait_for_updates(folder: Path, n_wanted: int) -> None:
-    """Wait until a training has made so many updates, and saved itself once."""
-    saved = folder / 'checkpoint' / 'state.pt'
-    wait_until(lambda: n_updates(folder) >= n_wanted and saved.exists())
+    """Wait until a training has made so many updates."""
+    wait_until(lambda: n_updates(folder) >= n_wanted, TRAINED_S)
 
 
 def test_a_trainer_that_is_killed_goes_on_from_its_last_checkpoint(
@@ -147,22 +158,23 @@ def test_a_trainer_that_is_killed_goes_on_from_its_last_checkpoint(
 ) -> None:
     fleet, folder = fleet_of(processes, tmp_path), tmp_path / 'run'
     world = start_fleet(fleet)
-    settings = {'decisions': 1500 * (N_KILLS + 1), 'checkpoint_period_s': 0.2}
-    seen = 0
+    n_decisions = 1000 * (N_KILLS + 1)
+    told: Any = {'decisions': n_decisions, 'checkpoint_period_s': 0.2}
+    saved, seen = folder / 'checkpoint' / 'state.pt', 0
     for _ in range(N_KILLS):
-        trainer = start_trainer(processes, folder, **settings)  # type: ignore[arg-type]
-        wait_for_updates(folder, seen + 10)
+        trainer = start_trainer(processes, folder, **told)
+        wait_for_updates(folder, seen + 5)
+        wait_until(saved.exists)
         trainer.kill()
-        assert world.is_running
         world.wait_for('mission .* ended')  # the fleet flies on
         _, state = replayed(folder)
         assert state['learner']['n_updates'] >= seen
         seen = state['learner']['n_updates']
-    trainer = start_trainer(processes, folder, **settings)  # type: ignore[arg-type]
-    assert trainer.wait_for_exit() == 0
+    trainer = start_trainer(processes, folder, **told)
+    assert trainer.wait_for_exit(TRAINED_S) == 0
     assert read_run(folder).is_done
     episodes, state = replayed(folder)
-    assert state['collectors'][0]['n_decisions'] >= settings['decisions']
+    assert state['collectors'][0]['n_decisions'] >= n_decisions
     seeds = [one.mission_seed for one in episodes]
     assert len(seeds) == len(set(seeds))  # none was learned from twice
     rows = read_columns(folder / 'progress.csv', ('n_decisions',))['n_decisions']
@@ -176,13 +188,13 @@ def test_a_signal_saves_what_was_learned_and_the_same_command_goes_on(
     folder = tmp_path / 'run'
     start_fleet(fleet_of(processes, tmp_path))
     trainer = start_trainer(processes, folder, decisions=10**6)
-    wait_until(lambda: n_updates(folder) > 3)
+    wait_for_updates(folder, 4)
     trainer.send(signal.SIGINT)
-    assert trainer.wait_for_exit() == 0
+    assert trainer.wait_for_exit(TRAINED_S) == 0
     assert 'decisions; saved; start it again to go on' in trainer.output
     before = read_checkpoint(folder / 'checkpoint')['learner']['n_updates']
     again = start_trainer(processes, folder, decisions=10**6)
-    wait_until(lambda: n_updates(folder) > before)
+    wait_for_updates(folder, before + 1)
     assert again.is_running
 
 
@@ -193,17 +205,17 @@ def test_agents_and_worlds_that_die_cost_their_mission_and_no_more(
     trainer = start_trainer(processes, folder, decisions=10**6)
     agents = fleet.start_agents('topic', 'equal')
     world = fleet.start_world(missions=-1, decision_timeout_s=100.0)
-    wait_until(lambda: n_updates(folder) > 3)
+    wait_for_updates(folder, 4)
     agents[0].kill()
     seen = n_updates(folder)
     fleet.start_agent(1, 'topic', 'equal')
-    wait_until(lambda: n_updates(folder) > seen + 3)
+    wait_for_updates(folder, seen + 4)
     world.kill()
     seen = n_updates(folder)
     fleet.start_world(missions=-1, seed=10**6)
-    wait_until(lambda: n_updates(folder) > seen + 10)
+    wait_for_updates(folder, seen + 10)
     trainer.send(signal.SIGINT)
-    assert trainer.wait_for_exit() == 0
+    assert trainer.wait_for_exit(TRAINED_S) == 0
     assert ' 0 refused' in trainer.output.splitlines()[-2]
     episodes, _ = replayed(folder)
     assert max(one.mission_seed for one in episodes) >= 10**6
@@ -216,7 +228,7 @@ def test_two_worlds_make_the_experience_of_one_trainer(
     trainer = start_trainer(processes, folder, worlds='[a, b]')
     for place, name in enumerate('ab'):
         start_fleet(fleet_of(processes, tmp_path, name), seed=1000 * place)
-    assert trainer.wait_for_exit() == 0
+    assert trainer.wait_for_exit(TRAINED_S) == 0
     episodes, _ = replayed(folder)
     assert {one.mission_seed // 1000 for one in episodes} == {0, 1}
 
@@ -230,7 +242,7 @@ def test_what_agents_encode_otherwise_is_refused_and_named(
     fleet.start_world(missions=3)
     trainer.wait_for(r"refused: .* layout is 'paper/1': must be 'egocentric/\d'; its mission")
     trainer.send(signal.SIGINT)
-    assert trainer.wait_for_exit() == 0
+    assert trainer.wait_for_exit(TRAINED_S) == 0
     assert 'stopped before a mission was flown' in trainer.output
 
 
@@ -255,6 +267,17 @@ def test_what_cannot_be_trained_is_said_in_one_line(
     assert trainer.wait_for_exit() == 2
     assert words in trainer.output
     assert 'Traceback' not in trainer.output
+
+
+def test_a_disk_that_fills_up_ends_the_training_with_one_line(
+    processes: Processes, tmp_path: Path
+) -> None:
+    start_fleet(fleet_of(processes, tmp_path))
+    # No file may have more than 20 blocks: a checkpoint has.
+    limited = start_trainer(processes, tmp_path / 'run', checkpoint_period_s=0.1, n_blocks=20)
+    assert limited.wait_for_exit(TRAINED_S) == 1
+    assert f'{tmp_path}/run/checkpoint: File too large' in limited.output
+    assert 'Traceback' not in limited.output
 
 
 def test_the_folder_of_another_run_is_refused(processes: Processes, tmp_path: Path) -> None:

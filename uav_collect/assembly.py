@@ -84,6 +84,7 @@ class _Mission:
     n_decided: int = 0  # of them
     is_whole: bool = False  # they are all of the mission
     is_cut: bool = False  # they are all that is kept of it
+    cut_after: int | None = None  # decisions, where the world gave it up
     n_overtaken: int = 0  # later missions that were joined
 
     @property
@@ -95,7 +96,7 @@ class _Mission:
         return self.told is not None and (self.is_whole or self.is_cut)
 
     def note(self, told: Told) -> bool:
-        """Keep a message; whether it is new.
+        """Keep a message; whether it may be news.
 
         Raises:
             RefusedError: there is another one in its place.
@@ -104,6 +105,7 @@ class _Mission:
         match told:
             case MissionTold():
                 known, self.told = self.told, told
+                self.cut_after = told.cut_after or self.cut_after
             case EventTold():
                 known = self.events.get(told.event)
                 self.events[told.event] = told
@@ -113,18 +115,19 @@ class _Mission:
         if known is not None and known != told:
             event = '' if isinstance(told, MissionTold) else f', event {told.event}'
             raise RefusedError(f'mission {told.mission_id}{event}: is told in two ways')
-        return known is None
+        return known is None or isinstance(told, MissionTold)
 
     def advance(self, max_decisions: int) -> None:
         """Go on past the events that are here."""
         while not (self.is_whole or self.is_cut):
             event = self.events.get(self.n_ready)
             if event is None or (is_decision(event) and event.event not in self.transitions):
-                return
+                break
             self.n_ready += 1
             self.n_decided += is_decision(event)
             self.is_cut = self.n_decided > max_decisions
             self.is_whole = event.is_last and not self.is_cut
+        self.is_cut |= self.cut_after is not None and self.n_decided >= self.cut_after > 1
 
     def parts(self) -> MissionParts:
         if self.told is None or self.n_decided == 0:

@@ -5,7 +5,7 @@ bytes are, and a thousand of them take little room.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from uav_collect import actions
@@ -29,6 +29,8 @@ class MissionTold:
     scenario_fingerprint: str
     mission_seed: int
     demand_bit: bytes  # float64 (S,) at the start
+    # After how many decisions the world gave it up; told at its end, if it did.
+    cut_after: int | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True, kw_only=True)

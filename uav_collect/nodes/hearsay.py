@@ -6,6 +6,7 @@ from typing import Any
 
 from uav_collect.told import EventTold, MissionTold, Told, TransitionTold
 
+_ABORTED = 2  # Mission.ABORTED; a bag knows its messages without their constants
 _KINDS = re.compile(r'(?P<world>.*)/(?:world/(?P<kind>mission|epoch)|uav_\d+/transition)')
 
 
@@ -33,6 +34,7 @@ def mission_told(msg: Any) -> MissionTold:
         scenario_fingerprint=msg.scenario_fingerprint,
         mission_seed=int(msg.seed),
         demand_bit=msg.demand_bit.tobytes(),
+        cut_after=int(msg.n_decisions) if msg.phase == _ABORTED else None,
     )
 
 

@@ -10,7 +10,7 @@ from uav_collect.frozen import FrozenPolicy
 from uav_collect.nodes.spin import FAILED
 from uav_collect.stream import Stream
 from uav_collect.trainer import Trainer
-from uav_collect.training_folder import opened
+from uav_collect.training_folder import BEST_POLICY, opened
 from uav_collect.training_log import TrainingRunError
 from uav_collect.training_loop import DivergedError, InterruptedRunError, train, trainer_of
 from uav_collect.training_progress import Budget, Progress
@@ -106,7 +106,7 @@ class Learning:
             self._fly(trainer.config.epsilon(share_done))
             # Minutes count from the first mission on.
             if share_done < 1.0 and not self.stream.wait():
-                raise InterruptedRunError('stopped before a mission was flown')
+                self._give_up()
             train(
                 run,
                 trainer,
@@ -118,8 +118,14 @@ class Learning:
         best = trainer.best_policy()
         if best is not None:
             self._flown.put(Flown(policy=best, epsilon=0.0))
-        self.verdict = f'trained {run.record.budget}; its best policy flies'
+        told = f'{trainer.n_decisions:,} decisions, {trainer.n_updates:,} updates'
+        self.verdict = f'done after {told}; its best policy is {run.folder / BEST_POLICY}'
         self.end_status = 0
+
+    def _give_up(self) -> None:
+        if self._is_stopped:
+            raise InterruptedRunError('stopped before a mission was flown')
+        raise TrainingRunError('there is no mission to learn from')
 
     def _show(self, progress: Progress) -> None:
         self.progress = progress

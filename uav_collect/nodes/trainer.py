@@ -27,7 +27,7 @@ from uav_collect.nodes.incidents import Incidents
 from uav_collect.nodes.learning import Flown, Learning
 from uav_collect.nodes.parameters import help_text
 from uav_collect.nodes.spin import (
-    FAILED,
+    MISUSED,
     NodeError,
     parse_arguments,
     ProcessNode,
@@ -92,7 +92,8 @@ class TrainerNode(ProcessNode):
         self._shown_s = self._told_s = -math.inf
         self._closing = ExitStack()
         self._show = self._closing.enter_context(showing(self._run.folder.name, self._more))
-        self._policies = topics.publisher(self, topics.POLICY)
+        # What is learned from recordings is nobody's to fly yet.
+        self._policies = None if bags else topics.publisher(self, topics.POLICY)
         self._bags = self._read(bags) if bags else None
         for namespace in self._assemblies:
             self._listen(namespace)
@@ -194,16 +195,21 @@ class TrainerNode(ProcessNode):
                 if next(bags, self) is self:
                     self._bags = None
                     return
-        except (BagError, AttributeError) as error:
-            self.get_logger().error(f'{error}')
-            self.end(FAILED)
+        except BagError as error:
+            self.get_logger().error(str(error))
+            self.end(MISUSED)
+        except AttributeError as error:  # a message without a field
+            self.get_logger().error(f'a bag was recorded by another version: {error}')
+            self.end(MISUSED)
 
     def _publish(self, flown: Flown | None) -> None:
         if flown is None:
             return
+        self._version = flown.policy.header.version
+        if self._policies is None:
+            return
         content = policy_bytes(flown.policy)
         self._sequence += 1
-        self._version = flown.policy.header.version
         self._policies.publish(
             Policy(
                 stamp=self.get_clock().now().to_msg(),
