@@ -120,7 +120,7 @@ def test_a_trainer_that_cannot_start_ends_all_with_its_reason(
 
 def test_no_two_worlds_runs_or_starts_fly_the_same_missions() -> None:
     firsts = [
-        train_fleet._first_seed(run, world, start)
+        train_fleet.first_seed(run, world, start)
         for run in (0, 1, 2**28 - 1)
         for world in (0, 15)
         for start in (1, 2, 255)

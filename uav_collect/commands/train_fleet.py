@@ -137,7 +137,7 @@ def _start(
     scenario_file.write_text(scenario.to_yaml(), encoding='utf-8')
     if not (folder / _SCENARIO_FILE).exists():  # tells the trainer that the folder is for a run
         (folder / _SCENARIO_FILE).write_text(scenario.to_yaml(), encoding='utf-8')
-    names = _world_names(arguments.worlds)
+    names = world_names(arguments.worlds)
     for number, name in enumerate(names):
         named, suffix = (['--world', name], f'_{name}') if name else ([], '')
         if arguments.record:
@@ -145,7 +145,7 @@ def _start(
             fleet.start('recorder', f'recorder{suffix}', [*named, *bag], ends_last=True)
         values = ros_parameters(
             scenario=scenario_file,
-            seed=_first_seed(arguments.seed, number, int(said.name)),
+            seed=first_seed(arguments.seed, number, int(said.name)),
             missions=-1,
             max_decisions=max_decisions,
             viewer_rate_hz=0.0,
@@ -176,12 +176,13 @@ def _supervise(fleet: Fleet) -> None:
         time.sleep(_LOOK_S)
 
 
-def _world_names(n_worlds: int) -> list[str]:
+def world_names(n_worlds: int) -> list[str]:
     """One world has no name, so that its topics are the usual ones."""
     return [''] if n_worlds == 1 else [*string.ascii_lowercase[:n_worlds]]
 
 
-def _first_seed(run_seed: int, world: int, start: int) -> int:
+def first_seed(run_seed: int, world: int, start: int) -> int:
+    """Seed of the first mission of a run's world, both by number, after so many starts."""
     first = _FIRST_SEED + run_seed % _N_RUNS * _SEEDS_PER_RUN
     return first + world * _SEEDS_PER_WORLD + start % _N_STARTS * _SEEDS_PER_START
 
