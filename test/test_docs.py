@@ -16,7 +16,16 @@ import sys
 from interpreted import interpreted
 import pytest
 from uav_collect.__main__ import SUMMARIES
-from uav_collect.commands import bound, curves, evaluate, figures, mission, report, train
+from uav_collect.commands import (
+    bound,
+    curves,
+    evaluate,
+    figures,
+    mission,
+    report,
+    train,
+    train_fleet,
+)
 from uav_collect.scenario import load, scenario_names
 from uav_collect.site import build_site
 
@@ -29,9 +38,17 @@ README = (ROOT / 'README.md').read_text()
 PAPER_MAP = (ROOT / 'docs' / 'paper_map.md').read_text()
 COMMANDS = {
     **{'curves': curves, 'evaluate': evaluate, 'mission': mission, 'report': report},
-    **{'train': train, 'bound': bound, 'figures': figures},
+    **{'train': train, 'bound': bound, 'figures': figures, 'train-fleet': train_fleet},
 }
-ABROAD = {'ros2', 'rviz2', 'colcon', 'ray', 'source', 'export'}  # programs that are not ours
+ABROAD = {
+    'ros2',
+    'rviz2',
+    'colcon',
+    'ray',
+    'fastdds',
+    'source',
+    'export',
+}  # programs that are not ours
 
 
 def blocks(text: str, language: str) -> list[str]:
@@ -94,7 +111,7 @@ def test_every_option_in_the_paper_map_is_a_key_of_a_scenario() -> None:
 @pytest.mark.parametrize('words', [*command_lines()], ids=' '.join)
 def test_every_command_shown_can_be_given(words: list[str]) -> None:
     program, *arguments = words
-    targets = set(re.findall(r'^(\w+):.*##', (ROOT / 'Makefile').read_text(), re.MULTILINE))
+    targets = set(re.findall(r'^([\w-]+):.*##', (ROOT / 'Makefile').read_text(), re.MULTILINE))
     if program == 'make':
         assert {word for word in arguments if '=' not in word} <= targets
     elif program == '.venv/bin/python' and arguments[:2] == ['-m', 'uav_collect']:
