@@ -9,8 +9,6 @@ import signal
 from typing import Any
 
 from fleets import Fleet, parameters, wait_until
-from learned import header as policy_header
-from learned import saved
 from lessons import single_threaded_torch
 from processes import executable, Processes, RunningProcess
 import pytest
@@ -18,16 +16,23 @@ from telling import Course, same
 from tiny import tiny, uav
 from uav_collect.assembly import Joined
 from uav_collect.experience import Episode
-from uav_collect.observation import Layout
+from uav_collect.frozen import PolicyMismatchError
 from uav_collect.policy_file import load_policy
+from uav_collect.scenario import ConfigError
 from uav_collect.training_config import load_preset, TrainingConfig
-from uav_collect.training_log import read_columns, read_run
+from uav_collect.training_log import read_columns, read_run, TrainingRunError
 
 torch = single_threaded_torch()
 pytest.importorskip('rclpy')
 from uav_collect.checkpoint import read_checkpoint  # noqa: E402
+from uav_collect.nodes.trainer_settings import (  # noqa: E402
+    PARAMETERS,
+    planned_run,
+    TrainerSettings,
+)
 from uav_collect.stream import Stream  # noqa: E402
 from uav_collect.trainer import Trainer  # noqa: E402
+from uav_collect.training_folder import opened  # noqa: E402
 from uav_collect.training_progress import Budget  # noqa: E402
 
 pytestmark = pytest.mark.ros
@@ -247,26 +252,75 @@ def test_what_agents_encode_otherwise_is_refused_and_named(
 
 
 @pytest.mark.parametrize(
-    ('values', 'words'),
+    ('flags', 'values', 'words'),
     [
-        ({'algorithm': 'qmix'}, "algorithm is 'qmix': must be aqmix or aiql"),
-        ({'output_dir': "''"}, 'output_dir is missing'),
-        ({'minutes': 3.0}, 'minutes and decisions are given'),
-        ({'scenario': 'nowhere'}, 'nowhere'),
-        ({'preset': 'paper'}, 'reward.discount_per_s is 0.5: must be 0.99'),
-        ({'start_from': 'wide.safetensors'}, 'its observation size is'),
+        ((), {'algorithm': 'qmix'}, "algorithm is 'qmix': must be aqmix or aiql"),
+        (('--from-bag', 'nowhere'), {}, 'nowhere: no such bag'),
     ],
 )
 def test_what_cannot_be_trained_is_said_in_one_line(
-    values: dict[str, object], words: str, processes: Processes, tmp_path: Path
+    flags: Sequence[str],
+    values: dict[str, Any],
+    words: str,
+    processes: Processes,
+    tmp_path: Path,
 ) -> None:
-    saved(tmp_path, 'wide', policy_header(Layout.PAPER, 7))
-    if values.get('preset') == 'paper':
-        values = {**values, 'overrides': '[reward.discount_per_s=0.5]'}
-    trainer = start_trainer(processes, tmp_path / 'run', **values)  # type: ignore[arg-type]
+    trainer = start_trainer(processes, tmp_path / 'run', *flags, **values)
     assert trainer.wait_for_exit() == 2
-    assert words in trainer.output
+    assert words in trainer.output.splitlines()[-1]
     assert 'Traceback' not in trainer.output
+
+
+def settings_of(folder: Path, **values: object) -> TrainerSettings:
+    defaults = {parameter.name: parameter.default for parameter in PARAMETERS}
+    file = folder.parent / 'tiny.yaml'
+    file.write_text(SCENARIO.to_yaml())
+    given = {'scenario': str(file), 'output_dir': str(folder), **values}
+    return TrainerSettings(**{**defaults, **given})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ('values', 'words'),
+    [
+        ({'algorithm': 'vdn'}, "algorithm is 'vdn': must be aqmix or aiql"),
+        ({'output_dir': ''}, 'output_dir is missing: must be a folder for the run'),
+        ({'minutes': 3.0, 'decisions': 5}, 'minutes and decisions are given: must be one'),
+        ({'scenario': 'nowhere'}, "scenario is 'nowhere'"),
+        ({'overrides': ['target.trace=2']}, 'target.trace'),
+        ({'start_from': 'none.safetensors'}, 'none.safetensors: cannot be read'),
+    ],
+)
+def test_settings_that_make_no_run_are_refused_and_named(
+    values: dict[str, object], words: str, tmp_path: Path
+) -> None:
+    with pytest.raises((TrainingRunError, ConfigError, PolicyMismatchError), match=words):
+        planned_run(settings_of(tmp_path / 'run', **values))
+
+
+def test_a_run_is_gone_on_with_as_it_was_begun_and_for_as_long_as_is_asked(
+    tmp_path: Path,
+) -> None:
+    folder = tmp_path / 'run'
+    begun = planned_run(settings_of(folder, minutes=5.0))
+    with opened(begun, 0):
+        pass
+    again = planned_run(settings_of(folder, decisions=7))
+    assert (again.record.minutes, again.record.decisions) == (None, 7)
+    assert again.record.started == begun.record.started
+    for values, words in (
+        ({'seed': 1}, 'holds a run whose seed is 0: must be 1, or choose another output_dir'),
+        ({'decisions_per_update': 20}, 'holds a run whose training_fingerprint is'),
+        ({'algorithm': 'aiql'}, "holds a run whose algorithm is 'aqmix': must be 'aiql'"),
+    ):
+        with pytest.raises(TrainingRunError, match=words):
+            planned_run(settings_of(folder, **values))
+
+
+def test_a_folder_of_something_else_is_no_place_for_a_run(tmp_path: Path) -> None:
+    (tmp_path / 'run').mkdir()
+    (tmp_path / 'run' / 'thesis.tex').touch()
+    with pytest.raises(TrainingRunError, match='holds something else'):
+        planned_run(settings_of(tmp_path / 'run'))
 
 
 def test_a_disk_that_fills_up_ends_the_training_with_one_line(
@@ -278,16 +332,3 @@ def test_a_disk_that_fills_up_ends_the_training_with_one_line(
     assert limited.wait_for_exit(TRAINED_S) == 1
     assert f'{tmp_path}/run/checkpoint: File too large' in limited.output
     assert 'Traceback' not in limited.output
-
-
-def test_the_folder_of_another_run_is_refused(processes: Processes, tmp_path: Path) -> None:
-    folder = tmp_path / 'run'
-    first = start_trainer(processes, folder)
-    wait_until((folder / 'run.json').exists)
-    second = start_trainer(processes, folder, seed=1)
-    assert second.wait_for_exit() == 2
-    assert 'holds a run whose seed is 0: must be 1, or choose another output_dir' in second.output
-    third = start_trainer(processes, folder)
-    assert third.wait_for_exit() == 1
-    assert f'{folder}: another process trains in it' in third.output
-    assert first.is_running
