@@ -23,7 +23,7 @@ from uav_collect.frozen import best_actions, FrozenPolicy
 from uav_collect.missions import LocalView
 from uav_collect.observation import encode, Layout, observation_size
 from uav_collect.policy import LearnedPolicy
-from uav_collect.retrace import Tracer
+from uav_collect.retrace import Retracer
 from uav_collect.reward import Reward
 from uav_collect.rows import new_row
 from uav_collect.scenario import fingerprint, Scenario
@@ -66,11 +66,11 @@ class Course:
     def assembly(self, **values: object) -> Assembly:
         """What joins the messages of its missions."""
         site = build_site(self.scenario)
-        tracer = Tracer(self.scenario, site, self.layout, self.reward, self.discount_per_s)
-        tracer.warm_up()
+        retracer = Retracer(self.scenario, site, self.layout, self.reward, self.discount_per_s)
+        retracer.warm_up()
         terms = terms_of(self.scenario, self.layout, site.n_sensors)
         settings = {'max_decisions': self.max_decisions, **values}
-        return Assembly(terms, tracer, **settings)  # type: ignore[arg-type]
+        return Assembly(terms, retracer, **settings)  # type: ignore[arg-type]
 
     def episodes(self, seeds: Sequence[int]) -> list[Episode]:
         """Missions as the training's rollout records them."""

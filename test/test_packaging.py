@@ -45,7 +45,7 @@ LAYERS = (
     'metrics evaluation errands plan_search plan_bound bound bound_estimates',
     'lanes plots tables bound_tables bag bag_writer bag_repair learning_curves pettingzoo_env',
     'training_config training_progress training_run training_display replay minibatch',
-    'network mixer learner collector checkpoint course stream trainer scalar_events',
+    'network mixer learner collector checkpoint course intake trainer scalar_events',
     'training_folder training_loop',
 )
 LEARNING = 'network mixer learner collector checkpoint train trainer scalar_events learning'

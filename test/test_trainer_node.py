@@ -25,12 +25,12 @@ from uav_collect.training_log import read_columns, read_run, TrainingRunError
 torch = single_threaded_torch()
 pytest.importorskip('rclpy')
 from uav_collect.checkpoint import read_checkpoint  # noqa: E402
+from uav_collect.intake import Intake  # noqa: E402
 from uav_collect.nodes.trainer_settings import (  # noqa: E402
     PARAMETERS,
     planned_run,
     TrainerSettings,
 )
-from uav_collect.stream import Stream  # noqa: E402
 from uav_collect.trainer import Trainer  # noqa: E402
 from uav_collect.training_folder import opened  # noqa: E402
 from uav_collect.training_progress import Budget  # noqa: E402
@@ -92,7 +92,7 @@ def config_of(**values: object) -> TrainingConfig:
 
 def replayed(folder: Path) -> tuple[list[Episode], dict[str, Any]]:
     """The missions that a saved trainer holds, in the order in which they came; its state."""
-    trainer = Trainer.resume(folder / 'checkpoint', sources=[Stream(NEVER)])
+    trainer = Trainer.resume(folder / 'checkpoint', sources=[Intake(NEVER)])
     replay = trainer._courses[0].replay
     held = [replay._episode(mission) for mission in replay._missions]
     return held, read_checkpoint(folder / 'checkpoint')
@@ -100,7 +100,7 @@ def replayed(folder: Path) -> tuple[list[Episode], dict[str, Any]]:
 
 def in_process(seeds: Sequence[int], budget: Budget) -> tuple[list[Episode], Trainer]:
     """What the same network flies and learns in this process."""
-    trainer = Trainer([SCENARIO], config_of(), 'aqmix', 0, sources=[stream := Stream(NEVER)])
+    trainer = Trainer([SCENARIO], config_of(), 'aqmix', 0, sources=[intake := Intake(NEVER)])
     config, frozen = trainer.config, trainer.snapshot()
     course = Course(
         scenario=SCENARIO,
@@ -110,7 +110,7 @@ def in_process(seeds: Sequence[int], budget: Budget) -> tuple[list[Episode], Tra
     )
     episodes = course.episodes(seeds)
     for episode in episodes:
-        stream.add(
+        intake.add(
             Joined(
                 mission_id=str(episode.mission_seed), episode=episode, efficiency_kbit_per_j=0.0
             )

@@ -11,7 +11,7 @@ from enum import StrEnum
 
 from uav_collect.actions import HOME
 from uav_collect.experience import Episode
-from uav_collect.retrace import MissionParts, Tracer
+from uav_collect.retrace import MissionParts, Retracer
 from uav_collect.told import (
     EventTold,
     is_decision,
@@ -146,7 +146,7 @@ class Assembly:
     def __init__(
         self,
         terms: Terms,
-        tracer: Tracer,
+        retracer: Retracer,
         *,
         max_decisions: int,
         max_messages: int = 20_000,
@@ -160,7 +160,7 @@ class Assembly:
             known: ids of missions that were joined before.
         """
         self.tally = Tally()
-        self._terms, self._tracer = terms, tracer
+        self._terms, self._retracer = terms, retracer
         self._max_decisions, self._max_messages = max_decisions, max_messages
         self._missions: OrderedDict[str, _Mission] = OrderedDict()  # by id, the oldest first
         self._closed: OrderedDict[str, Fate] = OrderedDict()  # by id: what awaits its stragglers
@@ -217,8 +217,8 @@ class Assembly:
             parts = mission.parts()
             joined = Joined(
                 mission_id=mission_id,
-                episode=self._tracer.episode(parts),
-                efficiency_kbit_per_j=self._tracer.efficiency_kbit_per_j(parts),
+                episode=self._retracer.episode(parts),
+                efficiency_kbit_per_j=self._retracer.efficiency_kbit_per_j(parts),
             )
         except RefusedError:
             self._drop(mission_id, Cause.REFUSED)

@@ -64,7 +64,7 @@ class _Events(NamedTuple):
     known: NDArray[np.uint8]  # (K, C) the deciding UAV's map
 
 
-class Tracer:
+class Retracer:
     """Turns what was told of missions of one scenario into episodes."""
 
     def __init__(

@@ -7,8 +7,8 @@ from threading import Thread
 
 from uav_collect.compiled import kernels_are_compiled
 from uav_collect.frozen import FrozenPolicy
+from uav_collect.intake import Intake
 from uav_collect.nodes.spin import FAILED
-from uav_collect.stream import Stream
 from uav_collect.trainer import Trainer
 from uav_collect.training_folder import BEST_POLICY, opened
 from uav_collect.training_log import TrainingRunError
@@ -26,7 +26,7 @@ class Flown:
 
 
 class Learning:
-    """Trains one run on a stream of missions, in a thread of its own."""
+    """Trains one run on a intake of missions, in a thread of its own."""
 
     def __init__(
         self,
@@ -46,13 +46,13 @@ class Learning:
             ConfigError: the scenario cannot be trained with these settings.
             PolicyMismatchError: the network is not that of the policy to start from.
         """
-        self.stream = Stream(most_waiting, self._fly)
+        self.intake = Intake(most_waiting, self._fly)
         self.progress: Progress | None = None  # the latest look
         self.verdict = ''  # how it ended, for people
         self.end_status: int | None = None  # once it has ended
         self._run, self._checkpoint_s = run, checkpoint_s
         self._every_updates = publish_every_updates
-        self._trainer: Trainer = trainer_of(run, [self.stream])
+        self._trainer: Trainer = trainer_of(run, [self.intake])
         self._next_flown = self._trainer.n_updates
         self._flown: SimpleQueue[Flown] = SimpleQueue()
         self._is_stopped = False
@@ -75,7 +75,7 @@ class Learning:
     def stop(self) -> None:
         """Save, and come to an end."""
         self._is_stopped = True
-        self.stream.close()
+        self.intake.close()
         self._thread.join()
 
     def _fly(self, epsilon: float) -> None:
@@ -105,7 +105,7 @@ class Learning:
         with opened(run, trainer.n_decisions) as folder:
             self._fly(trainer.config.epsilon(share_done))
             # Minutes count from the first mission on.
-            if share_done < 1.0 and not self.stream.wait():
+            if share_done < 1.0 and not self.intake.wait():
                 self._give_up()
             train(
                 run,

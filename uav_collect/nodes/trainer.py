@@ -36,7 +36,7 @@ from uav_collect.nodes.spin import (
 from uav_collect.nodes.trainer_settings import PARAMETERS, planned_run, read_settings
 from uav_collect.policy_file import policy_bytes
 from uav_collect.replay import replay_bytes
-from uav_collect.retrace import Tracer
+from uav_collect.retrace import Retracer
 from uav_collect.scenario import ConfigError
 from uav_collect.site import build_site
 from uav_collect.told import RefusedError, terms_of, Told
@@ -123,7 +123,7 @@ class TrainerNode(ProcessNode):
 
     def _new_assemblies(self, namespaces: Sequence[str]) -> dict[str, Assembly]:
         self._new_assembly: Callable[[], Assembly] = partial(
-            _new_assembly, self._run, self._learning.stream.known_ids
+            _new_assembly, self._run, self._learning.intake.known_ids
         )
         return {namespace: self._new_assembly() for namespace in namespaces}
 
@@ -155,7 +155,7 @@ class TrainerNode(ProcessNode):
                 self.get_logger().warning(f'refused: {error}; its mission is dropped')
             return
         if joined is not None:
-            self._learning.stream.add(joined)
+            self._learning.intake.add(joined)
 
     def _on_lost(self, event: Any) -> None:
         self._n_lost += event.total_count_change
@@ -173,7 +173,7 @@ class TrainerNode(ProcessNode):
                 yield
         for assembly in self._assemblies.values():
             assembly.give_up()
-        self._learning.stream.close()
+        self._learning.intake.close()
 
     # What goes out.
 
@@ -191,7 +191,7 @@ class TrainerNode(ProcessNode):
     def _go_on_reading(self, bags: Iterator[None], until_s: float) -> None:
         most = _MOST_WAITING_UPDATES * self._run.config.rollout.decisions_per_update // 2
         try:
-            while time.monotonic() < until_s and self._learning.stream.n_waiting < most:
+            while time.monotonic() < until_s and self._learning.intake.n_waiting < most:
                 if next(bags, self) is self:
                     self._bags = None
                     return
@@ -254,12 +254,12 @@ def _new_assembly(run: PlannedRun, known: Sequence[str]) -> Assembly:
     scenario, config = run.scenarios[0], run.config
     site = build_site(scenario)
     discount_per_s = config.reward.discount_per_s
-    tracer = Tracer(scenario, site, config.layout, config.reward_kind, discount_per_s)
+    retracer = Retracer(scenario, site, config.layout, config.reward_kind, discount_per_s)
     if kernels_are_compiled():
-        tracer.warm_up()
+        retracer.warm_up()
     terms = terms_of(scenario, config.layout, site.n_sensors)
     return Assembly(
-        terms, tracer, max_decisions=config.max_decisions(scenario.n_cells), known=known
+        terms, retracer, max_decisions=config.max_decisions(scenario.n_cells), known=known
     )
 
 

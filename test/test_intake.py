@@ -17,8 +17,8 @@ from uav_collect.observation import Layout
 from uav_collect.training_config import TrainingConfig
 
 torch = single_threaded_torch()
+from uav_collect.intake import Intake  # noqa: E402
 from uav_collect.network import Drqn  # noqa: E402
-from uav_collect.stream import Stream  # noqa: E402
 from uav_collect.trainer import Trainer  # noqa: E402
 from uav_collect.training_progress import Budget  # noqa: E402
 
@@ -39,11 +39,11 @@ def episodes(seeds: Sequence[int]) -> list[Joined]:
     ]
 
 
-def stream_of(missions: Sequence[Joined], most_waiting: int = 10**9, **values: Any) -> Stream:  # noqa: ANN401
-    stream = Stream(most_waiting, **values)
+def intake_of(missions: Sequence[Joined], most_waiting: int = 10**9, **values: Any) -> Intake:  # noqa: ANN401
+    intake = Intake(most_waiting, **values)
     for each in missions:
-        stream.add(each)
-    return stream
+        intake.add(each)
+    return intake
 
 
 def settings(validation_every_updates: int) -> TrainingConfig:
@@ -72,7 +72,7 @@ def trained(
         if trainer.n_updates == n_updates:
             raise EnoughError
 
-    sources = [stream_of(missions, fly=fly)]
+    sources = [intake_of(missions, fly=fly)]
     if saved is None:
         trainer = Trainer([COURSE.scenario], settings(50), algorithm, 0, sources=sources)
     else:
@@ -100,65 +100,65 @@ def n_made(missions: Sequence[Episode]) -> int:
 
 def test_it_hands_out_missions_until_there_are_as_many_decisions_as_were_asked_for() -> None:
     missions = episodes(range(40))
-    stream = stream_of(missions)
+    intake = intake_of(missions)
     asked, taken = 0, []
     for n_decisions in (1, 30, 5, 5, 60):
         asked += n_decisions
-        taken += stream.collect(agent(), n_decisions, 0.5)
+        taken += intake.collect(agent(), n_decisions, 0.5)
         most = max(it.episode.n_decisions for it in missions)
-        assert asked <= stream.n_decisions == n_made(taken) < asked + most
-    assert [it.mission_seed for it in taken] == [*range(stream.n_missions)]
+        assert asked <= intake.n_decisions == n_made(taken) < asked + most
+    assert [it.mission_seed for it in taken] == [*range(intake.n_missions)]
 
 
 def test_it_waits_for_missions_that_another_thread_adds() -> None:
-    stream, missions = Stream(10**9), episodes(range(10))
-    adding = Thread(target=deque, args=(map(stream.add, missions), 0))
+    intake, missions = Intake(10**9), episodes(range(10))
+    adding = Thread(target=deque, args=(map(intake.add, missions), 0))
     adding.start()
-    taken = stream.collect(agent(), n_made([it.episode for it in missions]), 0.5)
+    taken = intake.collect(agent(), n_made([it.episode for it in missions]), 0.5)
     adding.join()
     assert len(taken) == 10
-    assert not stream.is_over
+    assert not intake.is_over
 
 
 def test_it_is_over_when_no_more_come_and_what_is_there_is_too_little() -> None:
     missions = episodes(range(4))
-    stream = stream_of(missions)
-    stream.close()
-    assert len(stream.collect(agent(), 10**6, 0.5)) == 4
-    assert stream.is_over
-    assert stream.collect(agent(), 1, 0.5) == []
+    intake = intake_of(missions)
+    intake.close()
+    assert len(intake.collect(agent(), 10**6, 0.5)) == 4
+    assert intake.is_over
+    assert intake.collect(agent(), 1, 0.5) == []
 
 
 def test_a_learner_that_is_too_slow_takes_what_waits_without_an_update_each() -> None:
     missions = episodes(range(40))
-    stream = stream_of(missions, most_waiting=50)
-    taken = stream.collect(agent(), 10, 0.5)
+    intake = intake_of(missions, most_waiting=50)
+    taken = intake.collect(agent(), 10, 0.5)
     left = n_made([it.episode for it in missions]) - n_made(taken)
     assert 50 - 10 < left <= 50
 
 
-def test_a_restored_stream_goes_on_and_knows_what_was_learned_from() -> None:
-    stream, other = stream_of(episodes(range(20))), Stream(10**9)
-    stream.collect(agent(), 40, 0.5)
-    other.restore(stream.state())
-    assert other.known_ids == stream.known_ids == [f'world-{seed}' for seed in range(20)]
-    assert other.n_decisions == stream.n_decisions
-    first, second = (each.collect(agent(), 30, 0.5) for each in (stream, other))
+def test_a_restored_intake_goes_on_and_knows_what_was_learned_from() -> None:
+    intake, other = intake_of(episodes(range(20))), Intake(10**9)
+    intake.collect(agent(), 40, 0.5)
+    other.restore(intake.state())
+    assert other.known_ids == intake.known_ids == [f'world-{seed}' for seed in range(20)]
+    assert other.n_decisions == intake.n_decisions
+    first, second = (each.collect(agent(), 30, 0.5) for each in (intake, other))
     assert [it.mission_seed for it in first] == [it.mission_seed for it in second]
-    assert other.recent_reward == stream.recent_reward
+    assert other.recent_reward == intake.recent_reward
 
 
 def test_recent_figures_are_those_of_the_missions_handed_out() -> None:
-    stream = stream_of(episodes(range(5)))
-    assert np.isnan(stream.recent_reward)
-    taken = stream.collect(agent(), 30, 0.5)
-    assert stream.recent_reward == pytest.approx(
+    intake = intake_of(episodes(range(5)))
+    assert np.isnan(intake.recent_reward)
+    taken = intake.collect(agent(), 30, 0.5)
+    assert intake.recent_reward == pytest.approx(
         np.mean([it.records.reward.sum() for it in taken])
     )
-    assert stream.recent_efficiency_kbit_per_j == 1.0
+    assert intake.recent_efficiency_kbit_per_j == 1.0
 
 
-def test_a_training_on_a_stream_is_resumed_where_it_was_saved(tmp_path: Path) -> None:
+def test_a_training_on_an_intake_is_resumed_where_it_was_saved(tmp_path: Path) -> None:
     missions = episodes(range(60))
     straight, stopped = trained(missions, 20), trained(missions, 8)
     stopped.save(tmp_path)
@@ -168,8 +168,8 @@ def test_a_training_on_a_stream_is_resumed_where_it_was_saved(tmp_path: Path) ->
 
 
 def test_a_training_ends_with_a_validation_when_missions_run_out() -> None:
-    stream = stream_of(episodes(range(30)))
-    stream.close()
-    trainer = Trainer([COURSE.scenario], settings(5), 'aqmix', 0, sources=[stream])
+    intake = intake_of(episodes(range(30)))
+    intake.close()
+    trainer = Trainer([COURSE.scenario], settings(5), 'aqmix', 0, sources=[intake])
     validated = [it.n_updates for it in trainer.run(LONG) if it.validation is not None]
-    assert validated[-1] == trainer.n_updates == stream.n_decisions // 20 - 1
+    assert validated[-1] == trainer.n_updates == intake.n_decisions // 20 - 1
