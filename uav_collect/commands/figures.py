@@ -98,7 +98,8 @@ def run(arguments: argparse.Namespace) -> int:
         return 0
     plan.check_disk()
     status = _have_done(arguments, plan) if plan.missing else 0
-    _draw(arguments, plan)
+    if status in (0, FAILED):  # others did not fail where one did; an interruption ends here
+        _draw(arguments, plan)
     return status
 
 
