@@ -4,10 +4,12 @@ Arrays are the bytes of their numbers, as messages carry them: two messages are 
 bytes are, and a thousand of them take little room.
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass, field
+import math
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from uav_collect import actions
 from uav_collect.actions import HOME, N_ACTIONS, NONE
 from uav_collect.experience import n_map_bytes
@@ -116,7 +118,7 @@ class Terms:
         where = f'mission {told.mission_id}'
         _same(where, 'scenario_fingerprint', told.scenario_fingerprint, self.scenario_fingerprint)
         _sized(where, 'demand_bit', told.demand_bit, self.n_sensors * FLOAT64.itemsize)
-        _finite(where, 'demand_bit', np.frombuffer(told.demand_bit, FLOAT64))
+        _numbers(where, 'demand_bit', np.frombuffer(told.demand_bit, FLOAT64))
 
     def _check_event(self, told: EventTold) -> None:
         where = f'mission {told.mission_id}, event {told.event}'
@@ -126,7 +128,7 @@ class Terms:
             'time_s', 'x_m', 'y_m', 'duration_s', 'energy_left_j', 'energy_j', 'collected_bit',
             'reward',
         ):  # fmt: skip
-            _finite(where, name, (getattr(told, name),))
+            _number(where, name, getattr(told, name))
         for name in ('uav_x_m', 'uav_y_m', 'uav_energy_left_j'):
             self._check_floats(where, name, getattr(told, name))
         n_bytes = n_map_bytes(self.n_cells)
@@ -141,9 +143,9 @@ class Terms:
         _within(where, 'uav', told.uav + 1, 1, self.n_uavs)
         size = self.observation_size * FLOAT32.itemsize
         _sized(where, 'observation', told.observation, size)
-        _finite(where, 'observation', np.frombuffer(told.observation, FLOAT32))
-        _finite(where, 'time_s', (told.time_s,))
-        _finite(where, 'energy_left_j', (told.energy_left_j,))
+        _numbers(where, 'observation', np.frombuffer(told.observation, FLOAT32))
+        _number(where, 'time_s', told.time_s)
+        _number(where, 'energy_left_j', told.energy_left_j)
         _within(where, 'cell', told.cell, 0, self.n_cells - 1)
         _within(where, 'previous_action', told.previous_action, NONE, N_ACTIONS - 1)
         _within(where, 'action', told.action, 0, HOME)
@@ -156,7 +158,7 @@ class Terms:
 
     def _check_floats(self, where: str, name: str, content: bytes) -> None:
         _sized(where, name, content, self.n_uavs * FLOAT64.itemsize)
-        _finite(where, name, np.frombuffer(content, FLOAT64))
+        _numbers(where, name, np.frombuffer(content, FLOAT64))
 
 
 def terms_of(scenario: Scenario, layout: Layout, n_sensors: int) -> Terms:
@@ -200,9 +202,13 @@ def _sized(where: str, name: str, content: bytes, n_bytes: int) -> None:
         raise RefusedError(f'{where}: {name} has {len(content)} bytes: must be {n_bytes}')
 
 
-def _finite(where: str, name: str, values: Iterable[float]) -> None:
-    values = np.asarray(values)
-    if not np.isfinite(values).all():
-        place = int(np.flatnonzero(~np.isfinite(values))[0])
-        shown = name if len(values) == 1 else f'{name}[{place}]'
-        raise RefusedError(f'{where}: {shown} is {values[place]}: must be finite')
+def _number(where: str, name: str, value: float) -> None:
+    if not math.isfinite(value):
+        raise RefusedError(f'{where}: {name} is {value}: must be finite')
+
+
+def _numbers(where: str, name: str, values: NDArray[Any]) -> None:
+    is_finite = np.isfinite(values)
+    if not is_finite.all():
+        place = int(np.flatnonzero(~is_finite)[0])
+        _number(where, f'{name}[{place}]', values[place])
