@@ -134,6 +134,21 @@ def test_every_axis_has_a_unit_and_every_panel_a_legend(smoke: Smoke, name: str)
         assert labels_of(axes)
 
 
+@pytest.mark.parametrize('name', NAMES)
+def test_every_legend_is_in_the_picture_whole(smoke: Smoke, name: str) -> None:
+    drawn = smoke.drawn(name)
+    drawn.picture('png')
+    page = drawn.figure.bbox
+    for axes in panels(drawn):
+        legend = axes.get_legend()
+        assert legend is not None
+        box = legend.get_window_extent()
+        assert box.x0 >= page.x0 - 1, name
+        assert box.x1 <= page.x1 + 1, name
+        assert box.y0 >= page.y0 - 1, name
+        assert box.y1 <= page.y1 + 1, name
+
+
 def series_of(study: Study) -> set[str]:
     """What must be seen in each panel: the plans where they have what it shows."""
     match study:

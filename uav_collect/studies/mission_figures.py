@@ -14,7 +14,7 @@ from uav_collect.studies.flights import log_name
 from uav_collect.studies.records import TopologyStudy, TrajectoriesStudy
 
 _SIDE_IN = 4.6
-_SIZE_IN = (5.0, 5.4)
+_SIZE_IN = (5.0, 6.1)
 _LOG_COLUMNS = (
     'decision', 'time_s', 'action', 'x_m', 'y_m', 'duration_s', 'energy_j', 'collected_bit',
 )  # fmt: skip
