@@ -1,0 +1,253 @@
+"""Measures learning over ROS 2: what it costs a fleet, how fast it learns, how soon a policy flies.
+
+python bench/ros_training.py [SECONDS]
+"""
+
+from array import array
+import csv
+import hashlib
+import os
+from pathlib import Path
+import re
+import subprocess
+import sys
+import tempfile
+import time
+from typing import Any, NamedTuple
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from uav_collect.commands.fleet import Fleet, ros_parameters
+from uav_collect.commands.train_fleet import first_seed, world_names
+from uav_collect.policy_file import load_policy, policy_bytes
+from uav_collect.scenario import load, Scenario
+from uav_collect.training_config import load_preset
+
+SECONDS = 30.0  # of each measurement
+WARM_S = 10.0  # before it: caches, the first updates
+DEADLINE_S = 400.0
+N_SWAPS = 150
+LEAST_SHARE = 0.6  # of the decisions per second without a trainer
+EAGER = 20  # decisions for each update: more updates than any learner makes
+POLICY = Path('config', 'policies', 'paper_8x8_n2_aqmix.safetensors')
+
+
+class Learned(NamedTuple):
+    """What a fleet flew and a trainer learned in the time."""
+
+    decisions_per_s: float
+    updates_per_s: float
+
+
+def fly(scenario: Scenario, n_worlds: int, seconds: float, per_update: int | None) -> Learned:
+    """Fly worlds side by side, by a file or by what a trainer makes of it.
+
+    Args:
+        per_update: decisions for each update of the trainer; None: there is no trainer.
+    """
+    n_processes = n_worlds * (1 + scenario.n_uavs) + 1
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        fleet = Fleet(folder, n_processes)
+        try:
+            _start(fleet, folder, scenario, n_worlds, per_update)
+            logs = [*folder.glob('world_sim*.log')]
+            _wait(lambda: all(b'after' in log.read_bytes() for log in logs))
+            time.sleep(WARM_S)
+            begin_s, n_before = time.time(), _n_updates(folder)
+            time.sleep(seconds)
+            end_s, n_after = time.time(), _n_updates(folder)
+            n_decisions = sum(_n_decisions(log, begin_s, end_s) for log in logs)
+        finally:
+            fleet.stop()
+    taken_s = end_s - begin_s
+    return Learned(n_decisions / taken_s, (n_after - n_before) / taken_s)
+
+
+def _start(
+    fleet: Fleet, folder: Path, scenario: Scenario, n_worlds: int, per_update: int | None
+) -> None:
+    file, names = folder / 'scenario.yaml', world_names(n_worlds)
+    file.write_text(scenario.to_yaml(), encoding='utf-8')
+    config = load_preset('strong')
+    policy = str(POLICY) if per_update is None else 'topic'
+    for number, world in enumerate(names):
+        named = ['--world', world] if world else []
+        values = ros_parameters(
+            scenario=file,
+            seed=first_seed(0, number, 1),
+            missions=-1,
+            max_decisions=config.max_decisions(scenario.n_cells),
+            viewer_rate_hz=0.0,
+        )
+        fleet.start('world_sim', f'world_sim_{world}', [*named, *values])
+        for uav in range(1, scenario.n_uavs + 1):
+            flags = ['--id', str(uav), '--policy', policy, '--bandwidth', 'equal']
+            fleet.start('uav_agent', f'uav_{uav}_{world}', [*named, *flags])
+    if per_update is not None:
+        values = ros_parameters(
+            scenario=file,
+            worlds=names,
+            output_dir=folder / 'run',
+            minutes=60.0,
+            start_from=POLICY,
+            overrides=['exploration.epsilon_first=0.05'],
+            decisions_per_update=per_update,
+        )
+        fleet.start('trainer', 'trainer', values, stop_s=60.0)
+
+
+def learn_in_process(scenario: Scenario, seconds: float, per_update: int) -> float:
+    """Updates per second of the trainer that flies in its own process."""
+    with tempfile.TemporaryDirectory() as name:
+        file, run = Path(name, 'scenario.yaml'), Path(name, 'run')
+        file.write_text(scenario.to_yaml(), encoding='utf-8')
+        command = [
+            *(sys.executable, '-m', 'uav_collect', 'train', '--scenario', str(file)),
+            *('--start-from', str(POLICY), '--output', str(run)),
+            *('--minutes', str((WARM_S + seconds) / 60.0)),
+            *('--override', 'exploration.epsilon_first=0.05'),
+            f'rollout.decisions_per_update={per_update}',
+        ]
+        subprocess.run(command, check=True, capture_output=True, timeout=DEADLINE_S)
+        with (run / 'progress.csv').open(newline='') as rows:
+            looks = [(float(it['wall_s']), int(it['n_updates'])) for it in csv.DictReader(rows)]
+    (begin_s, n_before), (end_s, n_after) = next(it for it in looks if it[0] > WARM_S), looks[-1]
+    return (n_after - n_before) / (end_s - begin_s)
+
+
+def _n_decisions(log: Path, begin_s: float, end_s: float) -> int:
+    """Decisions of the missions that ended in a time."""
+    told = re.findall(r'\[(\d+\.\d+)\].* after (\d+) decisions', log.read_text())
+    return sum(int(number) for at_s, number in told if begin_s <= float(at_s) < end_s)
+
+
+def _n_updates(folder: Path) -> int:
+    table = folder / 'run' / 'progress.csv'
+    if not table.exists():
+        return 0
+    with table.open(newline='') as rows:
+        return max((int(row['n_updates']) for row in csv.DictReader(rows)), default=0)
+
+
+def swap_ms(scenario: Scenario) -> tuple[list[float], float]:
+    """From publishing a policy to the first command of the last agent that flies it.
+
+    Returns:
+        Those times, and how long a mission takes [ms].
+    """
+    import rclpy
+    from uav_collect.nodes import topics
+    from uav_collect.nodes.middleware import find_each_other_quickly
+    from uav_collect.nodes.spin import make_executor
+    from uav_collect.nodes.topics import publisher, subscription
+    from uav_collect_msgs.msg import Policy
+
+    find_each_other_quickly()
+    rclpy.init()
+    node = rclpy.create_node('swaps')
+    executor = make_executor()
+    executor.add_node(node)
+    flown: dict[int, str] = {}
+    n_missions = [0]
+
+    def hear(uav: int, msg: Any) -> None:  # noqa: ANN401
+        flown[uav] = msg.policy_version
+
+    def count(msg: Any) -> None:  # noqa: ANN401
+        n_missions[0] += msg.phase == msg.STARTED
+
+    for uav in range(1, scenario.n_uavs + 1):
+        subscription(node, topics.uav_topics(uav).command, lambda msg, uav=uav: hear(uav, msg))
+    subscription(node, topics.MISSION, count)
+    policies = publisher(node, topics.POLICY)
+    content = policy_bytes(load_policy(POLICY))
+    digest, version = hashlib.sha256(content).hexdigest(), load_policy(POLICY).header.version
+    taken_ms = []
+    with tempfile.TemporaryDirectory() as name:
+        fleet = Fleet(Path(name), scenario.n_uavs + 2)
+        try:
+            _start_short(fleet, Path(name), scenario)
+            for number in range(1, N_SWAPS + 1):
+                epsilon = number / 10_000  # stands in the version
+                message = Policy(
+                    stamp=node.get_clock().now().to_msg(), version=version,
+                    trainer_instance='bench', sequence=number, content=array('B', content),
+                    sha256=digest, epsilon=epsilon, hover_share=0.6,
+                )  # fmt: skip
+                start_s = time.perf_counter()
+                policies.publish(message)
+                wanted = [f'{version} eps {epsilon:g}'] * scenario.n_uavs
+                while [*flown.values()] != wanted:
+                    executor.spin_once(timeout_sec=0.1)
+                    if time.perf_counter() > start_s + DEADLINE_S:
+                        raise RuntimeError(f'policy {number} does not fly')
+                taken_ms.append((time.perf_counter() - start_s) * 1e3)
+                if number == 10:  # all found each other
+                    taken_ms.clear()
+                    first_s, n_missions[0] = time.perf_counter(), 0
+        finally:
+            fleet.stop()
+            rclpy.try_shutdown()
+    return taken_ms, (time.perf_counter() - first_s) / n_missions[0] * 1e3
+
+
+def _start_short(fleet: Fleet, folder: Path, scenario: Scenario) -> None:
+    file = folder / 'scenario.yaml'
+    file.write_text(scenario.to_yaml(), encoding='utf-8')
+    values = ros_parameters(scenario=file, missions=-1, viewer_rate_hz=0.0)
+    fleet.start('world_sim', 'world_sim', values)
+    for uav in range(1, scenario.n_uavs + 1):
+        fleet.start('uav_agent', f'uav_{uav}', ['--id', str(uav), '--policy', 'topic'])
+
+
+def _wait(condition: Any) -> None:  # noqa: ANN401
+    end_s = time.monotonic() + DEADLINE_S
+    while not condition():
+        if time.monotonic() > end_s:
+            raise RuntimeError('the fleet does not fly')
+        time.sleep(0.1)
+
+
+def verdict(value: float, target: float, *, is_upper: bool, form: str) -> str:
+    """A figure, coloured by whether it meets its target."""
+    is_met = value <= target if is_upper else value >= target
+    return f'[{"green" if is_met else "red"}]{value:{form}}[/]'
+
+
+def main() -> None:
+    """Measure and print."""
+    seconds = float(sys.argv[1]) if len(sys.argv) > 1 else SECONDS
+    os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    console = Console(width=None if sys.stdout.isatty() else 132)
+    scenario, ratio = load('paper_8x8'), load_preset('strong').rollout.decisions_per_update
+    table = Table(title=f'Learning over ROS 2, paper_8x8, an update each {ratio} decisions')
+    for heading in ('worlds', 'decisions/s without', 'with a trainer', 'share', 'updates/s'):
+        table.add_column(heading, justify='right')
+    for n_worlds in (1, 2):
+        alone, taught = (fly(scenario, n_worlds, seconds, per) for per in (None, ratio))
+        share = taught.decisions_per_s / alone.decisions_per_s
+        table.add_row(
+            str(n_worlds),
+            f'{alone.decisions_per_s:,.0f}',
+            f'{taught.decisions_per_s:,.0f}',
+            verdict(share, LEAST_SHARE, is_upper=False, form='.0%'),
+            f'{taught.updates_per_s:.2f}',
+        )
+    console.print(table)
+    over_ros = fly(scenario, 1, seconds, EAGER).updates_per_s
+    here = learn_in_process(scenario, seconds, EAGER)
+    short = load('paper_8x8', {'fleet.default.energy_budget_kj': 6.0})
+    taken_ms, mission_ms = swap_ms(short)
+    p50, p99 = np.percentile(taken_ms, [50, 99])
+    console.print(
+        f'updates/s as fast as can be: {over_ros:.1f} beside a fleet, {here:.1f} in one process; '
+        f'from publishing a policy to all agents flying it: p50 {p50:.0f} ms, p99 {p99:.0f} ms, '
+        f'missions of {mission_ms:.0f} ms; {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}'
+    )
+
+
+if __name__ == '__main__':
+    main()
