@@ -1,4 +1,4 @@
-"""Measures learning over ROS 2: what it costs a fleet, how fast it learns, how soon a policy flies.
+"""Measures learning over ROS 2: what it costs a fleet, how fast it learns, when a policy flies.
 
 python bench/ros_training.py [SECONDS]
 """

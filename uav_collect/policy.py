@@ -98,6 +98,11 @@ class LearnedPolicy:
         """Run, update and weights that it came from."""
         return self.frozen.header.version
 
+    @property
+    def observation(self) -> Row[float]:
+        """What it chose from last, encoded; not to be written."""
+        return self._observation
+
     def begin(self, briefing: Briefing, uav: int) -> None:
         """Forget the last mission and get ready to fly a UAV, by index.
 

@@ -2,7 +2,8 @@
 
 from typing import Any
 
-from uav_collect.agent import Agent
+from uav_collect.actions import BY_POLICY
+from uav_collect.agent import Agent, Decision
 from uav_collect.arrays import Row
 from uav_collect.briefing import Briefing
 from uav_collect.missions import LocalView
@@ -29,11 +30,15 @@ class Reporter:
         self._scenario = scenario_fingerprint
         self._encoded: dict[Layout, Row[float]] = {}
 
-    def transition(self, observation: Any, view: LocalView, agent: Agent, action: int) -> Any:
+    def transition(
+        self, observation: Any, view: LocalView, agent: Agent, decision: Decision
+    ) -> Any:
         """The message about a decision just taken."""
         layout = self._layout_of(agent)
-        encoded = self._row(layout)
-        encode(layout, self._briefing, self._uav, agent.belief, view, encoded)
+        encoded = self._chosen_from(layout, agent, decision)
+        if encoded is None:
+            encoded = self._row(layout)
+            encode(layout, self._briefing, self._uav, agent.belief, view, encoded)
         return convert.transition_msg(
             observation,
             uav=self._uav,
@@ -43,7 +48,7 @@ class Reporter:
             belief=agent.belief,
             encoded=encoded,
             legal=agent.legal,
-            action=action,
+            action=decision.action,
         )
 
     def _layout_of(self, agent: Agent) -> Layout:
@@ -52,6 +57,16 @@ class Reporter:
         if not isinstance(agent.policy, Follower) or agent.policy.flown is None:
             raise RuntimeError('a layout is only implied by the policy of a trainer')
         return agent.policy.flown.learned.frozen.header.layout
+
+    def _chosen_from(self, layout: Layout, agent: Agent, decision: Decision) -> Row[float] | None:
+        """The observation as the policy has encoded it, if it did: that takes a while."""
+        policy = agent.policy
+        if decision.reason != BY_POLICY or not isinstance(policy, Follower):
+            return None
+        learned = None if policy.flown is None else policy.flown.learned
+        if learned is None or learned.frozen.header.layout != layout:
+            return None
+        return learned.observation
 
     def _row(self, layout: Layout) -> Row[float]:
         if layout not in self._encoded:

@@ -274,7 +274,7 @@ class AgentNode(ProcessNode):
             )
             decision = agent.decide(view)
             if self._reporter is not None:  # first: no decision is carried out and not told
-                told = self._reporter.transition(observation, view, agent, decision.action)
+                told = self._reporter.transition(observation, view, agent, decision)
                 self._transition.publish(told)
             command = convert.command_msg(decision, observation)
             command.agent_instance = self._instance
