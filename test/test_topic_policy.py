@@ -3,12 +3,13 @@
 from array import array
 import hashlib
 from pathlib import Path
+import time
 from typing import Any
 
-from fleets import Fleet, scenario_of
+from fleets import Fleet, listener, scenario_of
 from learned import header, random_policy
 from processes import Processes
-from publishing import explored_logs, trainer
+from publishing import explored_logs, policy_fields, trainer
 import pytest
 from uav_collect.frozen import FrozenPolicy
 from uav_collect.mission_log import from_jsonl
@@ -16,11 +17,17 @@ from uav_collect.observation import Layout, observation_size
 from uav_collect.policy import flown_version
 from uav_collect.policy_file import policy_bytes
 from uav_collect.scenario import Scenario
+from uav_collect.simulation import Simulation
+from uav_collect.site import build_site
 
 pytest.importorskip('rclpy')
 pytest.importorskip('uav_collect_msgs')
 
-from uav_collect.nodes import topics
+from uav_collect.nodes import convert, topics
+from uav_collect.nodes.identity import Identity, scenario_msg
+from uav_collect.nodes.topics import publisher
+from uav_collect_msgs.msg import Policy
+from uav_collect_msgs.srv import Join
 
 pytestmark = pytest.mark.ros
 
@@ -160,3 +167,44 @@ def test_an_agent_killed_in_flight_takes_up_the_version_of_its_mission_though_al
         assert world.wait_for_exit() == 0
     assert fleet.log(SEED) == expected
     assert [fleet.log(SEED + 1)] == explored_logs(scenario, [SEED + 1], second, 0.0)
+
+
+def test_an_agent_that_missed_the_policy_of_a_mission_asks_the_world_for_it(
+    processes: Processes, tmp_path: Path
+) -> None:
+    scenario = scenario_of(1)
+    policies = [random_policy(header(n_uavs=1, version=f'run@{it}'), seed=it) for it in (1, 2)]
+    published = [policy_fields(policy, it, 0.0) for it, policy in enumerate(policies, start=1)]
+    site = build_site(scenario)
+    simulation = Simulation(scenario, site, SEED)
+    event = simulation.next_event()
+    assert event is not None
+    world = Identity(born_s=time.time(), instance='world-of-the-test')
+    observation = convert.observation_msg(event, world.mission_id(0), 0)
+    observation.exploration_key = SEED
+    observation.policy_trainer, observation.policy_sequence = 'stand-in', 2
+    n_asked = 0
+
+    def answer(request: Any, response: Any) -> Any:  # noqa: ANN401
+        nonlocal n_asked
+        n_asked += 1
+        response.world_instance, response.accepted = world.instance, True
+        response.mission_id = world.mission_id(0)
+        response.policy = Policy(**published[n_asked > 1])
+        if n_asked > 1:
+            response.observations, response.decision_pending = [observation], True
+        return response
+
+    command = topics.uav_topics(1).command
+    with listener(command) as ears:
+        ears.node.create_service(Join, topics.JOIN_SERVICE, answer)
+        shown = publisher(ears.node, topics.uav_topics(1).observation)
+        publisher(ears.node, topics.SCENARIO).publish(scenario_msg(world, scenario, site))
+        fleet = Fleet(processes=processes, scenario=scenario, folder=tmp_path / 'run')
+        agent = fleet.start_agent(1, 'topic')
+        ears.wait_until(lambda: n_asked == 1)
+        shown.publish(observation)
+        ears.wait_until(lambda: bool(ears.heard[command.name]))
+    assert n_asked == 2
+    assert ears.heard[command.name][0].policy_version == 'run@2'
+    assert agent.is_running
