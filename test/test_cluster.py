@@ -32,7 +32,11 @@ def jobs() -> Mapping[str, Job]:
 
 # Ray leaves sockets to the garbage collector.
 @pytest.mark.filterwarnings('ignore::ResourceWarning')
-def test_a_cluster_that_loses_a_worker_gives_what_one_process_gives(tmp_path: Path) -> None:
+def test_a_cluster_that_loses_a_worker_gives_what_one_process_gives(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Without an address a cluster of this machine is meant, whatever others there are.
+    monkeypatch.setenv('RAY_ADDRESS', '127.0.0.1:1')
     here, there = Store(tmp_path / 'here'), Store(tmp_path / 'there')
     at_home = done_by(Processes(1), jobs(), here)
     cluster = Saboteur(Cluster(None, 2))

@@ -40,14 +40,15 @@ class Cluster:
             n_slots: jobs at once; None: as many as the cluster has cores.
         """
         self._n_slots = n_slots
-        options: dict[str, Any] = {'log_to_driver': False, 'include_dashboard': False}
+        options: dict[str, Any] = {'log_to_driver': False}
         if address is None:
-            options['num_cpus'] = n_slots
+            # Left out, the address would be that of whatever cluster was used last.
+            options |= {'address': 'local', 'num_cpus': n_slots, 'include_dashboard': False}
         else:
             # The cluster's machines may have another version of this package, or none.
             folder = Path(uav_collect.__file__).parent
             modules = {'py_modules': [str(folder)]}
-            options = {'address': address, 'log_to_driver': False, 'runtime_env': modules}
+            options |= {'address': address, 'runtime_env': modules}
         self._is_ours = not ray.is_initialized()
         if self._is_ours:
             ray.init(**options)
