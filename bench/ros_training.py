@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from rich.console import Console
 from rich.table import Table
-from uav_collect.commands.fleet import Fleet, ros_parameters
+from uav_collect.commands.fleet import Fleet, FleetProcess, ros_parameters
 from uav_collect.commands.train_fleet import first_seed, world_names
 from uav_collect.policy_file import load_policy, policy_bytes
 from uav_collect.scenario import load, Scenario
@@ -26,9 +26,11 @@ from uav_collect.training_config import load_preset
 
 SECONDS = 30.0  # of each measurement
 WARM_S = 10.0  # before it: caches, the first updates
-DEADLINE_S = 400.0
+DEADLINE_S = 900.0
 N_SWAPS = 150
 LEAST_SHARE = 0.6  # of the decisions per second without a trainer
+N_FILLING, N_MORE = 1200, 200  # missions until histories and replay are full, and after that
+REPLAY_DECISIONS = 10_000
 EAGER = 20  # decisions for each update: more updates than any learner makes
 POLICY = Path('config', 'policies', 'paper_8x8_n2_aqmix.safetensors')
 
@@ -67,7 +69,8 @@ def fly(scenario: Scenario, n_worlds: int, seconds: float, per_update: int | Non
 
 def _start(
     fleet: Fleet, folder: Path, scenario: Scenario, n_worlds: int, per_update: int | None
-) -> None:
+) -> list[FleetProcess]:
+    started = []
     file, names = folder / 'scenario.yaml', world_names(n_worlds)
     file.write_text(scenario.to_yaml(), encoding='utf-8')
     config = load_preset('strong')
@@ -81,10 +84,10 @@ def _start(
             max_decisions=config.max_decisions(scenario.n_cells),
             viewer_rate_hz=0.0,
         )
-        fleet.start('world_sim', f'world_sim_{world}', [*named, *values])
+        started.append(fleet.start('world_sim', f'world_sim_{world}', [*named, *values]))
         for uav in range(1, scenario.n_uavs + 1):
             flags = ['--id', str(uav), '--policy', policy, '--bandwidth', 'equal']
-            fleet.start('uav_agent', f'uav_{uav}_{world}', [*named, *flags])
+            started.append(fleet.start('uav_agent', f'uav_{uav}_{world}', [*named, *flags]))
     if per_update is not None:
         values = ros_parameters(
             scenario=file,
@@ -94,8 +97,38 @@ def _start(
             start_from=POLICY,
             overrides=['exploration.epsilon_first=0.05'],
             decisions_per_update=per_update,
+            replay_decisions=REPLAY_DECISIONS,
         )
-        fleet.start('trainer', 'trainer', values, stop_s=60.0)
+        started.append(fleet.start('trainer', 'trainer', values, stop_s=60.0))
+    return started
+
+
+def grown_mb(scenario: Scenario) -> dict[str, tuple[float, float]]:
+    """Resident memory of each process when all histories are full, and how it grows after that."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        fleet = Fleet(folder, scenario.n_uavs + 2)
+        try:
+            processes = _start(fleet, folder, scenario, 1, EAGER)
+            log = folder / 'world_sim_.log'
+            _wait(lambda: _n_missions(log) >= N_FILLING)
+            full = {it.name.rstrip('_'): _resident_mb(it.popen.pid) for it in processes}
+            _wait(lambda: _n_missions(log) >= N_FILLING + N_MORE)
+            later = [_resident_mb(it.popen.pid) for it in processes]
+        finally:
+            fleet.stop()
+    return {
+        name: (mb, later_mb - mb) for (name, mb), later_mb in zip(full.items(), later, strict=True)
+    }
+
+
+def _n_missions(log: Path) -> int:
+    return log.read_bytes().count(b' after ') if log.exists() else 0
+
+
+def _resident_mb(pid: int) -> float:
+    status = Path(f'/proc/{pid}/status').read_text()
+    return int(re.findall(r'VmRSS:\s+(\d+) kB', status)[0]) / 1e3
 
 
 def learn_in_process(scenario: Scenario, seconds: float, per_update: int) -> float:
@@ -242,6 +275,11 @@ def main() -> None:
     short = load('paper_8x8', {'fleet.default.energy_budget_kj': 6.0})
     taken_ms, mission_ms = swap_ms(short)
     p50, p99 = np.percentile(taken_ms, [50, 99])
+    grown = grown_mb(short).items()
+    memory = ', '.join(
+        f'{name} {mb:.0f} MB and {more_mb:+.1f} MB' for name, (mb, more_mb) in grown
+    )
+    console.print(f'memory after {N_FILLING} missions, and for {N_MORE} more: {memory}')
     console.print(
         f'updates/s as fast as can be: {over_ros:.1f} beside a fleet, {here:.1f} in one process; '
         f'from publishing a policy to all agents flying it: p50 {p50:.0f} ms, p99 {p99:.0f} ms, '
