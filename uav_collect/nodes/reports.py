@@ -29,6 +29,11 @@ class Reports:
             self._node.get_logger().warning(text)
             self._published_s = 0.0  # soon
 
+    def note_lost(self, failure: str | None) -> None:
+        """Tell what could not be written, if anything."""
+        if failure is not None:
+            self.note('log lost', failure)
+
     def is_due(self, now_s: float) -> bool:
         """Whether diagnostics are to be published, by the monotonic clock."""
         return now_s - self._published_s > _PERIOD_S

@@ -93,7 +93,7 @@ class WorldNode(ProcessNode):
             self, self._names, self._scenario, self._site, self._settings.viewer_rate_hz
         )
         follow_trainers(self, self._shelf, partial(self._reports.note, 'policy refused'))
-        self._note_lost(self._folder.keep_scenario(self._scenario.to_yaml()))
+        self._reports.note_lost(self._folder.keep_scenario(self._scenario.to_yaml()))
         self._voice.tell_scenario(scenario_msg(self._identity, self._scenario, self._site))
         self.get_logger().info(
             f'scenario {self._scenario.name}: {self._scenario.n_uavs} UAVs, '
@@ -226,7 +226,7 @@ class WorldNode(ProcessNode):
         )
         self._flight = flight
         self._pace.begin()
-        self._note_lost(self._folder.begin(flight.header))
+        self._reports.note_lost(self._folder.begin(flight.header))
         self._publish_mission(flight, Mission.STARTED)
         self.get_logger().info(f'mission {flight.mission_id} starts, seed {seed}')
         self._display.begin(flight.simulation)
@@ -307,7 +307,7 @@ class WorldNode(ProcessNode):
         if closed is not None:
             epoch, event = closed
             self._voice.tell_epoch(epoch)
-            self._note_lost(self._folder.append(event))
+            self._reports.note_lost(self._folder.append(event))
 
     def _publish_mission(self, flight: Flight, phase: int, note: str = '') -> Mission:
         index = self._schedule.n_started - 1
@@ -329,12 +329,6 @@ class WorldNode(ProcessNode):
         if self._schedule.is_over:
             self._reports.publish(self._roster, self._flight)
             self.end()
-
-    # What went wrong, and how all is.
-
-    def _note_lost(self, failure: str | None) -> None:
-        if failure is not None:
-            self._reports.note('log lost', failure)
 
 
 def main(argv: Sequence[str]) -> int:
