@@ -12,6 +12,7 @@ from uav_collect.assembly import Cause, Fate
 from uav_collect.experience import Episode, Records
 from uav_collect.observation import Layout
 from uav_collect.reward import Reward
+from uav_collect.scenario import ConfigError
 from uav_collect.told import EventTold, MissionTold, RefusedError, Told, TransitionTold
 
 # Little energy: half a minute of flight.
@@ -309,7 +310,7 @@ def test_what_the_world_tells_is_refused_and_named_alike(
 
 
 def test_the_scenarios_reward_is_refused_under_another_discount() -> None:
-    with pytest.raises(ValueError, match=r'discount_per_s is 0\.997: must be 0\.99'):
+    with pytest.raises(ConfigError, match=r'discount_per_s is 0\.997: must be 0\.99'):
         course(reward=Reward.PAPER, discount_per_s=0.997).assembly()
 
 

@@ -24,7 +24,7 @@ from uav_collect.ground import demand_by_cell, Ground, lay_out
 from uav_collect.missions import ACTIVE, Mission, mission_of, new_missions, restart_mission
 from uav_collect.observation import Layout, observation_size
 from uav_collect.reward import discount, energy_reward, news_reward, Reward
-from uav_collect.scenario import Scenario
+from uav_collect.scenario import ConfigError, Scenario
 from uav_collect.site import Site
 from uav_collect.told import (
     EventTold,
@@ -76,11 +76,11 @@ class Retracer:
             discount_per_s: of the training.
 
         Raises:
-            ValueError: the scenario's own reward is to be learned, but under another discount
+            ConfigError: the scenario's own reward is to be learned, but under another discount
                 than that by which the world sums it up.
         """
         if reward is Reward.PAPER and scenario.reward.discount_per_s != discount_per_s:
-            raise ValueError(
+            raise ConfigError(
                 f'reward.discount_per_s is {discount_per_s:g}: must be '
                 f'{scenario.reward.discount_per_s:g}, by which the world counts the rewards of '
                 f'scenario {scenario.name}'

@@ -80,8 +80,11 @@ class TrainerNode(ProcessNode):
                 checkpoint_s=settings.checkpoint_period_s,
             )
             self._tell_compiling()
-            self._assemblies = self._new_assemblies(() if bags else settings.namespaces)
-        except (ConfigError, PolicyMismatchError, TrainingRunError, ValueError) as error:
+            self._known = self._learning.intake.known_ids  # missions that were joined before
+            self._assemblies: dict[str, Assembly] = {}  # by namespace
+            for namespace in () if bags else settings.namespaces:
+                self._assemblies[namespace] = _new_assembly(self._run, self._known)
+        except (ConfigError, PolicyMismatchError, TrainingRunError) as error:
             raise NodeError(str(error)) from error
         except OSError as error:
             raise NodeError(f'output_dir: {error}') from error
@@ -95,9 +98,9 @@ class TrainerNode(ProcessNode):
         # What is learned from recordings is nobody's to fly yet.
         self._policies = None if bags else topics.publisher(self, topics.POLICY)
         self._bags = self._read(bags) if bags else None
+        self._learning.start()
         for namespace in self._assemblies:
             self._listen(namespace)
-        self._learning.start()
         self.create_timer(_TICK_S, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def on_stop(self) -> None:
@@ -121,20 +124,10 @@ class TrainerNode(ProcessNode):
 
     # What comes in.
 
-    def _new_assemblies(self, namespaces: Sequence[str]) -> dict[str, Assembly]:
-        self._new_assembly: Callable[[], Assembly] = partial(
-            _new_assembly, self._run, self._learning.intake.known_ids
-        )
-        return {namespace: self._new_assembly() for namespace in namespaces}
-
     def _listen(self, namespace: str) -> None:
         world = topics.world_topics(namespace)
         uavs = range(1, self._run.scenarios[0].n_uavs + 1)
-        for topic in (
-            world.mission,
-            world.epoch,
-            *(world.uav(uav).transition for uav in uavs),
-        ):
+        for topic in (world.mission, world.epoch, *(world.uav(uav).transition for uav in uavs)):
             told = teller(topic.name)
             if told is None:
                 raise RuntimeError(f'topic {topic.name} tells a learner nothing')
@@ -147,8 +140,11 @@ class TrainerNode(ProcessNode):
             )
 
     def _on_message(self, namespace: str, convert: Callable[[Any], Told], msg: Any) -> None:
+        self._take(namespace, convert(msg))
+
+    def _take(self, namespace: str, told: Told) -> None:
         try:
-            joined = self._assemblies[namespace].take(convert(msg))
+            joined = self._assemblies[namespace].take(told)
         except RefusedError as error:
             _, _, what = str(error).partition(': ')
             if self._incidents.note('refused', what):
@@ -164,12 +160,12 @@ class TrainerNode(ProcessNode):
         """Take message after message of recordings."""
         for bag in bags:
             for topic, msg in messages(bag, lambda name: teller(name) is not None):
-                told = teller(topic)
-                if told is not None:
-                    namespace, convert = f'{bag}{told[0]}', told[1]
+                about = teller(topic)
+                if about is not None:
+                    namespace = f'{bag}{about[0]}'
                     if namespace not in self._assemblies:
-                        self._assemblies[namespace] = self._new_assembly()
-                    self._on_message(namespace, convert, msg)
+                        self._assemblies[namespace] = _new_assembly(self._run, self._known)
+                    self._take(namespace, _converted(bag, about[1], msg))
                 yield
         for assembly in self._assemblies.values():
             assembly.give_up()
@@ -197,9 +193,6 @@ class TrainerNode(ProcessNode):
                     return
         except BagError as error:
             self.get_logger().error(str(error))
-            self.end(MISUSED)
-        except AttributeError as error:  # a message without a field
-            self.get_logger().error(f'a bag was recorded by another version: {error}')
             self.end(MISUSED)
 
     def _publish(self, flown: Flown | None) -> None:
@@ -261,6 +254,13 @@ def _new_assembly(run: PlannedRun, known: Sequence[str]) -> Assembly:
     return Assembly(
         terms, retracer, max_decisions=config.max_decisions(scenario.n_cells), known=known
     )
+
+
+def _converted(bag: Path, convert: Callable[[Any], Told], msg: Any) -> Told:
+    try:
+        return convert(msg)
+    except AttributeError as error:  # a message without a field
+        raise BagError(f'{bag}: was recorded by another version: {error}') from error
 
 
 def _reader_qos(offered: QoSProfile) -> QoSProfile:
