@@ -14,10 +14,10 @@ from learned import saved
 import numpy as np
 import pytest
 from scripted import fly, header, uav
-from uav_collect import bag, evaluation, rollout
+from uav_collect import bag, evaluation, files, rollout
 from uav_collect.__main__ import main, SUMMARIES
 from uav_collect.bag import RecordedMission
-from uav_collect.commands import doctor, files
+from uav_collect.commands import doctor
 from uav_collect.metrics import figures, MissionFigures
 from uav_collect.mission_log import MissionLog, read
 from uav_collect.scenario import fingerprint, load, Scenario, with_uavs

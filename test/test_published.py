@@ -10,6 +10,7 @@ from uav_collect.briefing import brief, Briefing
 from uav_collect.exploration import explore
 from uav_collect.nodes.published import Follower, Shelf
 from uav_collect.policy import ExploringPolicy, LearnedPolicy
+from uav_collect.rows import row_of
 from uav_collect.scenario import load
 
 FROZEN = random_policy(header())
@@ -122,7 +123,7 @@ def test_exploration_follows_the_mission_seed_the_uav_and_its_decisions(
 ) -> None:
     monkeypatch.setattr(LearnedPolicy, 'choose', lambda *_: 4)
     policy = ExploringPolicy(LearnedPolicy('mine', FROZEN), 0.5, HOVER_SHARE, mission_seed=5)
-    legal: Any = [1, 1, 0, 1, 1]
+    legal = row_of([1, 1, 0, 1, 1])
     for _ in range(2):
         policy.begin(briefing, 1)
         chosen = [policy.choose(None, None, legal) for _ in range(50)]  # type: ignore[arg-type]

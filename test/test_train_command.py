@@ -485,7 +485,7 @@ def test_a_broken_checkpoint_is_named(
 def test_training_without_torch_says_how_to_get_it(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(train.importlib.util, 'find_spec', lambda name: None)
+    monkeypatch.setattr('importlib.util.find_spec', lambda name: None)
     assert main(['train']) == 2
     line = said(capsys)
     assert line.startswith('error: train needs torch and tensorboard: "make train" installs')
