@@ -39,6 +39,7 @@ class Learned(NamedTuple):
     """What a fleet flew and a trainer learned in the time."""
 
     decisions_per_s: float
+    cpu_ms: float  # of all its processes, for each decision
     updates_per_s: float
 
 
@@ -53,18 +54,24 @@ def fly(scenario: Scenario, n_worlds: int, seconds: float, per_update: int | Non
         folder = Path(name)
         fleet = Fleet(folder, n_processes)
         try:
-            _start(fleet, folder, scenario, n_worlds, per_update)
+            processes = _start(fleet, folder, scenario, n_worlds, per_update)
             logs = [*folder.glob('world_sim*.log')]
             _wait(lambda: all(b'after' in log.read_bytes() for log in logs))
             time.sleep(WARM_S)
-            begin_s, n_before = time.time(), _n_updates(folder)
+            begin_s, n_before, cpu_s = time.time(), _n_updates(folder), -_cpu_s(processes)
             time.sleep(seconds)
             end_s, n_after = time.time(), _n_updates(folder)
+            cpu_s += _cpu_s(processes)
+            fleet.check()
             n_decisions = sum(_n_decisions(log, begin_s, end_s) for log in logs)
         finally:
             fleet.stop()
     taken_s = end_s - begin_s
-    return Learned(n_decisions / taken_s, (n_after - n_before) / taken_s)
+    return Learned(
+        decisions_per_s=n_decisions / taken_s,
+        cpu_ms=cpu_s / n_decisions * 1e3,
+        updates_per_s=(n_after - n_before) / taken_s,
+    )
 
 
 def _start(
@@ -120,6 +127,15 @@ def grown_mb(scenario: Scenario) -> dict[str, tuple[float, float]]:
     return {
         name: (mb, later_mb - mb) for (name, mb), later_mb in zip(full.items(), later, strict=True)
     }
+
+
+def _cpu_s(processes: list[FleetProcess]) -> float:
+    """Processor time that they have had so far."""
+    ticks = 0
+    for process in processes:
+        status = Path(f'/proc/{process.popen.pid}/stat').read_text().rpartition(')')[2].split()
+        ticks += int(status[11]) + int(status[12])
+    return ticks / os.sysconf('SC_CLK_TCK')
 
 
 def _n_missions(log: Path) -> int:
@@ -257,7 +273,8 @@ def main() -> None:
     console = Console(width=None if sys.stdout.isatty() else 132)
     scenario, ratio = load('paper_8x8'), load_preset('strong').rollout.decisions_per_update
     table = Table(title=f'Learning over ROS 2, paper_8x8, an update each {ratio} decisions')
-    for heading in ('worlds', 'decisions/s without', 'with a trainer', 'share', 'updates/s'):
+    speeds = ('decisions/s without', 'with a trainer', 'share')
+    for heading in ('worlds', *speeds, 'CPU ms a decision without', 'with', 'updates/s'):
         table.add_column(heading, justify='right')
     for n_worlds in (1, 2):
         alone, taught = (fly(scenario, n_worlds, seconds, per) for per in (None, ratio))
@@ -267,6 +284,8 @@ def main() -> None:
             f'{alone.decisions_per_s:,.0f}',
             f'{taught.decisions_per_s:,.0f}',
             verdict(share, LEAST_SHARE, is_upper=False, form='.0%'),
+            f'{alone.cpu_ms:.2f}',
+            f'{taught.cpu_ms:.2f}',
             f'{taught.updates_per_s:.2f}',
         )
     console.print(table)
