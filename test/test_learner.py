@@ -168,6 +168,13 @@ def test_the_target_network_is_a_copy_that_gets_no_gradient() -> None:
     assert all(it.grad is None for it in learner.target.parameters())
 
 
+def test_the_target_network_does_not_remember_how_it_came_about() -> None:
+    # Else each update would leave its part of a graph behind.
+    learner = learner_of()
+    learner.update(drawn_batch(), RATE)
+    assert not any(it.requires_grad for it in learner.target.parameters())
+
+
 def test_targets_come_from_the_target_network_and_values_from_the_online_one() -> None:
     learner, batch = learner_of(), drawn_batch()
     goals = learner.targets(batch)

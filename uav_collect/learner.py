@@ -213,6 +213,7 @@ class Learner:
         is_enabled = self._config.optimiser.bf16
         return torch.autocast(self._device.type, torch.bfloat16, enabled=is_enabled)
 
+    @torch.no_grad()
     def _move_target(self) -> None:
         rate = self._config.target.update_rate
         targets: list[Tensor] = [*self.target.parameters()]
