@@ -283,6 +283,12 @@ def test_a_mission_tells_how_far_it_is() -> None:
     assert simulation.last_event().tolist() == simulation.events()[-1:].tolist()
 
 
+def test_numbers_of_an_event_are_pythons_own_so_that_a_message_can_carry_them() -> None:
+    event = Flight(tiny()).simulation.next_event()
+    assert event is not None
+    assert [type(each) for each in (event.index, event.uav, event.decision)] == [int] * 3
+
+
 def test_a_radio_answers_with_all_its_uav_sent_and_it_heard() -> None:
     simulation = Flight(tiny(uav(5.0), uav(5.0), uav(5.0, start=(3, 3)))).simulation
     simulation.next_event()

@@ -120,7 +120,7 @@ class Simulation:
         return Event(
             index=self.n_events,
             uav=uav,
-            decision=self._mission.n_decisions[uav],
+            decision=int(self._mission.n_decisions[uav]),  # compiled kernels' rows hold numpy's
             view=view,
             heard=tuple(self.radio(other) for other in self.contacts(uav, time_s)),
         )
@@ -247,7 +247,7 @@ class Simulation:
 
     def energy_left_j(self, uav: int) -> float:
         """What a UAV has left when its running action ends."""
-        return self._mission.energy_left_j[uav]
+        return float(self._mission.energy_left_j[uav])
 
     def phase(self, uav: int, time_s: float) -> int:
         """0 active, 1 flying home, 2 landed."""
