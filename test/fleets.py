@@ -135,8 +135,16 @@ class Fleet:
         return max(0, file.read_bytes().count(b'\n') - 1) if file.exists() else 0
 
     def wait_for_events(self, seed: int, n_events: int) -> None:
-        """Wait until so many events of a mission are logged."""
-        wait_until(lambda: self.n_events(seed) >= n_events)
+        """Wait until so many events of a mission are logged.
+
+        Raises:
+            AssertionError: they were not in time; with what the processes wrote.
+        """
+        try:
+            wait_until(lambda: self.n_events(seed) >= n_events)
+        except AssertionError as error:
+            told = f'{self.n_events(seed)} events of {n_events} {error}'
+            raise AssertionError(f'{told}\n{self.processes.told()}') from None
 
 
 def wait_until(condition: Callable[[], bool], deadline_s: float = DEADLINE_S) -> None:
