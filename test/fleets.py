@@ -194,7 +194,9 @@ def listener(*topics: Any) -> Iterator[Listener]:  # noqa: ANN401
     heard: dict[str, list[Any]] = {topic.name: [] for topic in topics}
     for topic in topics:
         subscription(node, topic, heard[topic.name].append)
-    yield Listener(node, executor, heard)
-    executor.shutdown()
-    node.destroy_node()
-    context.try_shutdown()
+    try:
+        yield Listener(node, executor, heard)
+    finally:  # else a test that fails would speak on, in a domain that another one takes
+        executor.shutdown()
+        node.destroy_node()
+        context.try_shutdown()

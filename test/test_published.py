@@ -80,6 +80,16 @@ def test_what_is_refused_leaves_the_shelf_as_it_was(briefing: Briefing) -> None:
     assert shelf.note(message(2)) is None
 
 
+def test_what_was_heard_is_judged_anew_for_another_fleet(briefing: Briefing) -> None:
+    other = brief(load('paper_8x8'))
+    shelf = Shelf(other)
+    (refusal,) = {shelf.note(message(1)), shelf.note(message(2))}
+    assert shelf.serve(briefing) == []
+    assert latest(shelf) == ('one', 2)
+    assert shelf.serve(other) == [refusal] * 2
+    assert (shelf.latest, shelf.get(('one', 2))) == (None, None)
+
+
 @pytest.mark.parametrize(
     ('values', 'complaint'),
     [

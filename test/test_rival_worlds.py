@@ -1,6 +1,7 @@
 """Two worlds in one ROS domain: the later one gives way, the fleet flies for the earlier one."""
 
 from collections.abc import Iterator
+import sys
 from typing import Any
 
 import pytest
@@ -21,6 +22,38 @@ from uav_collect_msgs.msg import Scenario  # noqa: E402
 from uav_collect_msgs.srv import Join  # noqa: E402
 
 pytestmark = pytest.mark.ros
+
+DOUBTER = """
+import sys
+from uav_collect.nodes import topics
+from uav_collect.nodes.spin import ProcessNode, run_node
+from uav_collect.nodes.topics import publisher
+from uav_collect.nodes.world_choice import WorldChoice
+from uav_collect_msgs.msg import Scenario
+
+class Doubter(ProcessNode):
+    def __init__(self):
+        super().__init__('doubter')
+        self.world, self.heard = None, []
+        self.choice = WorldChoice(self, topics.SCENARIO, self.heard.append)
+        self.create_timer(0.01, self.tick)
+
+    def tick(self):
+        if self.world is None:
+            self.world = publisher(self, topics.SCENARIO)
+            while self.world.get_subscription_count() == 0:
+                pass
+            self.said = str(len(self.heard))
+            self.world.publish(Scenario(world_instance=self.said))
+            self.choice.tick()  # looks anew while what was just said waits to be heard
+        elif self.choice.instance == self.said:
+            self.destroy_publisher(self.world)
+            self.world = None
+        if len(self.heard) == 10:
+            self.end()
+
+sys.exit(run_node(Doubter, sys.argv[1:]))
+"""
 
 ENOUGH = Duration(seconds=60)
 
@@ -73,6 +106,11 @@ class FakeWorld:
 def n_flown_for(agent: RunningProcess) -> int:
     """How many worlds have let an agent fly."""
     return agent.output.count('UAV 1 flies')
+
+
+def test_who_looks_anew_while_worlds_come_and_go_goes_on(processes: Processes) -> None:
+    process = processes.run('doubter', sys.executable, '-c', DOUBTER)
+    assert process.wait_for_exit() == 0, process.output
 
 
 def test_who_takes_late_hears_each_of_two_worlds(ears: StandIn) -> None:

@@ -5,7 +5,6 @@ from typing import Any
 
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
-from rclpy.subscription import Subscription
 from uav_collect.nodes import topics
 from uav_collect.nodes.published import Shelf
 
@@ -15,7 +14,7 @@ def follow_trainers(
     shelf: Shelf,
     on_refusal: Callable[[str], None],
     on_policy: Callable[[], None] | None = None,
-) -> Subscription:
+) -> None:
     """Put what trainers publish on a shelf.
 
     Args:
@@ -37,4 +36,4 @@ def follow_trainers(
             shelf.abandon()
 
     events = SubscriptionEventCallbacks(liveliness=watch)
-    return topics.subscription(node, topics.POLICY, note, on_event=events)
+    topics.subscription(node, topics.POLICY, note, on_event=events)

@@ -1,5 +1,6 @@
 """Policies that trainers publish: which of them count, and how a UAV flies each mission by one."""
 
+from collections import deque
 from dataclasses import dataclass
 import hashlib
 import math
@@ -81,6 +82,7 @@ class Shelf:
     def __init__(self, briefing: Briefing) -> None:
         """Keep policies for a fleet and its area."""
         self._briefing = briefing
+        self._heard: deque[Any] = deque(maxlen=_KEPT)  # messages, those refused included
         self._kept: dict[Key, Published] = {}  # in the order they came
         self._is_abandoned = False
         self.latest: Published | None = None
@@ -93,6 +95,7 @@ class Shelf:
         """Keep the policy of a message, unless it is known; why it is refused, or None."""
         if (msg.trainer_instance, msg.sequence) in self._kept:
             return None
+        self._heard.append(msg)
         try:
             policy = checked(msg, self._briefing)
         except PolicyMismatchError as error:
@@ -104,6 +107,18 @@ class Shelf:
             self.latest = policy
             self._is_abandoned = False
         return None
+
+    def serve(self, briefing: Briefing) -> list[str]:
+        """Keep policies for another fleet or area: what was refused may fit now, or no longer.
+
+        Returns:
+            Why policies are refused now.
+        """
+        heard = [*self._heard]
+        self._briefing, self.latest = briefing, None
+        self._heard.clear()
+        self._kept.clear()
+        return [refusal for msg in heard if (refusal := self.note(msg)) is not None]
 
     def abandon(self) -> None:
         """The trainer is gone: what the next one publishes counts, whatever its clock says."""

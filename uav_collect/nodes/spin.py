@@ -5,6 +5,7 @@ message nor log that it stops. Here signals only raise a flag that the loop look
 """
 
 from argparse import ArgumentParser, Namespace
+from collections import deque
 from collections.abc import Callable, Sequence
 import signal
 import sys
@@ -19,6 +20,7 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from rclpy.subscription import Subscription
 from rclpy.utilities import remove_ros_args
 from uav_collect.nodes.middleware import find_each_other_quickly
 
@@ -28,6 +30,7 @@ MISUSED = 2  # exit status of a node that was given wrong arguments, parameters 
 _WAIT_S = 0.1  # longest time until a signal is noticed by an idle node
 _LAST_WORDS_S = 0.5  # longest wait of a stopped node for the readers of what it published
 _HANDOVER_S = 4.0  # the same of a node that ends by itself: DDS repeats lost packets every 3 s
+_N_RETIRED = 8  # subscriptions kept after their end; what was queued for more has passed
 _FOUND_S = 1.0  # within this, listeners find a new node: one that ends by itself lives as long
 
 
@@ -44,6 +47,21 @@ class ProcessNode(Node):
     """A node that owns its process: it can end it, and hears when it is ended."""
 
     end_status: int | None = None  # exit status, once the node has asked to end
+
+    def __init__(self, node_name: str, **options: Any) -> None:
+        """Begin as a Node does, with the same options."""
+        super().__init__(node_name, **options)
+        self._retired: deque[Subscription] = deque(maxlen=_N_RETIRED)
+
+    def retire(self, subscription: Subscription) -> None:
+        """Destroy a subscription that has no callbacks for events: one that has them must stay.
+
+        What the events executor has queued does not keep alive what it is for. Of messages it is
+        enough that the subscription is not freed: they are passed over. An event whose turn comes
+        after its subscription was destroyed crashes the process.
+        """
+        self.destroy_subscription(subscription)
+        self._retired.append(subscription)
 
     def end(self, status: int = 0) -> None:
         """Ask the process to end with an exit status, after the callback that says so.
@@ -152,7 +170,7 @@ def _run(node: ProcessNode, stop: _Stop) -> int:
     executor.add_node(node)
     try:
         while node.end_status is None and not stop.asked:
-            executor.spin_once(timeout_sec=_WAIT_S)
+            _spin_once(node, executor)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     finally:
@@ -163,6 +181,18 @@ def _run(node: ProcessNode, stop: _Stop) -> int:
         executor.shutdown()
         node.destroy_node()
     return node.end_status or 0
+
+
+def _spin_once(node: ProcessNode, executor: Any) -> None:
+    """Run what waits.
+
+    Something may be queued for a subscription that was retired meanwhile: the events executor
+    raises where the usual one passes over it.
+    """
+    try:
+        executor.spin_once(timeout_sec=_WAIT_S)
+    except _rclpy.InvalidHandle as error:
+        node.get_logger().debug(f'passed over an event: {error}')
 
 
 def _let_listeners_find(born_s: float, stop: _Stop) -> None:

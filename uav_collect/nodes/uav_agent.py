@@ -11,7 +11,6 @@ from typing import Any
 import uuid
 
 from rclpy.clock import Clock, ClockType
-from rclpy.subscription import Subscription
 from rclpy.task import Future
 from rclpy.utilities import remove_ros_args
 from uav_collect.agent import Agent, allocator_named
@@ -102,7 +101,6 @@ class AgentNode(ProcessNode):
         self._cockpit: Cockpit | None = None
         self._reporter: Reporter | None = None
         self._shelf: Shelf | None = None
-        self._policies: Subscription | None = None  # to what trainers publish
         self._asked_s = -math.inf
         self._is_member = False
         self._published_for = ''  # the instance that the publishers were made for
@@ -152,12 +150,14 @@ class AgentNode(ProcessNode):
         """What flies by the policies of a trainer, if that is wanted."""
         if self._policy != TOPIC:
             return None
-        if self._policies is not None:  # what was refused may fit now, or no longer
-            self.destroy_subscription(self._policies)
-        self._shelf = shelf = Shelf(briefing)
         refused = self.get_logger().error
-        self._policies = follow_trainers(self, shelf, refused, self._answer_observations)
-        return Follower(shelf)
+        if self._shelf is None:
+            self._shelf = Shelf(briefing)
+            follow_trainers(self, self._shelf, refused, self._answer_observations)
+        else:
+            for refusal in self._shelf.serve(briefing):
+                refused(refusal)
+        return Follower(self._shelf)
 
     def _checked_scenario(self, msg: Any) -> Scenario:
         try:

@@ -7,9 +7,9 @@ import time
 from typing import Any
 
 from rclpy.event_handler import SubscriptionEventCallbacks
-from rclpy.node import Node
 from rclpy.subscription import Subscription
 from uav_collect.nodes.identity import identity_of, NO_WORLD
+from uav_collect.nodes.spin import ProcessNode
 from uav_collect.nodes.topics import subscription, Topic
 
 _GIVES_WAY_S = 10.0  # a later world is gone by then, or else it is the earlier one that is gone
@@ -18,7 +18,7 @@ _GIVES_WAY_S = 10.0  # a later world is gone by then, or else it is the earlier 
 class WorldChoice:
     """Hears worlds come and go: what is told by a later one, which has to give way, is ignored."""
 
-    def __init__(self, node: Node, topic: Topic, fly_for: Callable[[Any], None]) -> None:
+    def __init__(self, node: ProcessNode, topic: Topic, fly_for: Callable[[Any], None]) -> None:
         """Listen for worlds.
 
         Args:
@@ -31,7 +31,9 @@ class WorldChoice:
         self._fly_for = fly_for
         self._world = NO_WORLD
         self._look_at_s = math.inf
-        self._scenarios = self._listen()
+        self._again: Subscription | None = None
+        watch = SubscriptionEventCallbacks(liveliness=self._on_liveliness)
+        subscription(node, topic, self._on_scenario, on_event=watch)
 
     @property
     def instance(self) -> str:
@@ -44,12 +46,9 @@ class WorldChoice:
             return
         self._look_at_s = math.inf
         self._world = replace(self._world, born_s=math.inf)  # until it is heard again, if it is
-        self._node.destroy_subscription(self._scenarios)
-        self._scenarios = self._listen()
-
-    def _listen(self) -> Subscription:
-        watch = SubscriptionEventCallbacks(liveliness=self._on_liveliness)
-        return subscription(self._node, self._topic, self._on_scenario, on_event=watch)
+        if self._again is not None:
+            self._node.retire(self._again)
+        self._again = subscription(self._node, self._topic, self._on_scenario)
 
     def _on_scenario(self, msg: Any) -> None:
         world, before = identity_of(msg), self._world
@@ -61,10 +60,7 @@ class WorldChoice:
             self._fly_for(msg)
 
     def _on_liveliness(self, event: Any) -> None:
-        """A world is gone, or only too slow to be heard; its instance tells when one is back.
-
-        Only the change counts: a subscription that is younger than a world does not count it.
-        """
+        """A world is gone, or only too slow to be heard; its instance tells when one is back."""
         if self._world == NO_WORLD:
             return
         if event.alive_count_change < 0:
