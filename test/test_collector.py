@@ -168,16 +168,16 @@ def test_exploration_is_the_same_whatever_the_network_and_the_place() -> None:
 
 def test_recent_figures_are_those_of_the_missions_that_ended() -> None:
     collector = collector_of(rollout__max_decisions_per_cell=25.0)
-    assert np.isnan(collector.recent_reward)
+    assert np.isnan(collector.recent.reward)
     ended = collected(collector, 5)
     assert collector.n_missions == len(ended)
     rewards = [it.records.reward.sum() for it in ended]
-    assert collector.recent_reward == pytest.approx(np.mean(rewards))
+    assert collector.recent.reward == pytest.approx(np.mean(rewards))
     scenario, efficiencies = tiny(*FLEET), []
     for episode in ended:
         events = flown_again(episode, scenario).events
         efficiencies.append(events['collected_bit'].sum() / events['energy_j'].sum() / 1e3)
-    assert collector.recent_efficiency_kbit_per_j == pytest.approx(np.mean(efficiencies))
+    assert collector.recent.efficiency_kbit_per_j == pytest.approx(np.mean(efficiencies))
 
 
 @pytest.mark.skipif(not kernels_are_compiled(), reason='lists cannot be set back')

@@ -145,17 +145,17 @@ def test_a_restored_intake_goes_on_and_knows_what_was_learned_from() -> None:
     assert other.n_decisions == intake.n_decisions
     first, second = (each.collect(agent(), 30, 0.5) for each in (intake, other))
     assert [it.mission_seed for it in first] == [it.mission_seed for it in second]
-    assert other.recent_reward == intake.recent_reward
+    assert other.recent.reward == intake.recent.reward
 
 
 def test_recent_figures_are_those_of_the_missions_handed_out() -> None:
     intake = intake_of(episodes(range(5)))
-    assert np.isnan(intake.recent_reward)
+    assert np.isnan(intake.recent.reward)
     taken = intake.collect(agent(), 30, 0.5)
-    assert intake.recent_reward == pytest.approx(
+    assert intake.recent.reward == pytest.approx(
         np.mean([it.records.reward.sum() for it in taken])
     )
-    assert intake.recent_efficiency_kbit_per_j == 1.0
+    assert intake.recent.efficiency_kbit_per_j == 1.0
 
 
 def test_a_training_on_an_intake_is_resumed_where_it_was_saved(tmp_path: Path) -> None:

@@ -1,6 +1,5 @@
 """The training rollout: many missions at once, flown by the learner's network with exploration."""
 
-from collections import deque
 from typing import Any
 
 import numpy as np
@@ -15,12 +14,12 @@ from uav_collect.scenario import Scenario
 from uav_collect.site import Site
 from uav_collect.stepping import Decisions, Flights, Stepping
 from uav_collect.training_config import TrainingConfig
+from uav_collect.training_progress import RecentMissions
 
 # Training missions come from a range of seeds that users do not evaluate on by chance.
 _FIRST_SEED = 2**61
 _SEEDS_PER_RUN = 2**32
 _N_RUNS = 2**28  # whose missions all differ
-_N_RECENT = 100  # missions that the figures of the training's own missions are taken from
 
 
 class Collector:
@@ -62,19 +61,9 @@ class Collector:
         size = (n_worlds, scenario.n_uavs, config.network.hidden_size)
         self._hidden = torch.zeros(size, device=self._device)
         self._places = torch.arange(n_worlds, device=self._device)
-        self._recent: deque[tuple[float, float]] = deque(maxlen=_N_RECENT)
+        self.recent = RecentMissions()
         self.n_decisions = 0
         self.n_missions = 0
-
-    @property
-    def recent_efficiency_kbit_per_j(self) -> float:
-        """Mean over the missions that ended last; nan before the first."""
-        return float(np.mean([it[0] for it in self._recent])) if self._recent else np.nan
-
-    @property
-    def recent_reward(self) -> float:
-        """Mean total reward, undiscounted, of the missions that ended last."""
-        return float(np.mean([it[1] for it in self._recent])) if self._recent else np.nan
 
     def collect(self, agent: Drqn, n_decisions: int, epsilon: float) -> list[Episode]:
         """Fly on for so many decisions or a few more.
@@ -101,7 +90,7 @@ class Collector:
         return {
             'flights': [np.array(array) for array in self._flights.arrays()],
             'hidden': self._hidden.cpu().numpy(),
-            'recent': list(self._recent),
+            'recent': self.recent.state(),
             'next_seed': self._next_seed,
             'n_decisions': self.n_decisions,
             'n_missions': self.n_missions,
@@ -113,7 +102,7 @@ class Collector:
         for array, saved in zip(arrays, state['flights'], strict=True):
             array[...] = saved
         self._hidden.copy_(torch.from_numpy(state['hidden']))
-        self._recent.extend(state['recent'])
+        self.recent.restore(state['recent'])
         self._next_seed = state['next_seed']
         self.n_decisions = state['n_decisions']
         self.n_missions = state['n_missions']
@@ -132,7 +121,7 @@ class Collector:
     def _restart(self, world: int) -> Episode:
         episode = self._flights.episode(world)
         reward = float(np.sum(episode.records.reward))
-        self._recent.append((self._flights.efficiency_kbit_per_j(world), reward))
+        self.recent.note(self._flights.efficiency_kbit_per_j(world), reward)
         self._flights.restart(world, self._draw_seed())
         self._hidden[world] = 0.0
         self.n_missions += 1

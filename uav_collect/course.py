@@ -18,6 +18,7 @@ from uav_collect.rollout import fly
 from uav_collect.scenario import ConfigError, Scenario
 from uav_collect.site import build_site, Site
 from uav_collect.training_config import TrainingConfig
+from uav_collect.training_progress import RecentMissions
 
 
 class Source(Protocol):
@@ -36,12 +37,8 @@ class Source(Protocol):
         """Whether there are fewer than were last asked for, and there will be no more."""
 
     @property
-    def recent_efficiency_kbit_per_j(self) -> float:
-        """Mean over the missions that ended last; nan before the first."""
-
-    @property
-    def recent_reward(self) -> float:
-        """Mean total reward, undiscounted, of the missions that ended last."""
+    def recent(self) -> RecentMissions:
+        """The missions that it gave last."""
 
     def collect(self, agent: Drqn, n_decisions: int, epsilon: float) -> list[Episode]:
         """The missions that end while so many decisions, or a few more, are made."""

@@ -12,7 +12,6 @@ from uav_collect.metrics import MissionFigures
 
 LEVEL = 0.95
 N_RESAMPLES = 2000
-MAX_SEED = 2**63 - 1
 _MAX_DRAWS = 4_000_000  # at once; bounds the memory
 
 

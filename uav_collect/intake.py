@@ -12,8 +12,8 @@ import numpy as np
 from uav_collect.assembly import Joined
 from uav_collect.experience import Episode
 from uav_collect.network import Drqn
+from uav_collect.training_progress import RecentMissions
 
-_N_RECENT = 100  # missions that the figures of the fleet's own missions are taken from
 _N_REMEMBERED = 4096  # missions, so that none is learned from twice
 
 
@@ -39,21 +39,11 @@ class Intake:
         self._n_waiting = 0  # decisions
         self._is_closed = False
         self._credit = 0  # decisions handed out that were not asked for yet
-        self._recent: deque[tuple[float, float]] = deque(maxlen=_N_RECENT)
+        self.recent = RecentMissions()
         self._learned: deque[str] = deque(maxlen=_N_REMEMBERED)  # ids of missions handed out
         self.is_over = False
         self.n_decisions = 0
         self.n_missions = 0
-
-    @property
-    def recent_efficiency_kbit_per_j(self) -> float:
-        """Mean over the missions handed out last; nan before the first."""
-        return float(np.mean([it[0] for it in self._recent])) if self._recent else np.nan
-
-    @property
-    def recent_reward(self) -> float:
-        """Mean total reward, undiscounted, of the missions handed out last."""
-        return float(np.mean([it[1] for it in self._recent])) if self._recent else np.nan
 
     @property
     def known_ids(self) -> list[str]:
@@ -113,7 +103,7 @@ class Intake:
             return {
                 'waiting': [*self._waiting],
                 'learned': [*self._learned],
-                'recent': [*self._recent],
+                'recent': self.recent.state(),
                 'credit': self._credit,
                 'n_decisions': self.n_decisions,
                 'n_missions': self.n_missions,
@@ -125,7 +115,7 @@ class Intake:
             self._waiting.extend(state['waiting'])
             self._n_waiting = sum(_n_made(it.episode) for it in self._waiting)
             self._learned.extend(state['learned'])
-            self._recent.extend(state['recent'])
+            self.recent.restore(state['recent'])
             self._credit = state['credit']
             self.n_decisions = state['n_decisions']
             self.n_missions = state['n_missions']
@@ -134,7 +124,7 @@ class Intake:
         joined = self._waiting.popleft()
         episode = joined.episode
         self._learned.append(joined.mission_id)
-        self._recent.append((joined.efficiency_kbit_per_j, float(np.sum(episode.records.reward))))
+        self.recent.note(joined.efficiency_kbit_per_j, float(np.sum(episode.records.reward)))
         self._n_waiting -= _n_made(episode)
         self.n_decisions += _n_made(episode)
         self.n_missions += 1

@@ -3,6 +3,7 @@
 MAX_UAVS = 64  # the UAVs that one has heard travel as bits of a 64-bit word
 EGOCENTRIC_MAX_UAVS = 6  # UAVs that the egocentric observation tells apart
 MAX_SEED = 2**62  # mission seeds count up from here and stay inside 63 bits
+MAX_DECISIONS = 10**12  # of a training
 
 # How bandwidth may be shared; the first two are known to kernels, by their place here.
 ALLOCATOR_NAMES = ('exact', 'equal', 'cvxpy')

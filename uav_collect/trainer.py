@@ -293,6 +293,7 @@ class Trainer:
     def _progress(self, budget: Budget, pace: Pace, validation: Validation | None) -> Progress:
         share_done = self.share_done(budget)
         sources = [course.source for course in self._courses]
+        recent = [source.recent for source in sources]
         decisions_per_s, updates_per_s, loss = pace.read()
         return Progress(
             share_done=share_done,
@@ -305,10 +306,8 @@ class Trainer:
             loss=loss,
             epsilon=self.config.epsilon(share_done),
             learning_rate=self.config.learning_rate(share_done),
-            training_efficiency_kbit_per_j=_mean(
-                it.recent_efficiency_kbit_per_j for it in sources
-            ),
-            training_reward=_mean(it.recent_reward for it in sources),
+            training_efficiency_kbit_per_j=_mean(it.efficiency_kbit_per_j for it in recent),
+            training_reward=_mean(it.reward for it in recent),
             replay_transitions=sum(course.replay.n_decisions for course in self._courses),
             replay_bytes=self.replay_bytes,
             validation=validation,

@@ -1,5 +1,6 @@
 """What a training tells of itself: how long it is to go, how it stands, how fast it goes."""
 
+from collections import deque
 from dataclasses import dataclass
 from time import monotonic
 from typing import Protocol
@@ -7,6 +8,7 @@ from typing import Protocol
 import numpy as np
 
 _LOOK_EVERY_S = 1.0
+_N_RECENT = 100
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,6 +55,36 @@ class Progress:
     replay_bytes: int
     validation: Validation | None
     best: Validation | None
+
+
+class RecentMissions:
+    """Figures of the missions that a training learned from last, up to a hundred."""
+
+    def __init__(self) -> None:
+        """Begin without a mission."""
+        self._figures: deque[tuple[float, float]] = deque(maxlen=_N_RECENT)
+
+    def note(self, efficiency_kbit_per_j: float, reward: float) -> None:
+        """Count one more mission, with its total reward, undiscounted."""
+        self._figures.append((efficiency_kbit_per_j, reward))
+
+    @property
+    def efficiency_kbit_per_j(self) -> float:
+        """Their mean; nan before the first."""
+        return float(np.mean([it[0] for it in self._figures])) if self._figures else np.nan
+
+    @property
+    def reward(self) -> float:
+        """The mean of their total rewards; nan before the first."""
+        return float(np.mean([it[1] for it in self._figures])) if self._figures else np.nan
+
+    def state(self) -> list[tuple[float, float]]:
+        """All that it needs to go on; the inverse is `restore`."""
+        return [*self._figures]
+
+    def restore(self, state: list[tuple[float, float]]) -> None:
+        """Go on from where another one was."""
+        self._figures.extend(state)
 
 
 class Counted(Protocol):

@@ -6,7 +6,7 @@ import importlib.util
 import math
 from typing import TYPE_CHECKING
 
-from uav_collect.limits import ALLOCATOR_NAMES, MAX_SEED, MAX_UAVS
+from uav_collect.limits import ALLOCATOR_NAMES, MAX_DECISIONS, MAX_SEED, MAX_UAVS
 from uav_collect.training_log import TrainingRunError
 
 if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
@@ -99,6 +99,26 @@ def add_seed_option(parser: argparse.ArgumentParser, what: str) -> None:
         default=0,
         metavar='SEED',
         help=f'{what}: demand and channels follow from it (default: %(default)s)',
+    )
+
+
+def add_budget_options(parser: argparse.ArgumentParser, minutes_told: float, what: str) -> None:
+    """Add how long to train, by time or by decisions; without a default.
+
+    Args:
+        parser: of the command.
+        minutes_told: how long it trains if neither is given.
+        what: begins the help of the first option.
+    """
+    budget = parser.add_mutually_exclusive_group()
+    budget.add_argument(
+        '--minutes', type=minutes, metavar='M', help=f'{what} (default: {minutes_told:g})'
+    )
+    budget.add_argument(
+        '--decisions',
+        type=whole_number(1, MAX_DECISIONS),
+        metavar='D',
+        help='or how many decisions to learn from',
     )
 
 

@@ -21,7 +21,6 @@ DIVERGED = 1  # exit status
 _PRESET = 'strong'
 _ALGORITHM = 'aqmix'
 _MINUTES = 30.0
-_MAX_DECISIONS = 10**12
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -29,19 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = _DESCRIPTION
     options.add_scenarios_options(parser)
     _add_learning_options(parser)
-    time = parser.add_mutually_exclusive_group()
-    time.add_argument(
-        '--minutes',
-        type=options.minutes,
-        metavar='M',
-        help=f'how long to train each seed (default: {_MINUTES:g})',
-    )
-    time.add_argument(
-        '--decisions',
-        type=options.whole_number(1, _MAX_DECISIONS),
-        metavar='D',
-        help='or how many decisions to learn from',
-    )
+    options.add_budget_options(parser, _MINUTES, 'how long to train each seed')
     parser.add_argument(
         '--checkpoint-minutes',
         type=options.minutes,

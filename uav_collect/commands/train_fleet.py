@@ -71,19 +71,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='replace values of the preset',
     )
     options.add_seed_option(parser, 'of weights and missions')
-    duration = parser.add_mutually_exclusive_group()
-    duration.add_argument(
-        '--minutes',
-        type=options.minutes,
-        metavar='M',
-        help=f'how long to train (default: {_MINUTES:g})',
-    )
-    duration.add_argument(
-        '--decisions',
-        type=options.whole_number(1, 10**12),
-        metavar='D',
-        help='or how many decisions to learn from',
-    )
+    options.add_budget_options(parser, _MINUTES, 'how long to train')
     parser.add_argument('--record', action='store_true', help='keep every message in a bag')
     parser.add_argument(
         '--output',

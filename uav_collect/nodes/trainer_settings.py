@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rclpy.node import Node
-from uav_collect.limits import MAX_SEED
+from uav_collect.limits import MAX_DECISIONS, MAX_SEED
 from uav_collect.nodes.parameters import declare, Parameter
 from uav_collect.policy_file import load_policy
 from uav_collect.scenario import load, parse_override
@@ -70,7 +70,7 @@ PARAMETERS = (
         default=0,
         description='or how many decisions to learn from; 0: minutes count',
         low=0,
-        high=10**12,
+        high=MAX_DECISIONS,
     ),
     Parameter(
         name='decisions_per_update',

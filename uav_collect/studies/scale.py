@@ -10,12 +10,12 @@ from typing import Annotated, Any
 from pydantic import Field
 from uav_collect import config_files
 from uav_collect.config_rules import number, Section, text, validated, whole
-from uav_collect.limits import MAX_UAVS
+from uav_collect.limits import MAX_DECISIONS, MAX_UAVS
 from uav_collect.shared_files import shared_folders
 from uav_collect.yaml_text import ConfigError
 
 _Count = Annotated[int, whole(1, 1000)]
-_Decisions = Annotated[int, whole(1, 10**12)]
+_Decisions = Annotated[int, whole(1, MAX_DECISIONS)]
 _Several = Field(min_length=2)
 
 
