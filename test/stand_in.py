@@ -222,12 +222,12 @@ def stand_in() -> Iterator[StandIn]:
 
     find_each_other_quickly()
     rclpy.init()
+    node = rclpy.create_node('stand_in')
+    executor = make_executor()
+    executor.add_node(node)
     try:
-        node = rclpy.create_node('stand_in')
-        executor = make_executor()
-        executor.add_node(node)
         yield StandIn(node, executor)
+    finally:  # else a test that fails would speak on, in a domain that another one takes
         executor.shutdown()
         node.destroy_node()
-    finally:
         rclpy.try_shutdown()
