@@ -320,6 +320,14 @@ def test_a_paired_difference_decides_where_the_means_alone_could_not() -> None:
     assert above.estimate.mean == pytest.approx(0.1)
 
 
+def test_what_differs_by_rounding_alone_decides_nothing() -> None:
+    whole = missions(*[100.0] * 6)
+    above = judging.is_above('data', '%', whole, missions(*[100.0 - 1.4e-14] * 6))
+    assert above.verdict is Verdict.OPEN
+    assert above.estimate is not None
+    assert (above.estimate.low, above.estimate.high) == (0.0, 0.0)
+
+
 def test_a_difference_of_the_other_sign_does_not_hold() -> None:
     assert judging.is_above('it', 's', missions(1, 2), missions(2, 3)).verdict is Verdict.FAILS
 
