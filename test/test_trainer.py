@@ -196,7 +196,7 @@ def test_it_learns_with_the_discount_of_its_settings_and_flies_the_scenario_as_i
     scenario = tiny(*FLEET)
     trainer = trainer_of(scenarios=[scenario])
     assert trainer.scenarios[0].reward.discount_per_s == scenario.reward.discount_per_s == 0.99
-    assert trainer.config.reward.discount_per_s == 0.997
+    assert trainer.config.reward.discount_per_s == 0.999
 
 
 def test_the_replays_bytes_are_announced() -> None:
