@@ -100,8 +100,14 @@ def merits(progress: 'Progress', last: 'Validation | None') -> tuple[str, ...]:
     exploring = 'no mission yet' if math.isnan(recent) else f'{recent:.3f} kbit/J exploring'
     if last is None or progress.best is None:
         return exploring, 'not validated yet'
-    best = progress.best.efficiency_kbit_per_j
-    return exploring, f'{last.efficiency_kbit_per_j:.3f} validated', f'{best:.3f} best'
+    return exploring, f'{_merit(last)} validated', f'{_merit(progress.best)} best'
+
+
+def _merit(validation: 'Validation') -> str:
+    # Without it a policy that leaves missions unfinished looks better than the best one.
+    share = validation.complete_share
+    complete = '' if share == 1.0 else f' ({int(100.0 * share)} % complete)'
+    return f'{validation.efficiency_kbit_per_j:.3f}{complete}'
 
 
 def sizes(progress: 'Progress') -> tuple[str, ...]:
