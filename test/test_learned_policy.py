@@ -20,7 +20,15 @@ from uav_collect.frozen import FrozenPolicy, PolicyMismatchError
 from uav_collect.metrics import check_log, figures
 from uav_collect.missions import LocalView
 from uav_collect.observation import Layout
-from uav_collect.policy import LearnedPolicy, Policy, policy_for, policy_named, STRONG
+from uav_collect.policy import (
+    frozen_policy,
+    LearnedPolicy,
+    Policy,
+    policy_for,
+    policy_named,
+    STRONG,
+)
+from uav_collect.policy_file import load_policy
 from uav_collect.rollout import fly
 from uav_collect.rows import row_of
 from uav_collect.scenario import load, Scenario
@@ -285,6 +293,18 @@ def test_an_unknown_name_is_answered_with_those_that_there_are(shipped: Path) ->
     words = "'best' is unknown; there are hert, hert-equal, sweep, random, careful, the path of"
     with pytest.raises(PolicyMismatchError, match=words):
         policy_named('best')
+
+
+def test_weights_to_start_from_are_those_of_a_file_or_of_a_shipped_policy(shipped: Path) -> None:
+    file = saved(shipped, 'careful', header())
+    assert frozen_policy('careful').digest == frozen_policy(str(file)).digest
+    assert frozen_policy('careful').digest == load_policy(file).digest
+
+
+def test_a_heuristic_has_no_weights_to_start_from(shipped: Path) -> None:
+    saved(shipped, 'careful', header())
+    with pytest.raises(PolicyMismatchError, match="called 'sweep'; there are careful, or the"):
+        frozen_policy('sweep')
 
 
 def test_a_path_that_leads_nowhere_is_named(tmp_path: Path) -> None:

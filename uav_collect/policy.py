@@ -195,8 +195,14 @@ def policy_named(name: str) -> NamedPolicy:
             return RulePolicy(Heuristic.RANDOM)
         case _ if is_callable_name(name):
             return callable_policy(name)
-        case _:
-            return _learned(_file_of(name))
+    file = _file_of(name)
+    if file is None:
+        known = [heuristic.label for heuristic in Heuristic] + [*shipped_policies()]
+        raise PolicyMismatchError(
+            f'policy {name!r} is unknown; there are {", ".join(known)}, the path of a {SUFFIX} '
+            'file, or module:function'
+        )
+    return _learned(file)
 
 
 def policy_for(name: str, scenario: Scenario) -> NamedPolicy:
@@ -212,6 +218,21 @@ def policy_for(name: str, scenario: Scenario) -> NamedPolicy:
     policy = policy_named(_strong_name(scenario) if name == STRONG else name)
     policy.begin(brief(scenario), 0)
     return policy
+
+
+def frozen_policy(name: str) -> FrozenPolicy:
+    """The weights of a learned policy that a user names: a shipped one or a file.
+
+    Raises:
+        PolicyMismatchError: there is none of that name, or its file is broken.
+    """
+    file = _file_of(name)
+    if file is None:
+        raise PolicyMismatchError(
+            f'no learned policy is called {name!r}; there are {", ".join(shipped_policies())}, '
+            f'or the path of a {SUFFIX} file'
+        )
+    return load_policy(file)
 
 
 def shipped_policies() -> tuple[str, ...]:
@@ -233,18 +254,12 @@ def _strong_name(scenario: Scenario) -> str:
     return name
 
 
-def _file_of(name: str) -> Path:
+def _file_of(name: str) -> Path | None:
+    """The file of a learned policy that a user names; None if no shipped one is called so."""
     if name.endswith(SUFFIX) or os.sep in name:
         return Path(name)
-    for folder in shared_folders('policies'):
-        file = folder / f'{name}{SUFFIX}'
-        if file.is_file():
-            return file
-    known = [heuristic.label for heuristic in Heuristic] + [*shipped_policies()]
-    raise PolicyMismatchError(
-        f'policy {name!r} is unknown; there are {", ".join(known)}, the path of a {SUFFIX} file, '
-        'or module:function'
-    )
+    files = (folder / f'{name}{SUFFIX}' for folder in shared_folders('policies'))
+    return next((file for file in files if file.is_file()), None)
 
 
 def _learned(file: Path) -> LearnedPolicy:

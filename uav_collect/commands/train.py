@@ -71,9 +71,9 @@ def _add_learning_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         '--start-from',
-        type=Path,
-        metavar='FILE',
-        help='start from the weights of a policy (.safetensors) instead of random ones',
+        metavar='NAME|FILE',
+        help='start from the weights of a shipped policy or of a .safetensors file instead of'
+        ' random ones',
     )
     parser.add_argument(
         '--seed',

@@ -44,14 +44,14 @@ def planned(arguments: argparse.Namespace) -> Training:
 
 
 def _new(arguments: argparse.Namespace) -> Training:
-    from uav_collect.policy_file import load_policy
+    from uav_collect.policy import frozen_policy
     from uav_collect.scenario import parse_override
     from uav_collect.training_config import load_preset
 
     scenarios = options.scenarios_of(arguments)
     overrides = dict(parse_override(assignment) for assignment in arguments.override)
     config = load_preset(arguments.preset, overrides)
-    initial = load_policy(arguments.start_from) if arguments.start_from else None
+    initial = frozen_policy(arguments.start_from) if arguments.start_from else None
     record = _record(arguments, scenarios, config, initial)
     is_alone = len(record.seeds) == 1 and arguments.output is not None
     runs = []

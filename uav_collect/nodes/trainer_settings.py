@@ -6,7 +6,7 @@ from pathlib import Path
 from rclpy.node import Node
 from uav_collect.limits import MAX_DECISIONS, MAX_SEED
 from uav_collect.nodes.parameters import declare, Parameter
-from uav_collect.policy_file import load_policy
+from uav_collect.policy import frozen_policy
 from uav_collect.scenario import load, parse_override
 from uav_collect.training_config import load_preset
 from uav_collect.training_log import read_run, RUN_FILE, TrainingRunError
@@ -39,7 +39,8 @@ PARAMETERS = (
     Parameter(
         name='start_from',
         default='',
-        description='policy file (.safetensors) whose weights to start from; empty: random ones',
+        description='policy whose weights to start from: a shipped one or a .safetensors file;'
+        ' empty: random ones',
     ),
     Parameter(
         name='seed',
@@ -173,7 +174,7 @@ def _new_run(settings: TrainerSettings, folder: Path) -> PlannedRun:
     scenario = load(settings.scenario)
     overrides = dict(parse_override(assignment) for assignment in settings.assignments)
     config = load_preset(settings.preset, overrides)
-    initial = load_policy(Path(settings.start_from)) if settings.start_from else None
+    initial = frozen_policy(settings.start_from) if settings.start_from else None
     minutes = settings.minutes or (None if settings.decisions else _MINUTES)
     if settings.minutes and settings.decisions:
         raise TrainingRunError('minutes and decisions are given: must be one of them')
