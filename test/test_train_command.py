@@ -429,6 +429,7 @@ def test_of_several_seeds_none_is_trained_where_one_has_a_folder(
         (['--output', '/dev/null/run'], ['/dev/null/run', 'Not a directory']),
         (['--output', '/dev/null'], ['/dev/null', 'is there already']),
         (['--start-from', '/dev/null'], ['/dev/null']),
+        (['--start-from', ''], ["called ''", 'paper_10x10_n2_aqmix']),
         (['--start-from', 'sweep'], ["'sweep'", 'paper_10x10_n2_aqmix']),
         (['--resume', '/dev'], ['/dev', 'holds no run.json']),
         (['--resume', '/dev', '--start-from', 'x'], ['--start-from cannot be given']),

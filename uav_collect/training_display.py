@@ -100,10 +100,10 @@ def merits(progress: 'Progress', last: 'Validation | None') -> tuple[str, ...]:
     exploring = 'no mission yet' if math.isnan(recent) else f'{recent:.3f} kbit/J exploring'
     if last is None or progress.best is None:
         return exploring, 'not validated yet'
-    return exploring, f'{_merit(last)} validated', f'{_merit(progress.best)} best'
+    return exploring, f'{_efficiency(last)} validated', f'{_efficiency(progress.best)} best'
 
 
-def _merit(validation: 'Validation') -> str:
+def _efficiency(validation: 'Validation') -> str:
     # Without it a policy that leaves missions unfinished looks better than the best one.
     share = validation.complete_share
     complete = '' if share == 1.0 else f' ({int(100.0 * share)} % complete)'

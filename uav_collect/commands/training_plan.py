@@ -51,7 +51,7 @@ def _new(arguments: argparse.Namespace) -> Training:
     scenarios = options.scenarios_of(arguments)
     overrides = dict(parse_override(assignment) for assignment in arguments.override)
     config = load_preset(arguments.preset, overrides)
-    initial = frozen_policy(arguments.start_from) if arguments.start_from else None
+    initial = None if arguments.start_from is None else frozen_policy(arguments.start_from)
     record = _record(arguments, scenarios, config, initial)
     is_alone = len(record.seeds) == 1 and arguments.output is not None
     runs = []
