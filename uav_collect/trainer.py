@@ -26,7 +26,7 @@ from uav_collect.scenario import fingerprint, from_yaml, Scenario
 from uav_collect.training_config import TrainingConfig
 from uav_collect.training_progress import Budget, Pace, Progress, Validation
 
-_VALIDATION_SEED = 2**60  # of the first validation mission
+VALIDATION_SEED = 2**60  # of the first validation mission
 _REPLAY_KEY = 1  # of the run's seed: which missions are learned from
 
 
@@ -93,7 +93,7 @@ class Trainer:
         """Let the kernels of validation be compiled, which takes a minute once."""
         pilot = LearnedPolicy('new', self._frozen(None))
         for course in self._courses:
-            course.validate(pilot, [_VALIDATION_SEED])
+            course.validate(pilot, [VALIDATION_SEED])
 
     def share_done(self, budget: Budget) -> float:
         """How much of a budget is spent, 0..1."""
@@ -244,7 +244,7 @@ class Trainer:
     def _validated(self) -> Validation:
         """Fly the validation missions, equal bandwidth, without exploration."""
         pilot = LearnedPolicy('validated', self._frozen(None))
-        seeds = mission_seeds(_VALIDATION_SEED, self.config.validation.missions)
+        seeds = mission_seeds(VALIDATION_SEED, self.config.validation.missions)
         logs = [log for course in self._courses for log in course.validate(pilot, seeds)]
         flown = [figures(log) for log in logs]
         return Validation(
