@@ -4,17 +4,19 @@ python bench/time_to_learn.py [MINUTES] [SEED]
 
 With the preset strong on paper_10x10, in one process on one thread, ten minutes by default. The
 heuristics fly the same validation missions, so that what is learned is measured against them; what
-validation takes is not counted, as in `train`.
+validation takes is not counted, as in `train`. Ctrl-C ends it with what was passed until then.
 """
 
+from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from collections.abc import Iterator
+from contextlib import suppress
 import sys
 import time
 from typing import NamedTuple
 
 import numpy as np
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 import torch
 from uav_collect.evaluation import mission_seeds
@@ -78,29 +80,46 @@ def row(name: str, mark: float, passed: Passed | None) -> tuple[str, ...]:
     )
 
 
+def told() -> Namespace:
+    """The command line."""
+    parser = ArgumentParser(description=__doc__.partition('\n')[0])
+    parser.add_argument('minutes', type=_minutes, nargs='?', default=MINUTES, help='(%(default)s)')
+    parser.add_argument('seed', type=int, nargs='?', default=SEED, help='(%(default)s)')
+    return parser.parse_args()
+
+
+def _minutes(text: str) -> float:
+    with suppress(ValueError):
+        if 0.0 < float(text) < float('inf'):
+            return float(text)
+    raise ArgumentTypeError(f'{text!r}: must be a number of minutes above 0')
+
+
 def main() -> None:
     """Measure and print."""
-    minutes = float(sys.argv[1]) if len(sys.argv) > 1 else MINUTES
-    seed = int(sys.argv[2]) if len(sys.argv) > 2 else SEED
+    arguments = told()
     torch.set_num_threads(1)
     keep_freed_memory()
     scenario, config = load('paper_10x10'), load_preset('strong')
     marks = marks_kbit_per_j(scenario, config.validation.missions)
-    trainer = Trainer([scenario], config, 'aqmix', seed)
+    trainer = Trainer([scenario], config, 'aqmix', arguments.seed)
     trainer.warm_up()
-    columns = TextColumn('{task.fields[kbit_per_j]:.3f} kbit/J'), BarColumn()
+    columns = TextColumn('{task.fields[kbit_per_j]:.3f} kbit/J'), BarColumn(), TimeElapsedColumn()
     passed: dict[str, Passed] = {}
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        for look in learn(trainer, minutes, bar):
+    bar = Progress(*columns, console=Console(stderr=True), transient=True)
+    with bar, suppress(KeyboardInterrupt):
+        for look in learn(trainer, arguments.minutes, bar):
             for name, mark in marks.items():
                 if look.validation.efficiency_kbit_per_j >= mark:
                     passed.setdefault(name, look)
             if len(passed) == len(marks):
                 break
     table = Table(
-        title=f'AQMIX from nothing, strong, paper_10x10, seed {seed}: until a validation passes',
-        caption=f'{minutes:g} minutes at most, on one thread; {config.validation.missions} '
-        f'validation missions, equal bandwidth, every {config.validation.every_updates} updates',
+        title=f'AQMIX from nothing, strong, paper_10x10, seed {arguments.seed}: '
+        'until a validation passes',
+        caption=f'{arguments.minutes:g} minutes at most, on one thread; '
+        f'{config.validation.missions} validation missions, equal bandwidth, every '
+        f'{config.validation.every_updates} updates',
     )
     table.add_column('mark')
     for heading in ('kbit/J', 'training s', 'CPU s', 'decisions', 'missions', 'updates'):
