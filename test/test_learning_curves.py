@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 import csv
+from dataclasses import replace
 import io
 from pathlib import Path
 
@@ -155,6 +156,24 @@ def legend_of(axes: Axes) -> list[str]:
     legend = axes.get_legend()
     assert legend is not None
     return [text.get_text() for text in legend.get_texts()]
+
+
+def test_labels_cover_no_curve_however_many_and_long(
+    two_seeds: tuple[Path, Path], drawn: Callable[..., Axes]
+) -> None:
+    [curve] = of(*two_seeds)
+    labels = [f'AQMIX, paper {"mixer.pooling=mean " * index}' for index in range(9)]
+    axes = drawn(tuple(replace(curve, label=label) for label in labels), {'hert': 0.791})
+    figure, legend = axes.figure, axes.get_legend()
+    assert isinstance(figure, Figure)
+    assert legend is not None
+    figure.draw_without_rendering()
+    box, page, plot = legend.get_window_extent(), figure.bbox, axes.get_window_extent()
+    assert box.y1 < plot.y0
+    assert box.x0 >= page.x0 - 1
+    assert box.x1 <= page.x1 + 1
+    assert box.y0 >= page.y0 - 1
+    assert plot.height > 3.0 * figure.dpi
 
 
 def test_a_picture_shows_means_seeds_references_and_units(

@@ -30,7 +30,9 @@ from uav_collect.training_log import (
 )
 
 _REFERENCE_STYLES = ((0.0, (5.0, 2.0)), (0.0, (1.5, 1.5)), (0.0, (5.0, 1.5, 1.0, 1.5)))
-_TITLE_WIDTH = 100  # characters
+_TITLE_WIDTH, _LABEL_WIDTH = 100, 85  # characters
+_WIDTH_IN, _HEIGHT_IN = 7.2, 4.0  # of the picture, without what the curves are called
+_LABEL_HEIGHT_IN = 0.18
 _LABELS = {'aqmix': 'AQMIX', 'qmix': 'QMIX', 'aiql': 'AIQL'}
 
 
@@ -188,7 +190,7 @@ def draw(
     Raises:
         OSError: the file cannot be written.
     """
-    figure = Figure(figsize=(7.2, 4.4), facecolor='white', layout='constrained')
+    figure = Figure(figsize=(_WIDTH_IN, _HEIGHT_IN), facecolor='white', layout='constrained')
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
     for index, curve in enumerate(curves):
@@ -203,9 +205,25 @@ def draw(
         axes.xaxis.set_major_formatter(EngFormatter(sep=''))  # 500k, 2M
     axes.grid(color='#E2E2E2', linewidth=0.6)
     axes.spines[['top', 'right']].set_visible(False)
-    axes.legend(frameon=False, fontsize=8.5)
+    _write_legend(axes, figure)
     # No software name in the file: the bytes are the curves'.
     figure.savefig(file, dpi=DPI, format='png', metadata={'Software': None})
+
+
+def _write_legend(axes: Axes, figure: Figure) -> None:
+    """Say below the curves, where it covers none of them, what each one is."""
+    handles, labels = axes.get_legend_handles_labels()
+    wrapped = [textwrap.fill(label, _LABEL_WIDTH) for label in labels]
+    n_lines = sum(label.count('\n') + 1 for label in wrapped)
+    figure.set_figheight(_HEIGHT_IN + _LABEL_HEIGHT_IN * n_lines)
+    axes.legend(
+        handles,
+        wrapped,
+        loc='upper left',
+        bbox_to_anchor=(0.0, -0.13),
+        frameon=False,
+        fontsize=8.5,
+    )
 
 
 def _draw_curve(axes: Axes, curve: LearningCurve, colour: str) -> None:
