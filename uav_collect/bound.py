@@ -28,12 +28,13 @@ from uav_collect.actions import BACKWARD, FORWARD, HOVER, LEFT, RIGHT
 from uav_collect.compiled import cache_folder
 from uav_collect.errands import Errands, errands_of
 from uav_collect.metrics import MissionFigures
-from uav_collect.plan_bound import least_completion_s, least_energy_j
-from uav_collect.plan_search import Aim, best_routes, Routes
+from uav_collect.plan_bound import climb, least_completion_s, least_energy_j
+from uav_collect.plan_search import Aim, best_routes, Routes, search
 from uav_collect.rows import row_of
 from uav_collect.scenario import fingerprint, Scenario
 from uav_collect.site import Site
 
+KERNELS = (search, climb)  # that find plans, and what no plan beats
 N_ROUNDS = 2000  # of the search for each plan: some 0.3 s where kernels are interpreted
 _BALANCE = 0.1  # weight of all UAVs' times beside the latest one's, where the search is steered
 _TIE_S_PER_J = 1e-10  # of plans that take the same time the one of less energy is the best

@@ -5,15 +5,18 @@ mission flown by nodes equals the same mission flown in one process. A node hand
 time: interpreted, it starts at once and needs 100 MB less.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from functools import cache
 import hashlib
 import importlib.util
+import inspect
 import os
 from pathlib import Path
 from typing import Any, TypeVar
 
 _Kernel = TypeVar('_Kernel', bound=Callable[..., object])
 
+_PACKAGE = Path(__file__).resolve().parent
 _SWITCH = 'UAV_COLLECT_KERNELS'
 _OPTIONS = {'error_model': 'numpy', 'forceinline': True, 'no_cfunc_wrapper': True}
 
@@ -60,22 +63,40 @@ def row_kernel(function: _Kernel) -> _Kernel:
     return part
 
 
+@cache  # of what was loaded, whatever is edited meanwhile
+def sources_digest(package: Path = _PACKAGE) -> str:
+    """16 hex digits that change with any source of the package, its sub-packages' included."""
+    digest = hashlib.sha256()
+    for source in sorted(package.rglob('*.py')):
+        digest.update(source.relative_to(package).as_posix().encode() + b'\0')
+        digest.update(source.read_bytes() + b'\0')
+    return digest.hexdigest()[:16]
+
+
 def cache_folder() -> Path:
     """Where compiled kernels are kept, one folder per state of the sources.
 
     numba looks only at a kernel's own file when it judges a cached copy; a changed callee in
     another module would go unseen, so the name of the folder digests every source.
     """
-    digest = hashlib.sha256()
-    for source in sorted(Path(__file__).parent.glob('*.py')):
-        digest.update(source.read_bytes())
     root = Path(os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache')
-    return root / 'uav_collect' / digest.hexdigest()[:16]
+    return root / 'uav_collect' / sources_digest()
 
 
-def kernels_are_cached(module: str = 'rollout') -> bool:
-    """Whether a module's kernels that fly missions were compiled before, from the same sources."""
-    return any(cache_folder().rglob(f'{module}.*.nbi'))
+def kernels_are_cached(kernels: Iterable[Callable[..., object]]) -> bool:
+    """Whether kernels were compiled before, from the same sources.
+
+    Args:
+        kernels: those that Python calls, as a module's `KERNELS` lists them.
+    """
+    return all(map(_is_cached, kernels))
+
+
+def _is_cached(kernel: Callable[..., object]) -> bool:
+    function = inspect.unwrap(getattr(kernel, 'py_func', kernel))
+    # So numba names the index of a kernel's compiled versions.
+    name = f'{Path(inspect.getfile(function)).stem}.{function.__qualname__}-*.nbi'
+    return any(cache_folder().rglob(name))
 
 
 def _compiled(function: _Kernel, *, counts: bool) -> _Kernel:

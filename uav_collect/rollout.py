@@ -216,3 +216,6 @@ def _fly_event(
     bit = start_action(briefing, mission, uav, view, action, batch.desk.share_hz)
     log_event(log, world, index, mission, belief.n_complete[0], uav, view, reason, bit, heard)
     batch.n_events[world][0] = index + 1
+
+
+KERNELS = (fly_batch,)  # that fly missions by a rule

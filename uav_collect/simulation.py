@@ -41,6 +41,7 @@ from uav_collect.world import (
     y_m_at,
 )
 
+KERNELS = (look, start_action)  # that Python calls once an event
 _FIRST_CAPACITY = 512  # events that the log has room for before it must grow
 _REASONS_TO_GO_HOME = (BY_POLICY, actions.MAP_COMPLETE, actions.ENERGY_RESERVE)
 _BANDWIDTH_TOLERANCE = 1e-9  # relative; what a sum of shares may lose in rounding

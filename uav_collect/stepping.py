@@ -36,6 +36,7 @@ from uav_collect.scenario import Scenario
 from uav_collect.simulation import mission_header
 from uav_collect.site import Site
 
+KERNELS = (step_batch,)  # that carry missions from one decision to the next
 _FIRST_CAPACITY = 256  # events of a mission that the log has room for before it must grow
 
 

@@ -75,7 +75,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _plan(arguments: argparse.Namespace, scenario: 'Scenario') -> '_Bounds':
-    from uav_collect.bound import bound_of, N_ROUNDS
+    from uav_collect.bound import bound_of, KERNELS, N_ROUNDS
     from uav_collect.evaluation import mission_seeds
     from uav_collect.site import build_site
 
@@ -83,7 +83,7 @@ def _plan(arguments: argparse.Namespace, scenario: 'Scenario') -> '_Bounds':
     seeds = mission_seeds(arguments.seed, arguments.missions)
     n_rounds = N_ROUNDS if arguments.rounds is None else arguments.rounds
     bounds: dict[str, list[Bound]] = {bandwidth: [] for bandwidth in arguments.bandwidth}
-    progress.say_if_compiling('plan_search')
+    progress.say_if_compiling(KERNELS)
     with progress.counting(len(seeds) * len(bounds), 'plans') as advance:
         for bandwidth, found in bounds.items():
             for seed in seeds:

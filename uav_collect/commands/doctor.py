@@ -184,8 +184,10 @@ def _scenarios() -> Finding:
 
 
 def _kernel_cache() -> Finding:
+    from uav_collect.rollout import KERNELS
+
     folder = cache_folder()
-    state = 'warm' if kernels_are_cached() else 'cold: the first flight compiles'
+    state = 'warm' if kernels_are_cached(KERNELS) else 'cold: the first flight compiles'
     return Finding(topic='kernels', found=f'{state}, in {folder}', problem=_unwritable(folder))
 
 

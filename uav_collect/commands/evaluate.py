@@ -2,7 +2,7 @@
 
 import argparse
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 import csv
 from dataclasses import dataclass, replace
 from functools import partial
@@ -157,7 +157,7 @@ def _fly(
     site = build_site(scenario)
     seeds = mission_seeds(arguments.seed, arguments.missions)
     at_once = 1 if 'cvxpy' in arguments.bandwidth else _AT_ONCE
-    progress.say_if_compiling(*_kernels(flown), *(['plan_search'] if bounds else []))
+    progress.say_if_compiling(_kernels(flown, is_planned=bool(bounds)))
     with progress.counting(len(seeds) * len(flown), 'missions') as advance:
         for start in range(0, len(seeds), at_once):
             some = seeds[start : start + at_once]
@@ -170,12 +170,14 @@ def _fly(
                 advance(len(some))
 
 
-def _kernels(contenders: Iterable[_Contender]) -> set[str]:
+def _kernels(contenders: Iterable[_Contender], *, is_planned: bool) -> set[Callable[..., object]]:
+    from uav_collect import bound, rollout, simulation, stepping
     from uav_collect.callable_policy import CallablePolicy
     from uav_collect.policy import LearnedPolicy
 
-    kernels = {LearnedPolicy: 'airborne', CallablePolicy: 'world'}
-    return {kernels.get(type(contender.policy), 'rollout') for contender in contenders}
+    kernels_of = {LearnedPolicy: stepping.KERNELS, CallablePolicy: simulation.KERNELS}
+    kernels: set[Callable[..., object]] = set(bound.KERNELS if is_planned else ())
+    return kernels.union(*(kernels_of.get(type(it.policy), rollout.KERNELS) for it in contenders))
 
 
 def _show(

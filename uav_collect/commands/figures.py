@@ -108,7 +108,7 @@ def _have_done(arguments: argparse.Namespace, plan: 'Plan') -> int:
     from uav_collect.studies.schedule import have_done
 
     if arguments.engine == 'local':
-        progress.say_if_compiling(*plan.kernels())
+        progress.say_if_compiling(plan.kernels())
     with noted() as interruption, showing(plan) as show:
         standing = have_done(
             plan.jobs,

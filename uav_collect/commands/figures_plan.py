@@ -2,7 +2,7 @@
 
 import argparse
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 import importlib.util
 import os
@@ -110,9 +110,9 @@ class Plan:
         digests = set().union(*(self.needs[name] for name in studies))
         return {digest: self.jobs[digest] for digest in digests}
 
-    def kernels(self) -> set[str]:
-        """The modules whose kernels the missing jobs take."""
-        return {kernels_of(self.jobs[digest]) for digest in self.missing}
+    def kernels(self) -> set[Callable[..., object]]:
+        """The kernels that the missing jobs take."""
+        return set().union(*(kernels_of(self.jobs[digest]) for digest in self.missing))
 
     def name_of(self, digest: str) -> str:
         """What a job is called, for people."""

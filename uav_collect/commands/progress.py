@@ -1,6 +1,6 @@
 """What a command says while it works, on stderr: a bar for a person, lines for a file."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from time import monotonic
 
@@ -44,14 +44,9 @@ def _lines(say: Callable[[str], None], total: int, noun: str) -> Callable[[int],
     return advance
 
 
-def say_if_compiling(*modules: str) -> None:
-    """Say that the first missions take longer, when the kernels have to be compiled for them.
-
-    Args:
-        modules: whose kernels fly them: rollout (rules, the default) or stepping (whatever learns
-            or has learned).
-    """
+def say_if_compiling(kernels: Iterable[Callable[..., object]]) -> None:
+    """Say that the first missions take longer, when these kernels have to be compiled for them."""
     from rich.console import Console
 
-    if kernels_are_compiled() and not all(map(kernels_are_cached, modules or ('rollout',))):
+    if kernels_are_compiled() and not kernels_are_cached(kernels):
         Console(stderr=True).print('compiling (once): this takes about a minute')

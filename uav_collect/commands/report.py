@@ -88,14 +88,14 @@ def show(mission: FlownMission, picture: Path, console: 'Console') -> None:
 def bound_shown(header: MissionHeader, scenario: 'Scenario', site: 'Site') -> 'Bound | None':
     """The clairvoyant bound of a mission; None where that takes too long."""
     import numpy as np
-    from uav_collect.bound import bound_of
+    from uav_collect.bound import bound_of, KERNELS
 
     share = scenario.demand.cell_share
     n_cells = np.unique(site.cell).size
     if (n_cells if share == 'all' else min(share * scenario.n_cells, n_cells)) > _MAX_DATA_CELLS:
         return None
     is_equal = all(uav.allocator == 'equal' for uav in header.uavs)
-    progress.say_if_compiling('plan_search')
+    progress.say_if_compiling(KERNELS)
     return bound_of(scenario, site, header.mission_seed, 'equal' if is_equal else 'exact')
 
 

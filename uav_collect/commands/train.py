@@ -95,7 +95,9 @@ def run(arguments: argparse.Namespace) -> int:
         _fill_in(arguments)
     training = planned(arguments)
     _check_device(training.runs[0].record.device)
-    progress.say_if_compiling('airborne')
+    from uav_collect.stepping import KERNELS
+
+    progress.say_if_compiling(KERNELS)
     status = _train_all(training, arguments.checkpoint_minutes * 60.0)
     if len(training.folders) > 1 and status == 0:
         _draw_together(training)

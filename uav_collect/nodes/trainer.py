@@ -15,6 +15,7 @@ import uuid
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import QoSProfile
+from uav_collect import retrace, stepping
 from uav_collect.assembly import Assembly, Cause, Fate, Tally
 from uav_collect.bag import BagError, messages
 from uav_collect.briefing import brief
@@ -119,7 +120,9 @@ class TrainerNode(ProcessNode):
         )
 
     def _tell_compiling(self) -> None:
-        if kernels_are_compiled() and not all(map(kernels_are_cached, ('airborne', 'retrace'))):
+        if kernels_are_compiled() and not kernels_are_cached(
+            (*stepping.KERNELS, *retrace.KERNELS)
+        ):
             self.get_logger().info('compiling (once): this takes about a minute')
 
     # What comes in.

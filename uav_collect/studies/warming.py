@@ -1,9 +1,10 @@
 """Has kernels compiled by one process, while others that need them wait for its copy."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 import fcntl
 
+from uav_collect import bound, rollout, stepping
 from uav_collect.compiled import cache_folder, kernels_are_cached, kernels_are_compiled
 from uav_collect.studies.jobs import FlightsJob, Job, PlansJob, TrainingJob
 from uav_collect.studies.tasks import Began, Event
@@ -33,12 +34,12 @@ def _turn() -> Iterator[None]:
         yield
 
 
-def kernels_of(job: Job) -> str:
-    """The module whose kernels do most of a job."""
+def kernels_of(job: Job) -> tuple[Callable[..., object], ...]:
+    """The kernels that do most of a job."""
     match job:
         case TrainingJob():
-            return 'airborne'
+            return stepping.KERNELS
         case FlightsJob(trainings=trainings):
-            return 'airborne' if trainings else 'rollout'
+            return stepping.KERNELS if trainings else rollout.KERNELS
         case PlansJob():
-            return 'plan_search'
+            return bound.KERNELS

@@ -13,7 +13,7 @@ import socket
 from time import monotonic, process_time
 
 import uav_collect
-from uav_collect.compiled import cache_folder
+from uav_collect.compiled import sources_digest
 from uav_collect.revision import git_revision
 from uav_collect.studies.flights import flights, plans
 from uav_collect.studies.jobs import FlightsJob, PlansJob, TrainingJob
@@ -83,11 +83,6 @@ def _perform(task: Task, is_stopping: Callable[[], bool]) -> Iterator[Event]:
                 yield Saved(state=told, share_done=share_done)
             case results:
                 yield Finished(results=results, cost=meter.cost())
-
-
-def sources_digest() -> str:
-    """Changes with any source that a result can depend on."""
-    return cache_folder().name
 
 
 def _versions() -> dict[str, str]:
