@@ -6,7 +6,7 @@
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup mission train train-fleet curves figures test check format bench clean distclean
+.PHONY: help setup mission train train-fleet curves figures test golden check format bench clean distclean
 
 VENV := .venv
 PYTHON ?=
@@ -125,6 +125,9 @@ figures: $(INSTALLED) $(LEARNS) $(if $(filter ray,$(ENGINE)),$(CLUSTERS))  ## th
 
 test: $(BUILT) $(DEVELOPED) $(LEARNS) $(CLUSTERS)  ## run all tests; TESTS=test/test_radio.py runs a part
 	@. install/setup.sh && $(VENV)/bin/python -m pytest -n $(WORKERS) $(TESTS) $(ARGS)
+
+golden: $(INSTALLED)  ## write the digests of mission logs anew; their diff is a change of behaviour
+	@PYTHONPATH=.:test $(VENV)/bin/python test/golden_logs.py
 
 check: $(DEVELOPED) $(LEARNS)  ## ruff and mypy, as CI does
 	@$(VENV)/bin/ruff check
