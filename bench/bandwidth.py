@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from rich.console import Console
 from rich.table import Table
-from uav_collect.arrays import Floats
 from uav_collect.bandwidth import allocate_cvxpy, allocate_exact
+from uav_collect.kernels.arrays import Floats
 from uav_collect.radio import (
     channel_draw,
     elevations_rad,

@@ -20,7 +20,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 from uav_collect.commands.fleet import Fleet
-from uav_collect.compiled import interpret_kernels
+from uav_collect.kernels.compile import interpret_kernels
 from uav_collect.scenario import load, Scenario, with_uavs
 
 MISSIONS = 30

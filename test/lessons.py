@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from uav_collect.actions import N_ACTIONS, NONE
-from uav_collect.arrays import Floats, Ints
 from uav_collect.briefing import brief, Briefing
 from uav_collect.experience import Episode, N_UAV_SCALARS, new_records
+from uav_collect.kernels.arrays import Floats, Ints
 from uav_collect.minibatch import Algorithm, Minibatch, minibatch
 from uav_collect.scenario import Scenario
 from uav_collect.site import build_site

@@ -8,7 +8,7 @@ import signal
 from lessons import small
 import pytest
 from tiny import tiny, uav
-from uav_collect.compiled import kernels_are_compiled
+from uav_collect.kernels.compile import kernels_are_compiled
 from uav_collect.studies.jobs import digest_of, FlightsJob, Job, training_job
 from uav_collect.studies.schedule import Engine, have_done, Standing
 from uav_collect.studies.store import Store

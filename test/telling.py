@@ -13,19 +13,19 @@ import numpy as np
 from numpy.typing import NDArray
 from uav_collect.actions import HOME, NONE
 from uav_collect.agent import Agent, allocator_named
-from uav_collect.arrays import Row
 from uav_collect.assembly import Assembly, Joined
 from uav_collect.belief import Belief
 from uav_collect.briefing import Briefing
 from uav_collect.experience import Episode
 from uav_collect.exploration import explore
 from uav_collect.frozen import best_actions, FrozenPolicy
+from uav_collect.kernels.arrays import Row
+from uav_collect.kernels.rows import new_row
 from uav_collect.missions import LocalView
 from uav_collect.observation import encode, Layout, observation_size
 from uav_collect.policy import LearnedPolicy
 from uav_collect.retrace import Retracer
 from uav_collect.reward import Reward
-from uav_collect.rows import new_row
 from uav_collect.scenario import fingerprint, Scenario
 from uav_collect.simulation import Event, Simulation
 from uav_collect.site import build_site

@@ -8,7 +8,6 @@ from interpreted import interpreted
 import numpy as np
 import pytest
 from uav_collect import bandwidth, bandwidth_reference
-from uav_collect.arrays import Floats
 from uav_collect.bandwidth import (
     allocate_cvxpy,
     allocate_equal,
@@ -16,8 +15,9 @@ from uav_collect.bandwidth import (
     Allocation,
     AllocationError,
 )
+from uav_collect.kernels.arrays import Floats
+from uav_collect.kernels.rows import new_row, row_of
 from uav_collect.limits import ALLOCATOR_NAMES
-from uav_collect.rows import new_row, row_of
 
 # Signal, error, demand of one hover, and B and N_0.
 Hover = tuple[Floats, Floats, Floats, float, float]

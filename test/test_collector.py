@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from tiny import HOVER_W, MOVE_5_J, MOVE_10_J, rate_bps, Script, tiny, TOTAL_BIT, uav
 from uav_collect.actions import FORWARD, HOME, HOVER, NONE, RIGHT
-from uav_collect.arrays import Floats
-from uav_collect.compiled import kernels_are_compiled
 from uav_collect.experience import Episode
+from uav_collect.kernels.arrays import Floats
+from uav_collect.kernels.compile import kernels_are_compiled
 from uav_collect.minibatch import Algorithm
 from uav_collect.mission_log import MissionLog
 from uav_collect.reward import Reward

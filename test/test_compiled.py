@@ -6,8 +6,9 @@ import subprocess
 import sys
 
 import pytest
-from uav_collect import bound, compiled, retrace, rollout, simulation, stepping
-from uav_collect.compiled import kernels_are_cached, sources_digest
+from uav_collect import bound, retrace, rollout, simulation, stepping
+from uav_collect.kernels import compile
+from uav_collect.kernels.compile import kernels_are_cached, sources_digest
 
 CHANGED = {
     'edited': lambda package: (package / 'studies' / 'flights.py').write_text('x = 2\n'),
@@ -30,7 +31,7 @@ def test_a_source_of_a_sub_package_counts_for_the_digest(
 
 
 def test_the_digest_is_that_of_the_whole_package() -> None:
-    package = Path(compiled.__file__).parent
+    package = Path(compile.__file__).parent
     assert sources_digest() == sources_digest.__wrapped__(package)
     assert (package / 'studies' / 'flights.py').is_file()
 

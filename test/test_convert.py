@@ -14,11 +14,11 @@ from rclpy.serialization import deserialize_message, serialize_message  # noqa: 
 from uav_collect import actions  # noqa: E402
 from uav_collect.agent import Decision, RadioMessage  # noqa: E402
 from uav_collect.belief import Belief, NEVER  # noqa: E402
+from uav_collect.kernels.rows import row_of
 from uav_collect.mission_log import EVENT_DTYPE  # noqa: E402
 from uav_collect.missions import LocalView  # noqa: E402
 from uav_collect.nodes import convert  # noqa: E402
 from uav_collect.nodes.roster import Pilot  # noqa: E402
-from uav_collect.rows import row_of  # noqa: E402
 from uav_collect.simulation import Event  # noqa: E402
 from uav_collect_msgs.msg import Epoch  # noqa: E402
 from uav_collect_msgs.srv import Join  # noqa: E402

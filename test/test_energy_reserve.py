@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from uav_collect.arrays import Floats
+from uav_collect.kernels.arrays import Floats
 from uav_collect.metrics import check_log, figures
 from uav_collect.mission_log import ACTION_NAMES, MissionLog, REASON_NAMES
 from uav_collect.rollout import fly

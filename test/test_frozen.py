@@ -16,7 +16,6 @@ from safetensors.numpy import save_file
 from tiny import tiny
 import torch
 from uav_collect.actions import N_ACTIONS
-from uav_collect.arrays import Bools, Floats
 from uav_collect.briefing import brief
 from uav_collect.frozen import (
     best_actions,
@@ -24,6 +23,7 @@ from uav_collect.frozen import (
     PolicyMismatchError,
     weights_digest,
 )
+from uav_collect.kernels.arrays import Bools, Floats
 from uav_collect.observation import Layout
 from uav_collect.policy_file import FORMAT, load_policy, policy_bytes, save_policy
 from uav_collect.scenario import load

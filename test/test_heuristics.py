@@ -8,10 +8,10 @@ from interpreted import interpreted
 import numpy as np
 import pytest
 from uav_collect.actions import HOME, N_ACTIONS
-from uav_collect.arrays import Row
 from uav_collect.belief import Belief
 from uav_collect.briefing import brief, Briefing
 from uav_collect.heuristics import Heuristic, sector_start
+from uav_collect.kernels.arrays import Row
 from uav_collect.metrics import figures
 from uav_collect.mission_log import MissionLog, REASON_NAMES
 from uav_collect.missions import LocalView

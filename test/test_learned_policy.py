@@ -13,10 +13,11 @@ import pytest
 from tiny import tiny
 from uav_collect import policy as policy_module
 from uav_collect.agent import Agent, allocator_named
-from uav_collect.arrays import Row
 from uav_collect.belief import Belief, belief_of, new_beliefs
 from uav_collect.briefing import brief, Briefing
 from uav_collect.frozen import FrozenPolicy, PolicyMismatchError
+from uav_collect.kernels.arrays import Row
+from uav_collect.kernels.rows import row_of
 from uav_collect.metrics import check_log, figures
 from uav_collect.missions import LocalView
 from uav_collect.observation import Layout
@@ -30,7 +31,6 @@ from uav_collect.policy import (
 )
 from uav_collect.policy_file import load_policy
 from uav_collect.rollout import fly
-from uav_collect.rows import row_of
 from uav_collect.scenario import load, Scenario
 from uav_collect.simulation import Simulation
 from uav_collect.site import build_site

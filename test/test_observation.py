@@ -5,12 +5,12 @@ import pytest
 from tiny import Flight, tiny, uav
 from uav_collect.actions import FORWARD, HOVER, N_ACTIONS, RIGHT
 from uav_collect.agent import must_go_home
-from uav_collect.arrays import Floats
 from uav_collect.belief import Belief, belief_of, hear, merge, new_beliefs
 from uav_collect.briefing import brief
+from uav_collect.kernels.arrays import Floats
+from uav_collect.kernels.rows import new_row, row_of
 from uav_collect.missions import LocalView
 from uav_collect.observation import encode, Layout, observation_bound, observation_size
-from uav_collect.rows import new_row, row_of
 from uav_collect.scenario import ConfigError, Scenario
 
 # Parts of the egocentric layout.

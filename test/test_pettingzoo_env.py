@@ -11,7 +11,7 @@ from pettingzoo.test import api_test, seed_test
 import pytest
 from tiny import tiny, uav
 from uav_collect.actions import BACKWARD, FORWARD, HOME, N_ACTIONS, NONE, RIGHT
-from uav_collect.arrays import Ints
+from uav_collect.kernels.arrays import Ints
 from uav_collect.metrics import check_log, figures
 from uav_collect.pettingzoo_env import env
 from uav_collect.reward import Reward

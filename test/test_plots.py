@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scripted import fly, header, uav
 from uav_collect import plots, rollout
-from uav_collect.arrays import Floats
+from uav_collect.kernels.arrays import Floats
 from uav_collect.lanes import corners_m, lane_shifts, narrowest_lane, steps
 from uav_collect.mission_log import MissionLog
 from uav_collect.scenario import load, Scenario, with_uavs

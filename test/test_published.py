@@ -8,9 +8,9 @@ from publishing import HOVER_SHARE, policy_fields
 import pytest
 from uav_collect.briefing import brief, Briefing
 from uav_collect.exploration import explore
+from uav_collect.kernels.rows import row_of
 from uav_collect.nodes.published import Follower, Shelf
 from uav_collect.policy import ExploringPolicy, LearnedPolicy
-from uav_collect.rows import row_of
 from uav_collect.scenario import load
 
 FROZEN = random_policy(header())

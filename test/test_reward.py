@@ -8,12 +8,12 @@ from tiny import fly_scripts, HOVER_W, MOVE_10_J, rate_bps, tiny, uav
 from uav_collect.actions import BACKWARD, FORWARD, HOVER, LEFT, RIGHT
 from uav_collect.briefing import brief, Briefing
 from uav_collect.ground import Ground, lay_out
+from uav_collect.kernels.rows import row_of
 from uav_collect.metrics import figures
 from uav_collect.mission_log import MissionLog
 from uav_collect.missions import Mission, mission_of, new_missions, new_view_rows
 from uav_collect.reward import interval_reward
 from uav_collect.rollout import fly
-from uav_collect.rows import row_of
 from uav_collect.scenario import load, Scenario
 from uav_collect.site import build_site
 from uav_collect.world import look, start_action

@@ -19,14 +19,14 @@ from uav_collect.actions import (
     RIGHT,
 )
 from uav_collect.agent import Agent, allocator_named, Decision
-from uav_collect.arrays import Row
 from uav_collect.belief import Belief
 from uav_collect.briefing import Briefing
+from uav_collect.kernels.arrays import Row
+from uav_collect.kernels.rows import row_of
 from uav_collect.metrics import check_log, figures
 from uav_collect.mission_log import from_jsonl
 from uav_collect.missions import LocalView
 from uav_collect.rollout import fly
-from uav_collect.rows import row_of
 from uav_collect.scenario import ConfigError, load, Scenario
 from uav_collect.simulation import Simulation
 from uav_collect.site import build_site

@@ -8,8 +8,8 @@ from lessons import single_threaded_torch, small
 import numpy as np
 import pytest
 from tiny import tiny, uav
-from uav_collect.compiled import kernels_are_compiled
 from uav_collect.frozen import PolicyMismatchError
+from uav_collect.kernels.compile import kernels_are_compiled
 from uav_collect.minibatch import Algorithm
 from uav_collect.policy import LearnedPolicy
 from uav_collect.replay import replay_bytes

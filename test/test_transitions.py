@@ -7,8 +7,8 @@ from fleets import Fleet, listener, Pilots, scenario_of
 import numpy as np
 from processes import Processes
 import pytest
+from uav_collect.kernels.rows import new_row
 from uav_collect.observation import encode, Layout, observation_size
-from uav_collect.rows import new_row
 from uav_collect.scenario import fingerprint, Scenario
 
 pytest.importorskip('rclpy')

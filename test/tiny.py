@@ -14,9 +14,9 @@ import math
 
 from uav_collect.actions import HOME
 from uav_collect.agent import Agent, allocator_named, Decision
-from uav_collect.arrays import Row
 from uav_collect.belief import Belief
 from uav_collect.briefing import Briefing
+from uav_collect.kernels.arrays import Row
 from uav_collect.mission_log import MissionLog
 from uav_collect.missions import LocalView
 from uav_collect.rollout import fly

@@ -13,11 +13,11 @@ import math
 from typing import cast
 
 import numpy as np
-from uav_collect.arrays import Bools, check_shape, Floats, Row
 from uav_collect.bandwidth_newton import certified_gap, solve
-from uav_collect.compiled import kernel, kernels_are_compiled
+from uav_collect.kernels.arrays import Bools, check_shape, Floats, Row
+from uav_collect.kernels.compile import kernel, kernels_are_compiled
+from uav_collect.kernels.rows import new_row
 from uav_collect.radio import uplink_rate_bps
-from uav_collect.rows import new_row
 
 # What `share_bandwidth` is told; cvxpy is there for batches only.
 EXACT = 0

@@ -12,8 +12,8 @@ from above, and the shares themselves bound it from below.
 
 import math
 
-from uav_collect.arrays import Row
-from uav_collect.compiled import allocating_kernel, kernel
+from uav_collect.kernels.arrays import Row
+from uav_collect.kernels.compile import allocating_kernel, kernel
 from uav_collect.radio import log_of_1_plus
 
 _GAP_WANTED = 1e-12

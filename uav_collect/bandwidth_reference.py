@@ -17,7 +17,6 @@ import clarabel
 import cvxpy as cp
 import numpy as np
 from scipy import sparse
-from uav_collect.arrays import Floats
 from uav_collect.bandwidth import (
     allocate_equal,
     Allocation,
@@ -25,6 +24,7 @@ from uav_collect.bandwidth import (
     hover_time_s,
 )
 from uav_collect.bandwidth_newton import certified_gap
+from uav_collect.kernels.arrays import Floats
 
 # A row of a cone program: factors by variable, and a constant.
 _Row = tuple[dict[int, float], float]

@@ -4,12 +4,13 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from uav_collect.agent import allocate, Desk, must_go_home, new_desk
-from uav_collect.arrays import Row
 from uav_collect.belief import belief_of, Beliefs, hear, new_beliefs, observe
 from uav_collect.briefing import Briefing
-from uav_collect.compiled import kernel, row_kernel
 from uav_collect.ground import Ground
 from uav_collect.heuristics import MEMORY_SIZE
+from uav_collect.kernels.arrays import Row
+from uav_collect.kernels.compile import kernel, row_kernel
+from uav_collect.kernels.rows import new_table
 from uav_collect.missions import (
     LocalView,
     mission_of,
@@ -18,7 +19,6 @@ from uav_collect.missions import (
     new_view_rows,
     ViewRows,
 )
-from uav_collect.rows import new_table
 from uav_collect.world import in_contact, look, x_m_at, y_m_at
 
 

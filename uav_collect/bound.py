@@ -25,12 +25,12 @@ from pathlib import Path
 from typing import Any
 
 from uav_collect.actions import BACKWARD, FORWARD, HOVER, LEFT, RIGHT
-from uav_collect.compiled import cache_folder
 from uav_collect.errands import Errands, errands_of
+from uav_collect.kernels.compile import cache_folder
+from uav_collect.kernels.rows import row_of
 from uav_collect.metrics import MissionFigures
 from uav_collect.plan_bound import climb, least_completion_s, least_energy_j
 from uav_collect.plan_search import Aim, best_routes, Routes, search
-from uav_collect.rows import row_of
 from uav_collect.scenario import fingerprint, Scenario
 from uav_collect.site import Site
 

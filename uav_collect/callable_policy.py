@@ -21,10 +21,10 @@ from typing import Any
 
 import numpy as np
 from uav_collect.actions import HOME, N_ACTIONS
-from uav_collect.arrays import Ints, Row
 from uav_collect.belief import Belief
 from uav_collect.briefing import Briefing
 from uav_collect.frozen import PolicyMismatchError
+from uav_collect.kernels.arrays import Ints, Row
 from uav_collect.missions import LocalView
 
 _VERSION_DIGITS = 12

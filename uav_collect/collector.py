@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 import torch
 from uav_collect.actions import NONE
-from uav_collect.arrays import Ints
 from uav_collect.experience import Episode
+from uav_collect.kernels.arrays import Ints
 from uav_collect.minibatch import Algorithm
 from uav_collect.network import Drqn
 from uav_collect.scenario import Scenario

@@ -6,7 +6,7 @@ Scalar kernels with names in the singular; a plural is the same kernel over broa
 import math
 
 import numpy as np
-from uav_collect.compiled import kernel
+from uav_collect.kernels.compile import kernel
 
 
 @kernel

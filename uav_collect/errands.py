@@ -6,17 +6,17 @@ from typing import NamedTuple
 
 import numpy as np
 from uav_collect.actions import cell_at
-from uav_collect.arrays import Floats, Ints, Row
 from uav_collect.bandwidth import EQUAL, EXACT, share_bandwidth
 from uav_collect.briefing import brief, Briefing
-from uav_collect.compiled import kernel
 from uav_collect.ground import draw_demand, Ground, lay_out
+from uav_collect.kernels.arrays import Floats, Ints, Row
+from uav_collect.kernels.compile import kernel
+from uav_collect.kernels.rows import new_row, row_of
 from uav_collect.radio import channel_draw
-from uav_collect.rows import new_row, row_of
 from uav_collect.scenario import Scenario
 from uav_collect.site import Site
 
-# The largest normal number that `philox.normal_pair` makes of 32 bits.
+# The largest normal number that `keyed_random.normal_pair` makes of 32 bits.
 _MAX_NORMAL = math.sqrt(64.0 * math.log(2.0))
 _ROUNDING = 1e-9  # relative; what a sum of energies may lose in the world
 

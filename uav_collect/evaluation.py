@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from uav_collect.arrays import Floats
+from uav_collect.kernels.arrays import Floats
 from uav_collect.metrics import MissionFigures
 
 LEVEL = 0.95

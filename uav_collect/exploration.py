@@ -5,9 +5,9 @@ its decision, whoever flies it.
 """
 
 from uav_collect.actions import HOVER, N_ACTIONS, NONE
-from uav_collect.arrays import Row
-from uav_collect.compiled import kernel
-from uav_collect.philox import draw_words, EXPLORATION
+from uav_collect.kernels.arrays import Row
+from uav_collect.kernels.compile import kernel
+from uav_collect.kernels.keyed_random import draw_words, EXPLORATION
 
 _WORDS = 4294967296.0
 

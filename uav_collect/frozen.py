@@ -17,8 +17,8 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 from uav_collect.actions import N_ACTIONS
-from uav_collect.arrays import Bools, Floats, Ints
 from uav_collect.briefing import Briefing
+from uav_collect.kernels.arrays import Bools, Floats, Ints
 from uav_collect.limits import EGOCENTRIC_MAX_UAVS, MAX_UAVS
 from uav_collect.observation import Layout, observation_size
 

@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 from uav_collect import radio
-from uav_collect.arrays import Floats, Row
-from uav_collect.compiled import kernel
-from uav_collect.philox import (
+from uav_collect.kernels.arrays import Floats, Row
+from uav_collect.kernels.compile import kernel
+from uav_collect.kernels.keyed_random import (
     DATA_AMOUNT,
     DATA_CELL,
     DATA_CELL_COUNT,
@@ -15,7 +15,7 @@ from uav_collect.philox import (
     draw_uniform,
     shuffle_first,
 )
-from uav_collect.rows import new_row, row_of
+from uav_collect.kernels.rows import new_row, row_of
 from uav_collect.scenario import Scenario
 from uav_collect.site import Site
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
-from uav_collect.arrays import Floats
+from uav_collect.kernels.arrays import Floats
 
 _LANE_SHARE = 0.13  # of a cell, between two lanes
 _LANES_SHARE = 0.6  # of a cell, at most, for all lanes of an edge

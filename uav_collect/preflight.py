@@ -3,7 +3,7 @@
 from uav_collect import actions
 from uav_collect.actions import N_ACTIONS
 from uav_collect.briefing import Briefing
-from uav_collect.rows import new_row
+from uav_collect.kernels.rows import new_row
 from uav_collect.scenario import ConfigError, Scenario
 
 

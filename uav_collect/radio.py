@@ -9,8 +9,8 @@ was read.
 import math
 
 import numpy as np
-from uav_collect import philox
-from uav_collect.compiled import kernel
+from uav_collect.kernels import keyed_random
+from uav_collect.kernels.compile import kernel
 
 SPEED_OF_LIGHT_MPS = 299792458.0
 
@@ -101,11 +101,13 @@ def channel_draw(
     alpha = path_gain_los
     fading = 0.0
     for antenna in range(antennas):
-        stream = philox.CHANNEL | antenna << _ANTENNA_SHIFT
-        word_0, word_1, word_2, _ = philox.draw_words(mission_seed, stream, uav, sensor, visit)
+        stream = keyed_random.CHANNEL | antenna << _ANTENNA_SHIFT
+        word_0, word_1, word_2, _ = keyed_random.draw_words(
+            mission_seed, stream, uav, sensor, visit
+        )
         if antenna == 0 and word_2 / 4294967296.0 >= los_probability:
             alpha = path_gain_los * nlos_attenuation
-        real, imaginary = philox.normal_pair(word_0, word_1)
+        real, imaginary = keyed_random.normal_pair(word_0, word_1)
         in_phase = steady + real * scattered
         quadrature = imaginary * scattered
         fading += in_phase * in_phase + quadrature * quadrature

@@ -10,9 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from uav_collect.actions import HOME, NONE
-from uav_collect.arrays import Floats, Ints, Row
 from uav_collect.briefing import brief, Briefing
-from uav_collect.compiled import kernel
 from uav_collect.experience import (
     Episode,
     N_UAV_SCALARS,
@@ -21,6 +19,8 @@ from uav_collect.experience import (
     Records,
 )
 from uav_collect.ground import demand_by_cell, Ground, lay_out
+from uav_collect.kernels.arrays import Floats, Ints, Row
+from uav_collect.kernels.compile import kernel
 from uav_collect.missions import ACTIVE, Mission, mission_of, new_missions, restart_mission
 from uav_collect.observation import Layout, observation_size
 from uav_collect.reward import discount, energy_reward, news_reward, Reward

@@ -8,10 +8,10 @@ from enum import IntEnum
 import math
 
 from uav_collect.actions import cell_at, HOVER, NONE
-from uav_collect.arrays import Row
 from uav_collect.briefing import Briefing
-from uav_collect.compiled import kernel
 from uav_collect.ground import Ground
+from uav_collect.kernels.arrays import Row
+from uav_collect.kernels.compile import kernel
 from uav_collect.missions import Mission
 from uav_collect.world import end_s, next_uav
 

@@ -15,7 +15,6 @@ from uav_collect.agent import Agent, allocator_named
 from uav_collect.batch import arrive, Batch, new_batch
 from uav_collect.belief import belief_of
 from uav_collect.briefing import brief, Briefing
-from uav_collect.compiled import kernel
 from uav_collect.event_log import (
     EventLog,
     grown_log,
@@ -27,6 +26,7 @@ from uav_collect.event_log import (
 from uav_collect.frozen import best_actions, PolicyMismatchError
 from uav_collect.ground import Ground, lay_out
 from uav_collect.heuristics import choose
+from uav_collect.kernels.compile import kernel
 from uav_collect.limits import ALLOCATOR_NAMES
 from uav_collect.mission_log import MissionLog
 from uav_collect.missions import mission_of

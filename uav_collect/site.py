@@ -4,16 +4,16 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
-from uav_collect import philox
-from uav_collect.arrays import Floats, Ints, Row
-from uav_collect.compiled import kernel
-from uav_collect.philox import draw_poisson, draw_uniform, shuffle_first
+from uav_collect.kernels import keyed_random
+from uav_collect.kernels.arrays import Floats, Ints, Row
+from uav_collect.kernels.compile import kernel
+from uav_collect.kernels.keyed_random import draw_poisson, draw_uniform, shuffle_first
 from uav_collect.scenario import AreaConfig, ConfigError, DrawnSensors, ListedSensors, Scenario
 
 _BIT_PER_MBIT = 1e6
-_DENSE_CELL = philox.DENSE_CELL
-_SENSOR_COUNT = philox.SENSOR_COUNT
-_SENSOR_POSITION = philox.SENSOR_POSITION
+_DENSE_CELL = keyed_random.DENSE_CELL
+_SENSOR_COUNT = keyed_random.SENSOR_COUNT
+_SENSOR_POSITION = keyed_random.SENSOR_POSITION
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,11 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from uav_collect.actions import N_ACTIONS, NONE
 from uav_collect.airborne import Air, Desks, explore_batch, go_on, put_back, Rules, step_batch
-from uav_collect.arrays import Bools, check_shape, Floats, Ints
 from uav_collect.bandwidth import AllocationError, EQUAL, EXACT
 from uav_collect.batch import new_batch
 from uav_collect.briefing import brief, Briefing
-from uav_collect.compiled import kernels_are_compiled
 from uav_collect.event_log import (
     grown_log,
     logged_events,
@@ -26,12 +24,14 @@ from uav_collect.event_log import (
 )
 from uav_collect.experience import Episode, N_UAV_SCALARS, new_records, Records, write_fleet
 from uav_collect.ground import demand_by_cell, lay_out
+from uav_collect.kernels.arrays import Bools, check_shape, Floats, Ints
+from uav_collect.kernels.compile import kernels_are_compiled
+from uav_collect.kernels.rows import new_map_table, new_row, new_table
 from uav_collect.mission_log import MissionLog
 from uav_collect.missions import mission_of
 from uav_collect.observation import Layout, observation_size
 from uav_collect.preflight import check_can_start
 from uav_collect.reward import Reward
-from uav_collect.rows import new_map_table, new_row, new_table
 from uav_collect.scenario import Scenario
 from uav_collect.simulation import mission_header
 from uav_collect.site import Site

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from uav_collect.arrays import Floats
+from uav_collect.kernels.arrays import Floats
 
 RUN_FILE = 'run.json'
 VALIDATION_FILE = 'validation.csv'

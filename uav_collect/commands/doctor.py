@@ -11,7 +11,7 @@ import subprocess
 import sys
 
 import uav_collect
-from uav_collect.compiled import cache_folder, kernels_are_cached
+from uav_collect.kernels.compile import cache_folder, kernels_are_cached
 
 _DESCRIPTION = """
 Prints the versions, paths and settings that missions depend on, then one line per problem. Exits

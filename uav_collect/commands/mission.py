@@ -16,7 +16,7 @@ from uav_collect.commands.fleet import (
     ros_parameters,
     running_fleet,
 )
-from uav_collect.compiled import interpret_kernels
+from uav_collect.kernels.compile import interpret_kernels
 
 if TYPE_CHECKING:  # loaded when flying, so that --help answers at once
     from uav_collect.scenario import Scenario

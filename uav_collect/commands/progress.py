@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from time import monotonic
 
-from uav_collect.compiled import kernels_are_cached, kernels_are_compiled
+from uav_collect.kernels.compile import kernels_are_cached, kernels_are_compiled
 
 _LINE_EVERY_S = 5.0
 

@@ -13,8 +13,8 @@ from uav_collect.mission_log import MissionHeader, MissionLog, MissionLogError, 
 
 if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
     from rich.console import Console
-    from uav_collect.arrays import Floats
     from uav_collect.bound import Bound
+    from uav_collect.kernels.arrays import Floats
     from uav_collect.scenario import Scenario
     from uav_collect.site import Site
 

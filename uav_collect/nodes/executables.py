@@ -10,7 +10,7 @@ import os
 import signal
 import sys
 
-from uav_collect.compiled import interpret_kernels
+from uav_collect.kernels.compile import interpret_kernels
 
 
 def world_sim() -> int:

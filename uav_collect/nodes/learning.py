@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from queue import Empty, SimpleQueue
 from threading import Thread
 
-from uav_collect.compiled import kernels_are_compiled
 from uav_collect.frozen import FrozenPolicy
 from uav_collect.intake import Intake
+from uav_collect.kernels.compile import kernels_are_compiled
 from uav_collect.nodes.spin import FAILED
 from uav_collect.trainer import Trainer
 from uav_collect.training_folder import BEST_POLICY, opened

@@ -19,8 +19,8 @@ from uav_collect import retrace, stepping
 from uav_collect.assembly import Assembly, Cause, Fate, Tally
 from uav_collect.bag import BagError, messages
 from uav_collect.briefing import brief
-from uav_collect.compiled import kernels_are_cached, kernels_are_compiled
 from uav_collect.frozen import PolicyMismatchError
+from uav_collect.kernels.compile import kernels_are_cached, kernels_are_compiled
 from uav_collect.memory import keep_freed_memory
 from uav_collect.nodes import topics
 from uav_collect.nodes.hearsay import teller

@@ -20,7 +20,7 @@ from ray.exceptions import (
     WorkerCrashedError,
 )
 import uav_collect
-from uav_collect.compiled import sources_digest
+from uav_collect.kernels.compile import sources_digest
 from uav_collect.studies.tasks import Began, Event, Failed, Finished, Left, Lost, Report, Task
 from uav_collect.studies.work import perform
 

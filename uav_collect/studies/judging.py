@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from uav_collect.arrays import Floats
 from uav_collect.evaluation import column_estimates, Estimate
+from uav_collect.kernels.arrays import Floats
 
 # Fewer seeds agree by chance too often: of five that toss a coin, all fall alike once in sixteen.
 MIN_SEEDS = 6

@@ -1,8 +1,8 @@
 """Draws fields and missions: the sensors with a mission's data, and the ways of policies."""
 
 import numpy as np
-from uav_collect.arrays import Floats
 from uav_collect.ground import draw_demand, lay_out
+from uav_collect.kernels.arrays import Floats
 from uav_collect.metrics import figures
 from uav_collect.mission_log import ACTION_NAMES, from_jsonl, MissionLog
 from uav_collect.plots import draw_mission

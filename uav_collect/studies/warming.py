@@ -5,7 +5,7 @@ from contextlib import contextmanager
 import fcntl
 
 from uav_collect import bound, rollout, stepping
-from uav_collect.compiled import cache_folder, kernels_are_cached, kernels_are_compiled
+from uav_collect.kernels.compile import cache_folder, kernels_are_cached, kernels_are_compiled
 from uav_collect.studies.jobs import FlightsJob, Job, PlansJob, TrainingJob
 from uav_collect.studies.tasks import Began, Event
 

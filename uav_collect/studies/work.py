@@ -13,7 +13,7 @@ import socket
 from time import monotonic, process_time
 
 import uav_collect
-from uav_collect.compiled import sources_digest
+from uav_collect.kernels.compile import sources_digest
 from uav_collect.revision import git_revision
 from uav_collect.studies.flights import flights, plans
 from uav_collect.studies.jobs import FlightsJob, PlansJob, TrainingJob

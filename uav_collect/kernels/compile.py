@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 
 _Kernel = TypeVar('_Kernel', bound=Callable[..., object])
 
-_PACKAGE = Path(__file__).resolve().parent
+_PACKAGE = Path(__file__).resolve().parents[1]
 _SWITCH = 'UAV_COLLECT_KERNELS'
 _OPTIONS = {'error_model': 'numpy', 'forceinline': True, 'no_cfunc_wrapper': True}
 

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from typing import cast, TypeVar
 
 import numpy as np
-from uav_collect.arrays import Row
-from uav_collect.compiled import kernels_are_compiled
+from uav_collect.kernels.arrays import Row
+from uav_collect.kernels.compile import kernels_are_compiled
 
 _Number = TypeVar('_Number', float, int)
 

@@ -7,8 +7,8 @@ size of a batch and the process change nothing.
 
 import math
 
-from uav_collect.arrays import Row
-from uav_collect.compiled import kernel
+from uav_collect.kernels.arrays import Row
+from uav_collect.kernels.compile import kernel
 
 # Streams: one per thing that is drawn. Never renumber: seeds would mean other missions.
 DENSE_CELL = 0

@@ -1,0 +1,1 @@
+"""Functions that run compiled or interpreted to the same bits, their rows, and keyed draws."""
