@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 import pytest
-from uav_collect import yaml_text
+from uav_collect.config import yaml_text
 from uav_collect.scenario import (
     DrawnSensors,
     fingerprint,

@@ -10,6 +10,7 @@ from uav_collect.actions import NONE
 from uav_collect.belief import Belief
 from uav_collect.briefing import brief, Briefing
 from uav_collect.callable_policy import callable_policy, CallablePolicy, is_callable_name
+from uav_collect.config.installed import shared_folders
 from uav_collect.exploration import explore
 from uav_collect.frozen import best_actions, FrozenPolicy, PolicyMismatchError
 from uav_collect.heuristics import choose, Heuristic, MEMORY_SIZE
@@ -19,7 +20,6 @@ from uav_collect.missions import LocalView
 from uav_collect.observation import encode
 from uav_collect.policy_file import load_policy, SUFFIX
 from uav_collect.scenario import Scenario
-from uav_collect.shared_files import shared_folders
 
 STRONG = 'strong'  # stands for the learned policy that is shipped for the scenario at hand
 TOPIC = 'topic'  # stands for what a trainer publishes, for agents over ROS

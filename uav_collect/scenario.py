@@ -12,9 +12,12 @@ import json
 from pathlib import Path
 from typing import Any
 
-from uav_collect import config_files, sensors_csv
-from uav_collect.config_files import Document
-from uav_collect.config_rules import pair, validated, whole
+from uav_collect import sensors_csv
+from uav_collect.config import layers
+from uav_collect.config.installed import shared_folders
+from uav_collect.config.layers import Document
+from uav_collect.config.rules import pair, validated, whole
+from uav_collect.config.yaml_text import ConfigError, Keys, shown
 from uav_collect.scenario_model import (
     AreaConfig,
     CsvSensors,
@@ -30,8 +33,6 @@ from uav_collect.scenario_model import (
     Scenario,
     UavConfig,
 )
-from uav_collect.shared_files import shared_folders
-from uav_collect.yaml_text import ConfigError, Keys, shown
 
 __all__ = [
     'AreaConfig',
@@ -70,12 +71,12 @@ def load(name_or_path: str | Path, overrides: Mapping[str, object] | None = None
         ConfigError: one line per problem: file and line, key, value, what is allowed.
     """
     folders = scenario_folders()
-    path = config_files.find(str(name_or_path), folders, field='scenario')
-    document = config_files.read(path, folders)
+    path = layers.find(str(name_or_path), folders, field='scenario')
+    document = layers.read(path, folders)
     # A name belongs to one file; what extends it is something else.
     has_name = 'name' in document.values and document.source(('name',)) is document.top
     named = {} if has_name else {'name': path.stem}
-    document = config_files.override(document, {**named, **(overrides or {})})
+    document = layers.override(document, {**named, **(overrides or {})})
     return _checked(_with_sensors(_with_places(_with_fleet(document))))
 
 
@@ -85,7 +86,7 @@ def from_yaml(text: str) -> Scenario:
     Raises:
         ConfigError: one line per problem.
     """
-    return _checked(config_files.parse(text, label='scenario text', folder=Path()))
+    return _checked(layers.parse(text, label='scenario text', folder=Path()))
 
 
 def parse_override(assignment: str) -> tuple[str, object]:
@@ -98,7 +99,7 @@ def parse_override(assignment: str) -> tuple[str, object]:
     if not path or not equals:
         raise ConfigError(f'override: {assignment!r} must be KEY=VALUE, as demand.cell_share=0.5')
     try:
-        return path, config_files.parse_value(value)
+        return path, layers.parse_value(value)
     except ConfigError:
         raise ConfigError(f'override: {path} is {value!r}: must be a YAML value') from None
 
@@ -118,7 +119,7 @@ def fingerprint(scenario: Scenario) -> str:
 
 def scenario_names() -> tuple[str, ...]:
     """The names of the shipped scenarios."""
-    return config_files.names_in(scenario_folders())
+    return layers.names_in(scenario_folders())
 
 
 def scenario_folders() -> tuple[Path, ...]:
@@ -154,7 +155,7 @@ def _with_fleet(document: Document) -> Document:
 
 
 def _over_default(default: dict[Any, Any], uav: object) -> object:
-    return config_files.merged_mapping(default, uav) if isinstance(uav, dict) else uav
+    return layers.merged_mapping(default, uav) if isinstance(uav, dict) else uav
 
 
 def _inherited(default: dict[Any, Any], uav: object) -> Iterator[Keys]:

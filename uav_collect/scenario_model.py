@@ -7,8 +7,9 @@ import math
 from typing import Annotated, Literal
 
 from pydantic import Field
-from uav_collect import sensors_csv, yaml_text
-from uav_collect.config_rules import number, pair, Section, text, whole
+from uav_collect import sensors_csv
+from uav_collect.config import yaml_text
+from uav_collect.config.rules import number, pair, Section, text, whole
 from uav_collect.limits import MAX_UAVS
 
 _LIGHT_SPEED_MPS = 299792458.0

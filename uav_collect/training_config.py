@@ -7,11 +7,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Literal
 
-from uav_collect import config_files, yaml_text
-from uav_collect.config_rules import number, Section, text, truth, validated, whole
+from uav_collect.config import layers, yaml_text
+from uav_collect.config.installed import shared_folders
+from uav_collect.config.rules import number, Section, text, truth, validated, whole
 from uav_collect.observation import Layout
 from uav_collect.reward import Reward
-from uav_collect.shared_files import shared_folders
 
 _Share = Annotated[float, number(0, 1)]
 _Size = Annotated[int, whole(1, 4096)]
@@ -151,18 +151,16 @@ def load_preset(
         ConfigError: one line per problem: file and line, key, value, what is allowed.
     """
     folders = shared_folders('training')
-    path = config_files.find(str(name_or_path), folders, field='preset')
-    document = config_files.read(path, folders)
+    path = layers.find(str(name_or_path), folders, field='preset')
+    document = layers.read(path, folders)
     has_name = 'name' in document.values and document.source(('name',)) is document.top
     named = {} if has_name else {'name': path.stem}
-    return validated(
-        TrainingConfig, config_files.override(document, {**named, **(overrides or {})})
-    )
+    return validated(TrainingConfig, layers.override(document, {**named, **(overrides or {})}))
 
 
 def preset_names() -> tuple[str, ...]:
     """The names of the shipped presets."""
-    return config_files.names_in(shared_folders('training'))
+    return layers.names_in(shared_folders('training'))
 
 
 def _between(first: float, last: float, share: float) -> float:

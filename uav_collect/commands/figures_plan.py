@@ -10,6 +10,7 @@ from pathlib import Path
 import shutil
 import sys
 
+from uav_collect.config.yaml_text import ConfigError
 from uav_collect.scenario import from_yaml
 from uav_collect.studies import catalogue
 from uav_collect.studies.costs import disk_bytes, GUESSED, Rates, rates_of, spent
@@ -20,7 +21,6 @@ from uav_collect.studies.scale import load_scale, ScaleConfig
 from uav_collect.studies.store import Store
 from uav_collect.studies.warming import kernels_of
 from uav_collect.training_log import TrainingRunError
-from uav_collect.yaml_text import ConfigError
 
 _SPARE_BYTES = 200e6  # to be left on the disk
 

@@ -10,8 +10,8 @@ import json
 from pathlib import Path
 
 import uav_collect
-from uav_collect import config_files
-from uav_collect.config_rules import validated
+from uav_collect.config import layers
+from uav_collect.config.rules import validated
 from uav_collect.scenario import Scenario
 from uav_collect.training_config import TrainingConfig
 
@@ -90,7 +90,7 @@ def settings_of(job: TrainingJob) -> TrainingConfig:
     Raises:
         ConfigError: this version knows other settings.
     """
-    document = config_files.parse(job.settings, label='settings', folder=Path())
+    document = layers.parse(job.settings, label='settings', folder=Path())
     return validated(TrainingConfig, document)
 
 

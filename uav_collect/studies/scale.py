@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import Field
-from uav_collect import config_files
-from uav_collect.config_rules import number, Section, text, validated, whole
+from uav_collect.config import layers
+from uav_collect.config.installed import shared_folders
+from uav_collect.config.rules import number, Section, text, validated, whole
+from uav_collect.config.yaml_text import ConfigError
 from uav_collect.limits import MAX_DECISIONS, MAX_UAVS
-from uav_collect.shared_files import shared_folders
-from uav_collect.yaml_text import ConfigError
 
 _Count = Annotated[int, whole(1, 1000)]
 _Decisions = Annotated[int, whole(1, MAX_DECISIONS)]
@@ -96,18 +96,18 @@ def load_scale(name_or_path: str | Path) -> ScaleConfig:
         ConfigError: one line per problem: file and line, key, value, what is allowed.
     """
     folders = shared_folders('studies')
-    path = config_files.find(str(name_or_path), folders, field='scale')
-    document = config_files.read(path, folders)
+    path = layers.find(str(name_or_path), folders, field='scale')
+    document = layers.read(path, folders)
     has_name = 'name' in document.values and document.source(('name',)) is document.top
     named = {} if has_name else {'name': path.stem}
-    scale = validated(ScaleConfig, config_files.override(document, named))
+    scale = validated(ScaleConfig, layers.override(document, named))
     _check_rising(scale, path)
     return scale
 
 
 def scale_names() -> tuple[str, ...]:
     """The names of the shipped scales."""
-    return config_files.names_in(shared_folders('studies'))
+    return layers.names_in(shared_folders('studies'))
 
 
 def _check_rising(scale: ScaleConfig, path: Path) -> None:

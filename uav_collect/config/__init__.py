@@ -1,0 +1,1 @@
+"""YAML files: text with positions, files that extend each other, rules of values."""
