@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from rich.console import Console
 from rich.table import Table
-from uav_collect.bandwidth import allocate_cvxpy, allocate_exact
 from uav_collect.kernels.arrays import Floats
-from uav_collect.radio import (
+from uav_collect.physics.bandwidth import allocate_cvxpy, allocate_exact
+from uav_collect.physics.radio import (
     channel_draw,
     elevations_rad,
     line_of_sight_probabilities,
@@ -106,7 +106,7 @@ def print_interpreted() -> None:
 
 def measure(n_sensors: int, csi_error: float, interpreted_us: float) -> Row:
     """All methods on the same hovers."""
-    from uav_collect import bandwidth_reference as reference
+    from uav_collect.physics import bandwidth_convex as reference
 
     hovers = draw_hovers(N_SOLVED, n_sensors, csi_error)
     exact = allocate_exact(*hovers, BANDWIDTH_HZ, NOISE_W_PER_HZ)

@@ -20,7 +20,6 @@ from uav_collect.agent import (
     new_desk,
     RadioMessage,
 )
-from uav_collect.bandwidth import AllocationError
 from uav_collect.belief import Belief, NEVER
 from uav_collect.briefing import brief, Briefing
 from uav_collect.frozen import PolicyMismatchError
@@ -28,6 +27,7 @@ from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.rows import row_of
 from uav_collect.limits import ALLOCATOR_NAMES
 from uav_collect.missions import LocalView
+from uav_collect.physics.bandwidth import AllocationError
 from uav_collect.policy import policy_named
 from uav_collect.scenario import Scenario
 from uav_collect.simulation import Simulation

@@ -7,17 +7,17 @@ from hypothesis import strategies as st
 from interpreted import interpreted
 import numpy as np
 import pytest
-from uav_collect import bandwidth, bandwidth_reference
-from uav_collect.bandwidth import (
+from uav_collect.kernels.arrays import Floats
+from uav_collect.kernels.rows import new_row, row_of
+from uav_collect.limits import ALLOCATOR_NAMES
+from uav_collect.physics import bandwidth, bandwidth_convex
+from uav_collect.physics.bandwidth import (
     allocate_cvxpy,
     allocate_equal,
     allocate_exact,
     Allocation,
     AllocationError,
 )
-from uav_collect.kernels.arrays import Floats
-from uav_collect.kernels.rows import new_row, row_of
-from uav_collect.limits import ALLOCATOR_NAMES
 
 # Signal, error, demand of one hover, and B and N_0.
 Hover = tuple[Floats, Floats, Floats, float, float]
@@ -97,7 +97,7 @@ def test_exact_hover_times_equal_those_that_clarabel_finds(draw: Draw) -> None:
     for _ in range(500):
         hover = draw(rng)
         share_hz, hover_s, gap = only(allocate_exact(*batch(hover)))
-        assert hover_s == pytest.approx(bandwidth_reference.shortest_hover_s(*hover), rel=1e-8)
+        assert hover_s == pytest.approx(bandwidth_convex.shortest_hover_s(*hover), rel=1e-8)
         assert gap <= 1e-10
         assert hover_s <= allocate_equal(*batch(hover)).hover_s[0]
         check_feasible(hover, share_hz)

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from interpreted import interpreted
 import numpy as np
 import pytest
-from uav_collect import radio
+from uav_collect.physics import radio
 
 by_the_same_cases = settings(deadline=None, derandomize=True, database=None)
 

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from tiny import Script, tiny, TOTAL_BIT, uav
 from uav_collect.actions import FORWARD, HOVER, LEFT, RIGHT
-from uav_collect.bandwidth import AllocationError
 from uav_collect.belief import Belief
 from uav_collect.briefing import Briefing
 from uav_collect.frozen import PolicyMismatchError
@@ -15,6 +14,7 @@ from uav_collect.kernels.arrays import Row
 from uav_collect.metrics import check_log, figures
 from uav_collect.mission_log import from_jsonl, MissionLog
 from uav_collect.missions import LocalView
+from uav_collect.physics.bandwidth import AllocationError
 from uav_collect.policy import Policy, policy_named
 from uav_collect.rollout import fly
 from uav_collect.scenario import fingerprint, load, Scenario

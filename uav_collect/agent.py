@@ -12,13 +12,6 @@ from typing import NamedTuple
 import numpy as np
 from uav_collect import actions
 from uav_collect.actions import HOME, HOVER, N_ACTIONS, NONE
-from uav_collect.bandwidth import (
-    allocate_cvxpy,
-    AllocationError,
-    EQUAL,
-    EXACT,
-    share_bandwidth,
-)
 from uav_collect.belief import belief_of, forget, hear, new_beliefs, observe
 from uav_collect.briefing import Briefing
 from uav_collect.kernels.arrays import Row
@@ -26,6 +19,13 @@ from uav_collect.kernels.compile import kernel
 from uav_collect.kernels.rows import new_row
 from uav_collect.limits import ALLOCATOR_NAMES
 from uav_collect.missions import LocalView
+from uav_collect.physics.bandwidth import (
+    allocate_cvxpy,
+    AllocationError,
+    EQUAL,
+    EXACT,
+    share_bandwidth,
+)
 from uav_collect.policy import Policy
 
 

@@ -6,13 +6,13 @@ from typing import NamedTuple
 
 import numpy as np
 from uav_collect.actions import cell_at
-from uav_collect.bandwidth import EQUAL, EXACT, share_bandwidth
 from uav_collect.briefing import brief, Briefing
 from uav_collect.ground import draw_demand, Ground, lay_out
 from uav_collect.kernels.arrays import Floats, Ints, Row
 from uav_collect.kernels.compile import kernel
 from uav_collect.kernels.rows import new_row, row_of
-from uav_collect.radio import channel_draw
+from uav_collect.physics.bandwidth import EQUAL, EXACT, share_bandwidth
+from uav_collect.physics.radio import channel_draw
 from uav_collect.scenario import Scenario
 from uav_collect.site import Site
 

@@ -4,7 +4,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from uav_collect import radio
 from uav_collect.kernels.arrays import Floats, Row
 from uav_collect.kernels.compile import kernel
 from uav_collect.kernels.keyed_random import (
@@ -16,6 +15,7 @@ from uav_collect.kernels.keyed_random import (
     shuffle_first,
 )
 from uav_collect.kernels.rows import new_row, row_of
+from uav_collect.physics import radio
 from uav_collect.scenario import Scenario
 from uav_collect.site import Site
 

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 from uav_collect.actions import N_ACTIONS, NONE
 from uav_collect.airborne import Air, Desks, explore_batch, go_on, put_back, Rules, step_batch
-from uav_collect.bandwidth import AllocationError, EQUAL, EXACT
 from uav_collect.batch import new_batch
 from uav_collect.briefing import brief, Briefing
 from uav_collect.event_log import (
@@ -30,6 +29,7 @@ from uav_collect.kernels.rows import new_map_table, new_row, new_table
 from uav_collect.mission_log import MissionLog
 from uav_collect.missions import mission_of
 from uav_collect.observation import Layout, observation_size
+from uav_collect.physics.bandwidth import AllocationError, EQUAL, EXACT
 from uav_collect.preflight import check_can_start
 from uav_collect.reward import Reward
 from uav_collect.scenario import Scenario

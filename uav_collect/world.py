@@ -14,7 +14,7 @@ from uav_collect.ground import Ground
 from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.compile import kernel
 from uav_collect.missions import ACTIVE, FLYING_HOME, LocalView, Mission, VIEW_CELLS, ViewRows
-from uav_collect.radio import channel_draw, uplink_rate_bps
+from uav_collect.physics.radio import channel_draw, uplink_rate_bps
 
 
 @kernel

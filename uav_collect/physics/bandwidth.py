@@ -13,11 +13,11 @@ import math
 from typing import cast
 
 import numpy as np
-from uav_collect.bandwidth_newton import certified_gap, solve
 from uav_collect.kernels.arrays import Bools, check_shape, Floats, Row
 from uav_collect.kernels.compile import kernel, kernels_are_compiled
 from uav_collect.kernels.rows import new_row
-from uav_collect.radio import uplink_rate_bps
+from uav_collect.physics.bandwidth_newton import certified_gap, solve
+from uav_collect.physics.radio import uplink_rate_bps
 
 # What `share_bandwidth` is told; cvxpy is there for batches only.
 EXACT = 0
@@ -342,8 +342,6 @@ def allocate_cvxpy(
 
     For users who want another problem: it is written down in `bandwidth_reference`.
     """
-    from uav_collect import bandwidth_reference  # cvxpy takes a second and 100 MB to load
+    from uav_collect.physics import bandwidth_convex
 
-    return bandwidth_reference.allocate(
-        signal_w, error_w, demand_bit, bandwidth_hz, noise_w_per_hz
-    )
+    return bandwidth_convex.allocate(signal_w, error_w, demand_bit, bandwidth_hz, noise_w_per_hz)

@@ -14,7 +14,7 @@ import math
 
 from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.compile import allocating_kernel, kernel
-from uav_collect.radio import log_of_1_plus
+from uav_collect.physics.radio import log_of_1_plus
 
 _GAP_WANTED = 1e-12
 _MAX_ITERATIONS = 60  # 28 is the most seen, with numbers spread over 60 orders of magnitude

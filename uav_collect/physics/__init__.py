@@ -1,0 +1,1 @@
+"""Radio, energy and bandwidth: pure functions of numbers, each with its equation."""
