@@ -17,8 +17,8 @@ from rich.console import Console
 from rich.table import Table
 from uav_collect import bound
 from uav_collect.errands import Errands, errands_of
-from uav_collect.scenario import load
-from uav_collect.site import build_site
+from uav_collect.scenario.load import load
+from uav_collect.scenario.site import build_site
 
 SCENARIO = 'paper_10x10'
 TICKS_PER_S = 10_000  # OR-tools counts in whole numbers

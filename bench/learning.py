@@ -28,8 +28,8 @@ from uav_collect.learner import Learner, Networks
 from uav_collect.memory import keep_freed_memory
 from uav_collect.minibatch import Algorithm, Minibatch, minibatch, NOBODY
 from uav_collect.network import Drqn
-from uav_collect.scenario import load, Scenario
-from uav_collect.site import build_site
+from uav_collect.scenario.load import load, Scenario
+from uav_collect.scenario.site import build_site
 from uav_collect.stepping import Flights, Stepping
 from uav_collect.training_config import load_preset, TrainingConfig
 

@@ -21,7 +21,7 @@ from rich.console import Console
 from rich.table import Table
 from uav_collect.commands.fleet import Fleet
 from uav_collect.kernels.compile import interpret_kernels
-from uav_collect.scenario import load, Scenario, with_uavs
+from uav_collect.scenario.load import load, Scenario, with_uavs
 
 MISSIONS = 30
 N_ROUND_TRIPS = 3_000

@@ -26,8 +26,8 @@ from uav_collect.observation import Layout
 from uav_collect.physics.bandwidth import EQUAL
 from uav_collect.physics.radio import channel_draw
 from uav_collect.rollout import fly, fly_batch, new_batch
-from uav_collect.scenario import load, Scenario
-from uav_collect.site import build_site
+from uav_collect.scenario.load import load, Scenario
+from uav_collect.scenario.site import build_site
 from uav_collect.stepping import Flights, Stepping
 
 WORLDS = (1, 64, 300, 1000)

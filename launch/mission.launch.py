@@ -19,7 +19,7 @@ from launch.events import Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
-from uav_collect.scenario import load
+from uav_collect.scenario.load import load
 import yaml
 
 from launch import LaunchContext, LaunchDescription

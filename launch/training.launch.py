@@ -21,7 +21,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from uav_collect.commands.train_fleet import first_seed, world_names
-from uav_collect.scenario import load
+from uav_collect.scenario.load import load
 from uav_collect.training_config import load_preset
 import yaml
 

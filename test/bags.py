@@ -17,8 +17,8 @@ from rosbags.interfaces import (
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 from uav_collect.bag_writer import BagWriter, MessageTypes
 from uav_collect.mission_log import header_line, MissionLog
-from uav_collect.scenario import fingerprint, Scenario
-from uav_collect.site import Site
+from uav_collect.scenario.load import fingerprint, Scenario
+from uav_collect.scenario.site import Site
 
 STARTED, ENDED, ABORTED = 0, 1, 2
 QOS = Qos(

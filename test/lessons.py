@@ -15,8 +15,8 @@ from uav_collect.briefing import brief, Briefing
 from uav_collect.experience import Episode, N_UAV_SCALARS, new_records
 from uav_collect.kernels.arrays import Floats, Ints
 from uav_collect.minibatch import Algorithm, Minibatch, minibatch
-from uav_collect.scenario import Scenario
-from uav_collect.site import build_site
+from uav_collect.scenario.load import Scenario
+from uav_collect.scenario.site import build_site
 from uav_collect.stepping import Flights, Stepping
 from uav_collect.training_config import load_preset, TrainingConfig
 

@@ -11,8 +11,8 @@ from uav_collect.actions import NONE
 from uav_collect.frozen import best_actions, FrozenPolicy
 from uav_collect.policy import flown_version
 from uav_collect.policy_file import policy_bytes
-from uav_collect.scenario import Scenario
-from uav_collect.site import build_site
+from uav_collect.scenario.load import Scenario
+from uav_collect.scenario.site import build_site
 from uav_collect.stepping import Flights, Stepping
 
 HOVER_SHARE = 0.6

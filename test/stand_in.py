@@ -18,7 +18,7 @@ from uav_collect.nodes.cockpit import Cockpit
 from uav_collect.nodes.middleware import find_each_other_quickly
 from uav_collect.nodes.topics import publisher, subscription
 from uav_collect.policy import policy_named
-from uav_collect.scenario import from_yaml, Scenario
+from uav_collect.scenario.load import from_yaml, Scenario
 from uav_collect_msgs.srv import ControlMission, Join
 
 INSTANCE = 'stand-in'

@@ -26,9 +26,9 @@ from uav_collect.observation import encode, Layout, observation_size
 from uav_collect.policy import LearnedPolicy
 from uav_collect.retrace import Retracer
 from uav_collect.reward import Reward
-from uav_collect.scenario import fingerprint, Scenario
+from uav_collect.scenario.load import fingerprint, Scenario
+from uav_collect.scenario.site import build_site
 from uav_collect.simulation import Event, Simulation
-from uav_collect.site import build_site
 from uav_collect.stepping import Flights, Stepping
 from uav_collect.told import (
     EventTold,

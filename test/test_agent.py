@@ -29,9 +29,9 @@ from uav_collect.limits import ALLOCATOR_NAMES
 from uav_collect.missions import LocalView
 from uav_collect.physics.bandwidth import AllocationError
 from uav_collect.policy import policy_named
-from uav_collect.scenario import Scenario
+from uav_collect.scenario.load import Scenario
+from uav_collect.scenario.site import build_site
 from uav_collect.simulation import Simulation
-from uav_collect.site import build_site
 
 N_CELLS = 16
 

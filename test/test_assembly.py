@@ -12,7 +12,7 @@ from uav_collect.assembly import Cause, Fate
 from uav_collect.experience import Episode, Records
 from uav_collect.observation import Layout
 from uav_collect.reward import Reward
-from uav_collect.scenario import ConfigError
+from uav_collect.scenario.load import ConfigError
 from uav_collect.told import EventTold, MissionTold, RefusedError, Told, TransitionTold
 
 # Little energy: half a minute of flight.

@@ -7,8 +7,8 @@ import sys
 from typing import NamedTuple
 
 import pytest
-from uav_collect.scenario import ConfigError, from_yaml, load, parse_override
-from uav_collect.site import build_site
+from uav_collect.scenario.load import ConfigError, from_yaml, load, parse_override
+from uav_collect.scenario.site import build_site
 
 LENGTH = 'must be a number > 0 and <= 10000 m'
 SHARE = 'must be a number > 0 and <= 1, or all'

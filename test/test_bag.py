@@ -10,8 +10,8 @@ from uav_collect.bag import BagError, read_missions, RecordedMission
 from uav_collect.bag_writer import RecordingError
 from uav_collect.mission_log import MissionLog
 from uav_collect.rollout import fly
-from uav_collect.scenario import load, Scenario
-from uav_collect.site import build_site, Site
+from uav_collect.scenario.load import load, Scenario
+from uav_collect.scenario.site import build_site, Site
 
 
 @pytest.fixture(scope='module')

@@ -28,8 +28,8 @@ from uav_collect.metrics import check_log, figures, MissionFigures
 from uav_collect.physics.radio import channel_draw
 from uav_collect.plan_bound import least_completion_s, least_energy_j
 from uav_collect.rollout import fly
-from uav_collect.scenario import load, Scenario
-from uav_collect.site import build_site
+from uav_collect.scenario.load import load, Scenario
+from uav_collect.scenario.site import build_site
 from uav_collect.tables import comparison_table, mission_tables
 
 # Fading as it is: channels differ between UAVs.

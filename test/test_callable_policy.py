@@ -17,8 +17,8 @@ from uav_collect.metrics import check_log, figures
 from uav_collect.mission_log import MissionLog
 from uav_collect.policy import policy_for
 from uav_collect.rollout import fly
-from uav_collect.scenario import Scenario
-from uav_collect.site import build_site
+from uav_collect.scenario.load import Scenario
+from uav_collect.scenario.site import build_site
 
 SEEDS = [3, 4]
 HERE = Path(__file__).parent

@@ -9,7 +9,7 @@ from tiny import tiny, uav
 from uav_collect.agent import Agent, allocator_named, Decision
 from uav_collect.briefing import brief
 from uav_collect.policy import policy_named
-from uav_collect.scenario import Scenario
+from uav_collect.scenario.load import Scenario
 
 pytest.importorskip('rclpy')
 pytest.importorskip('uav_collect_msgs')

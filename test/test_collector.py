@@ -15,8 +15,8 @@ from uav_collect.minibatch import Algorithm
 from uav_collect.mission_log import MissionLog
 from uav_collect.reward import Reward
 from uav_collect.rollout import fly
-from uav_collect.scenario import Scenario
-from uav_collect.site import build_site
+from uav_collect.scenario.load import Scenario
+from uav_collect.scenario.site import build_site
 from uav_collect.stepping import Decisions, Flights, Stepping
 
 torch = single_threaded_torch()

@@ -26,8 +26,8 @@ from uav_collect.commands import (
     train,
     train_fleet,
 )
-from uav_collect.scenario import load, scenario_names
-from uav_collect.site import build_site
+from uav_collect.scenario.load import load, scenario_names
+from uav_collect.scenario.site import build_site
 
 ROOT = Path(__file__).parent.parent
 DOCUMENTS = [

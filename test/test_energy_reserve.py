@@ -11,8 +11,8 @@ from uav_collect.kernels.arrays import Floats
 from uav_collect.metrics import check_log, figures
 from uav_collect.mission_log import ACTION_NAMES, MissionLog, REASON_NAMES
 from uav_collect.rollout import fly
-from uav_collect.scenario import ConfigError, load, Scenario
-from uav_collect.site import build_site
+from uav_collect.scenario.load import ConfigError, load, Scenario
+from uav_collect.scenario.site import build_site
 
 N_SCENARIOS = 25
 N_SEEDS = 20

@@ -20,8 +20,8 @@ from uav_collect.bag import RecordedMission
 from uav_collect.commands import doctor
 from uav_collect.metrics import figures, MissionFigures
 from uav_collect.mission_log import MissionLog, read
-from uav_collect.scenario import fingerprint, load, Scenario, with_uavs
-from uav_collect.site import build_site
+from uav_collect.scenario.load import fingerprint, load, Scenario, with_uavs
+from uav_collect.scenario.site import build_site
 
 MEASURES = (
     'efficiency_kbit_per_j',

@@ -8,7 +8,7 @@ from tiny import tiny, uav
 from uav_collect.actions import BACKWARD, FORWARD, HOVER, LEFT, N_ACTIONS, NONE, RIGHT
 from uav_collect.exploration import explore
 from uav_collect.kernels.rows import row_of
-from uav_collect.site import build_site
+from uav_collect.scenario.site import build_site
 from uav_collect.stepping import Flights, Stepping
 
 N_DRAWS = 4000

@@ -26,7 +26,7 @@ from uav_collect.frozen import (
 from uav_collect.kernels.arrays import Bools, Floats
 from uav_collect.observation import Layout
 from uav_collect.policy_file import FORMAT, load_policy, policy_bytes, save_policy
-from uav_collect.scenario import load
+from uav_collect.scenario.load import load
 
 N_SEQUENCES, N_STEPS = 10_000, 6
 

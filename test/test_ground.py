@@ -8,9 +8,9 @@ from tiny import tiny, uav
 from uav_collect.ground import draw_demand, lay_out
 from uav_collect.kernels.arrays import Floats
 from uav_collect.kernels.rows import new_row
-from uav_collect.scenario import Scenario
+from uav_collect.scenario.load import Scenario
+from uav_collect.scenario.site import build_site
 from uav_collect.simulation import Simulation
-from uav_collect.site import build_site
 
 N_MISSIONS = 2000
 

@@ -31,9 +31,9 @@ from uav_collect.policy import (
 )
 from uav_collect.policy_file import load_policy
 from uav_collect.rollout import fly
-from uav_collect.scenario import load, Scenario
+from uav_collect.scenario.load import load, Scenario
+from uav_collect.scenario.site import build_site
 from uav_collect.simulation import Simulation
-from uav_collect.site import build_site
 
 SPEEDS_MPS = (5.0, 10.0, 7.5)
 SEEDS = [3, 1, 4, 3]

@@ -9,7 +9,7 @@ import pytest
 from tiny import tiny, uav
 from uav_collect.briefing import brief
 from uav_collect.minibatch import Algorithm, Minibatch
-from uav_collect.scenario import Scenario
+from uav_collect.scenario.load import Scenario
 
 torch = single_threaded_torch()
 from uav_collect.learner import Learner, Networks, scan  # noqa: E402

@@ -8,7 +8,7 @@ from uav_collect.briefing import brief
 from uav_collect.experience import Episode
 from uav_collect.minibatch import Algorithm, Minibatch, NOBODY
 from uav_collect.observation import Layout
-from uav_collect.scenario import load, Scenario
+from uav_collect.scenario.load import load, Scenario
 
 FLEET = uav(5.0), uav(10.0), uav(7.5)
 

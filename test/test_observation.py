@@ -11,7 +11,7 @@ from uav_collect.kernels.arrays import Floats
 from uav_collect.kernels.rows import new_row, row_of
 from uav_collect.missions import LocalView
 from uav_collect.observation import encode, Layout, observation_bound, observation_size
-from uav_collect.scenario import ConfigError, Scenario
+from uav_collect.scenario.load import ConfigError, Scenario
 
 # Parts of the egocentric layout.
 PATCH = 10

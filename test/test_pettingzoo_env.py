@@ -16,8 +16,8 @@ from uav_collect.metrics import check_log, figures
 from uav_collect.pettingzoo_env import env
 from uav_collect.reward import Reward
 from uav_collect.rollout import fly
-from uav_collect.scenario import ConfigError, load, Scenario
-from uav_collect.site import build_site
+from uav_collect.scenario.load import ConfigError, load, Scenario
+from uav_collect.scenario.site import build_site
 from uav_collect.stepping import Flights, Stepping
 
 SEED = 3

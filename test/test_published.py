@@ -11,7 +11,7 @@ from uav_collect.exploration import explore
 from uav_collect.kernels.rows import row_of
 from uav_collect.nodes.published import Follower, Shelf
 from uav_collect.policy import ExploringPolicy, LearnedPolicy
-from uav_collect.scenario import load
+from uav_collect.scenario.load import load
 
 FROZEN = random_policy(header())
 

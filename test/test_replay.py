@@ -9,7 +9,7 @@ from tiny import tiny
 from uav_collect.briefing import brief
 from uav_collect.experience import Episode, new_records, record_bytes, Records
 from uav_collect.replay import Replay, replay_bytes
-from uav_collect.scenario import load
+from uav_collect.scenario.load import load
 
 BRIEFING = brief(tiny())
 

@@ -11,7 +11,7 @@ from uav_collect import actions
 from uav_collect.agent import Decision
 from uav_collect.metrics import figures
 from uav_collect.mission_log import read
-from uav_collect.scenario import Scenario
+from uav_collect.scenario.load import Scenario
 from uav_collect.simulation import mission_header
 from uav_collect.tables import mission_warnings
 

@@ -14,8 +14,8 @@ from uav_collect.mission_log import MissionLog
 from uav_collect.missions import Mission, mission_of, new_missions, new_view_rows
 from uav_collect.reward import interval_reward
 from uav_collect.rollout import fly
-from uav_collect.scenario import load, Scenario
-from uav_collect.site import build_site
+from uav_collect.scenario.load import load, Scenario
+from uav_collect.scenario.site import build_site
 from uav_collect.world import look, start_action
 
 PENALTY = 0.01

@@ -17,7 +17,7 @@ from uav_collect.nodes import topics, world_sim  # noqa: E402
 from uav_collect.nodes.identity import Identity, scenario_msg  # noqa: E402
 from uav_collect.nodes.spin import FAILED, make_executor  # noqa: E402
 from uav_collect.nodes.topics import publisher  # noqa: E402
-from uav_collect.site import build_site  # noqa: E402
+from uav_collect.scenario.site import build_site
 from uav_collect_msgs.msg import Scenario  # noqa: E402
 from uav_collect_msgs.srv import Join  # noqa: E402
 

@@ -17,8 +17,8 @@ from uav_collect.missions import LocalView
 from uav_collect.physics.bandwidth import AllocationError
 from uav_collect.policy import Policy, policy_named
 from uav_collect.rollout import fly
-from uav_collect.scenario import fingerprint, load, Scenario
-from uav_collect.site import build_site
+from uav_collect.scenario.load import fingerprint, load, Scenario
+from uav_collect.scenario.site import build_site
 
 SPEEDS_MPS = (5.0, 10.0, 7.5, 12.0)
 N_SEEDS = 20

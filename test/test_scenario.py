@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 import pytest
 from uav_collect.config import yaml_text
-from uav_collect.scenario import (
+from uav_collect.scenario.load import (
     DrawnSensors,
     fingerprint,
     from_yaml,
@@ -18,7 +18,7 @@ from uav_collect.scenario import (
     parse_override,
     scenario_names,
 )
-from uav_collect.sensors_csv import east_north_m
+from uav_collect.scenario.sensor_files import east_north_m
 
 FARM = """
 extends: paper_10x10
@@ -256,8 +256,8 @@ def test_the_fingerprint_is_the_same_in_every_process() -> None:
 
 
 def test_reading_scenarios_loads_neither_numpy_nor_numba() -> None:
-    loaded = printed_by('import sys, uav_collect.scenario; print(*sys.modules)').split()
-    assert 'uav_collect.scenario' in loaded
+    loaded = printed_by('import sys, uav_collect.scenario.load; print(*sys.modules)').split()
+    assert 'uav_collect.scenario.load' in loaded
     assert not {'numpy', 'numba', 'torch'} & {*loaded}
 
 

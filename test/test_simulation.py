@@ -27,9 +27,9 @@ from uav_collect.metrics import check_log, figures
 from uav_collect.mission_log import from_jsonl
 from uav_collect.missions import LocalView
 from uav_collect.rollout import fly
-from uav_collect.scenario import ConfigError, load, Scenario
+from uav_collect.scenario.load import ConfigError, load, Scenario
+from uav_collect.scenario.site import build_site
 from uav_collect.simulation import Simulation
-from uav_collect.site import build_site
 
 BANDWIDTH_HZ = 1e6  # of the only UAV
 SENSORS_B = (1, 2)

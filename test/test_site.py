@@ -1,8 +1,8 @@
 from interpreted import interpreted
 import numpy as np
 import pytest
-from uav_collect.scenario import load
-from uav_collect.site import build_site, Site
+from uav_collect.scenario.load import load
+from uav_collect.scenario.site import build_site, Site
 
 
 def test_the_default_topology_is_the_one_of_the_reference_values() -> None:

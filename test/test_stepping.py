@@ -20,8 +20,8 @@ from uav_collect.observation import encode, Layout, observation_size
 from uav_collect.physics.bandwidth import AllocationError
 from uav_collect.policy import Policy, policy_named
 from uav_collect.rollout import fly
-from uav_collect.scenario import ConfigError, load, Scenario
-from uav_collect.site import build_site
+from uav_collect.scenario.load import ConfigError, load, Scenario
+from uav_collect.scenario.site import build_site
 from uav_collect.stepping import Decisions, Flights, Stepping
 
 SEEDS = (3, 4, 5)

@@ -17,7 +17,7 @@ from studying import (
     Saboteur,
     training,
 )
-from uav_collect.scenario import load, with_uavs
+from uav_collect.scenario.load import load, with_uavs
 from uav_collect.studies import catalogue, judging, variants
 from uav_collect.studies.costs import disk_bytes, rates_of, spent
 from uav_collect.studies.flights import MISSIONS

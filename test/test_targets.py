@@ -14,8 +14,8 @@ from tiny import tiny, uav
 from uav_collect.briefing import brief
 from uav_collect.experience import Episode
 from uav_collect.minibatch import Algorithm, Minibatch
-from uav_collect.scenario import Scenario
-from uav_collect.site import build_site
+from uav_collect.scenario.load import Scenario
+from uav_collect.scenario.site import build_site
 from uav_collect.training_config import TrainingConfig
 
 torch = single_threaded_torch()

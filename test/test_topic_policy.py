@@ -16,9 +16,9 @@ from uav_collect.mission_log import from_jsonl
 from uav_collect.observation import Layout, observation_size
 from uav_collect.policy import flown_version
 from uav_collect.policy_file import policy_bytes
-from uav_collect.scenario import Scenario
+from uav_collect.scenario.load import Scenario
+from uav_collect.scenario.site import build_site
 from uav_collect.simulation import Simulation
-from uav_collect.site import build_site
 
 pytest.importorskip('rclpy')
 pytest.importorskip('uav_collect_msgs')

@@ -14,8 +14,8 @@ from uav_collect.minibatch import Algorithm
 from uav_collect.policy import LearnedPolicy
 from uav_collect.replay import replay_bytes
 from uav_collect.rollout import fly
-from uav_collect.scenario import ConfigError, Scenario
-from uav_collect.site import build_site
+from uav_collect.scenario.load import ConfigError, Scenario
+from uav_collect.scenario.site import build_site
 from uav_collect.training_config import TrainingConfig
 
 torch = single_threaded_torch()

@@ -13,7 +13,7 @@ import pytest
 from telling import same
 from uav_collect.frozen import PolicyMismatchError
 from uav_collect.policy_file import load_policy
-from uav_collect.scenario import ConfigError
+from uav_collect.scenario.load import ConfigError
 from uav_collect.training_log import read_columns, read_run, TrainingRunError
 
 torch = single_threaded_torch()

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from uav_collect.observation import Layout
 from uav_collect.reward import Reward
-from uav_collect.scenario import ConfigError
+from uav_collect.scenario.load import ConfigError
 from uav_collect.training_config import load_preset, preset_names, TrainingConfig
 
 

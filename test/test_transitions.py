@@ -9,7 +9,7 @@ from processes import Processes
 import pytest
 from uav_collect.kernels.rows import new_row
 from uav_collect.observation import encode, Layout, observation_size
-from uav_collect.scenario import fingerprint, Scenario
+from uav_collect.scenario.load import fingerprint, Scenario
 
 pytest.importorskip('rclpy')
 pytest.importorskip('uav_collect_msgs')

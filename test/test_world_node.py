@@ -21,7 +21,7 @@ from uav_collect.mission_log import EVENT_DTYPE, header_from_line, MissionLog, r
 from uav_collect.nodes import topics, viewers  # noqa: E402
 from uav_collect.nodes.convert import uav_ids, unpacked  # noqa: E402
 from uav_collect.nodes.topics import publisher  # noqa: E402
-from uav_collect.scenario import from_yaml  # noqa: E402
+from uav_collect.scenario.load import from_yaml
 from uav_collect_msgs.msg import Command, Epoch, Mission, Scenario, UavFigures  # noqa: E402
 from uav_collect_msgs.srv import ControlMission  # noqa: E402
 

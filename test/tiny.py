@@ -20,9 +20,9 @@ from uav_collect.kernels.arrays import Row
 from uav_collect.mission_log import MissionLog
 from uav_collect.missions import LocalView
 from uav_collect.rollout import fly
-from uav_collect.scenario import load, Scenario
+from uav_collect.scenario.load import load, Scenario
+from uav_collect.scenario.site import build_site
 from uav_collect.simulation import Event, Simulation
-from uav_collect.site import build_site
 
 CELL_A = 1
 CELL_B = 10

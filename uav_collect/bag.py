@@ -16,8 +16,8 @@ from uav_collect.mission_log import (
     MissionLog,
     MissionLogError,
 )
-from uav_collect.scenario import ConfigError, from_yaml, Scenario
-from uav_collect.site import build_site, Site
+from uav_collect.scenario.load import ConfigError, from_yaml, Scenario
+from uav_collect.scenario.site import build_site, Site
 
 # What topics end with: worlds may have a namespace.
 _SCENARIO = '/world/scenario'

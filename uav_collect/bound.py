@@ -31,8 +31,8 @@ from uav_collect.kernels.rows import row_of
 from uav_collect.metrics import MissionFigures
 from uav_collect.plan_bound import climb, least_completion_s, least_energy_j
 from uav_collect.plan_search import Aim, best_routes, Routes, search
-from uav_collect.scenario import fingerprint, Scenario
-from uav_collect.site import Site
+from uav_collect.scenario.load import fingerprint, Scenario
+from uav_collect.scenario.site import Site
 
 KERNELS = (search, climb)  # that find plans, and what no plan beats
 N_ROUNDS = 2000  # of the search for each plan: some 0.3 s where kernels are interpreted

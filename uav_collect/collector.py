@@ -10,8 +10,8 @@ from uav_collect.experience import Episode
 from uav_collect.kernels.arrays import Ints
 from uav_collect.minibatch import Algorithm
 from uav_collect.network import Drqn
-from uav_collect.scenario import Scenario
-from uav_collect.site import Site
+from uav_collect.scenario.load import Scenario
+from uav_collect.scenario.site import Site
 from uav_collect.stepping import Decisions, Flights, Stepping
 from uav_collect.training_config import TrainingConfig
 from uav_collect.training_progress import RecentMissions

@@ -15,8 +15,8 @@ from uav_collect.observation import observation_size
 from uav_collect.policy import LearnedPolicy
 from uav_collect.replay import Replay
 from uav_collect.rollout import fly
-from uav_collect.scenario import ConfigError, Scenario
-from uav_collect.site import build_site, Site
+from uav_collect.scenario.load import ConfigError, Scenario
+from uav_collect.scenario.site import build_site, Site
 from uav_collect.training_config import TrainingConfig
 from uav_collect.training_progress import RecentMissions
 

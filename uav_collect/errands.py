@@ -13,8 +13,8 @@ from uav_collect.kernels.compile import kernel
 from uav_collect.kernels.rows import new_row, row_of
 from uav_collect.physics.bandwidth import EQUAL, EXACT, share_bandwidth
 from uav_collect.physics.radio import channel_draw
-from uav_collect.scenario import Scenario
-from uav_collect.site import Site
+from uav_collect.scenario.load import Scenario
+from uav_collect.scenario.site import Site
 
 # The largest normal number that `keyed_random.normal_pair` makes of 32 bits.
 _MAX_NORMAL = math.sqrt(64.0 * math.log(2.0))

@@ -16,8 +16,8 @@ from uav_collect.kernels.keyed_random import (
 )
 from uav_collect.kernels.rows import new_row, row_of
 from uav_collect.physics import radio
-from uav_collect.scenario import Scenario
-from uav_collect.site import Site
+from uav_collect.scenario.load import Scenario
+from uav_collect.scenario.site import Site
 
 
 class Ground(NamedTuple):

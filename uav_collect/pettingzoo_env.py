@@ -39,8 +39,8 @@ from uav_collect.limits import MAX_SEED
 from uav_collect.mission_log import MissionLog
 from uav_collect.observation import Layout, observation_bound
 from uav_collect.reward import Reward
-from uav_collect.scenario import load, Scenario
-from uav_collect.site import build_site
+from uav_collect.scenario.load import load, Scenario
+from uav_collect.scenario.site import build_site
 from uav_collect.stepping import Flights, Stepping
 
 _RGB_ARRAY = 'rgb_array'

@@ -19,7 +19,7 @@ from uav_collect.kernels.rows import new_row
 from uav_collect.missions import LocalView
 from uav_collect.observation import encode
 from uav_collect.policy_file import load_policy, SUFFIX
-from uav_collect.scenario import Scenario
+from uav_collect.scenario.load import Scenario
 
 STRONG = 'strong'  # stands for the learned policy that is shipped for the scenario at hand
 TOPIC = 'topic'  # stands for what a trainer publishes, for agents over ROS

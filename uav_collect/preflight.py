@@ -4,7 +4,7 @@ from uav_collect import actions
 from uav_collect.actions import N_ACTIONS
 from uav_collect.briefing import Briefing
 from uav_collect.kernels.rows import new_row
-from uav_collect.scenario import ConfigError, Scenario
+from uav_collect.scenario.load import ConfigError, Scenario
 
 
 def check_can_start(scenario: Scenario, briefing: Briefing) -> None:

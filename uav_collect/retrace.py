@@ -24,8 +24,8 @@ from uav_collect.kernels.compile import kernel
 from uav_collect.missions import ACTIVE, Mission, mission_of, new_missions, restart_mission
 from uav_collect.observation import Layout, observation_size
 from uav_collect.reward import discount, energy_reward, news_reward, Reward
-from uav_collect.scenario import ConfigError, Scenario
-from uav_collect.site import Site
+from uav_collect.scenario.load import ConfigError, Scenario
+from uav_collect.scenario.site import Site
 from uav_collect.told import (
     EventTold,
     FLOAT32,

@@ -32,9 +32,9 @@ from uav_collect.mission_log import MissionLog
 from uav_collect.missions import mission_of
 from uav_collect.policy import LearnedPolicy, Policy, policy_for, RulePolicy
 from uav_collect.preflight import check_can_start
-from uav_collect.scenario import Scenario
+from uav_collect.scenario.load import Scenario
+from uav_collect.scenario.site import Site
 from uav_collect.simulation import mission_header, Simulation
-from uav_collect.site import Site
 from uav_collect.stepping import Flights, Stepping
 from uav_collect.world import end_s, next_uav, start_action
 

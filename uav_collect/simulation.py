@@ -28,8 +28,8 @@ from uav_collect.mission_log import Events, MissionHeader, MissionLog, UavHeader
 from uav_collect.missions import LocalView, mission_of, new_missions, new_view_rows
 from uav_collect.physics.bandwidth import hover_time_s
 from uav_collect.preflight import check_can_start
-from uav_collect.scenario import fingerprint, Scenario
-from uav_collect.site import Site
+from uav_collect.scenario.load import fingerprint, Scenario
+from uav_collect.scenario.site import Site
 from uav_collect.world import (
     end_s,
     has_landed,

@@ -32,9 +32,9 @@ from uav_collect.observation import Layout, observation_size
 from uav_collect.physics.bandwidth import AllocationError, EQUAL, EXACT
 from uav_collect.preflight import check_can_start
 from uav_collect.reward import Reward
-from uav_collect.scenario import Scenario
+from uav_collect.scenario.load import Scenario
+from uav_collect.scenario.site import Site
 from uav_collect.simulation import mission_header
-from uav_collect.site import Site
 
 KERNELS = (step_batch,)  # that carry missions from one decision to the next
 _FIRST_CAPACITY = 256  # events of a mission that the log has room for before it must grow

@@ -22,7 +22,7 @@ from uav_collect.minibatch import Algorithm
 from uav_collect.observation import observation_size
 from uav_collect.policy import LearnedPolicy
 from uav_collect.revision import git_revision
-from uav_collect.scenario import fingerprint, from_yaml, Scenario
+from uav_collect.scenario.load import fingerprint, from_yaml, Scenario
 from uav_collect.training_config import TrainingConfig
 from uav_collect.training_progress import Budget, Pace, Progress, Validation
 

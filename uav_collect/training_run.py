@@ -15,7 +15,7 @@ from uav_collect.training_log import RunRecord, TrainingRunError
 
 if TYPE_CHECKING:  # loaded when training, so that --help answers at once
     from uav_collect.frozen import FrozenPolicy
-    from uav_collect.scenario import Scenario
+    from uav_collect.scenario.load import Scenario
     from uav_collect.training_config import TrainingConfig
 
 CONFIG_FILE = 'training.yaml'  # of a run folder: the preset, resolved
@@ -54,7 +54,7 @@ def new_record(
 ) -> RunRecord:
     """The record of a run that begins now."""
     from uav_collect.revision import git_revision
-    from uav_collect.scenario import fingerprint
+    from uav_collect.scenario.load import fingerprint
 
     return RunRecord(
         scenario=' '.join(dict.fromkeys(scenario.name for scenario in scenarios)),
@@ -79,7 +79,7 @@ def stored_run(folder: Path, record: RunRecord) -> PlannedRun:
         TrainingRunError: a file of it cannot be read.
     """
     from uav_collect.policy_file import load_policy
-    from uav_collect.scenario import from_yaml
+    from uav_collect.scenario.load import from_yaml
     from uav_collect.training_config import load_preset
 
     scenarios = []

@@ -15,7 +15,7 @@ from uav_collect.commands import options, progress
 if TYPE_CHECKING:  # loaded when searching, so that --help answers at once
     from uav_collect.bound import Bound
     from uav_collect.evaluation import Estimate
-    from uav_collect.scenario import Scenario
+    from uav_collect.scenario.load import Scenario
 
 _DESCRIPTION = """
 Plans missions whose demand and channels are all known, once for the shortest time and once for the
@@ -77,7 +77,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _plan(arguments: argparse.Namespace, scenario: 'Scenario') -> '_Bounds':
     from uav_collect.bound import bound_of, KERNELS, N_ROUNDS
     from uav_collect.evaluation import mission_seeds
-    from uav_collect.site import build_site
+    from uav_collect.scenario.site import build_site
 
     site = build_site(scenario)
     seeds = mission_seeds(arguments.seed, arguments.missions)
@@ -121,7 +121,7 @@ def _json(
     scenario: 'Scenario',
     rows: Mapping[str, tuple[int, Mapping[str, 'Estimate']]],
 ) -> bytes:
-    from uav_collect.scenario import fingerprint
+    from uav_collect.scenario.load import fingerprint
 
     document = {
         bandwidth: {
@@ -144,7 +144,7 @@ def _json(
 def _csv(scenario: 'Scenario', bounds: '_Bounds') -> bytes:
     """One row per mission; a number without a plan is left empty."""
     from uav_collect.bound_estimates import bound_numbers
-    from uav_collect.scenario import fingerprint
+    from uav_collect.scenario.load import fingerprint
 
     text = io.StringIO()
     writer = csv.writer(text, lineterminator='\n')

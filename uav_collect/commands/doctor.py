@@ -173,7 +173,7 @@ def _ros_log(environment: Mapping[str, str]) -> Finding:
 
 
 def _scenarios() -> Finding:
-    from uav_collect.scenario import scenario_names
+    from uav_collect.scenario.load import scenario_names
 
     names = scenario_names()
     return Finding(

@@ -22,7 +22,7 @@ if TYPE_CHECKING:  # loaded when flying, so that --help answers at once
     from uav_collect.evaluation import Estimate
     from uav_collect.metrics import MissionFigures
     from uav_collect.policy import NamedPolicy
-    from uav_collect.scenario import Scenario
+    from uav_collect.scenario.load import Scenario
 
 _DESCRIPTION = """
 Flies the same missions with each policy and prints mean, 95 % bootstrap interval and median of
@@ -152,7 +152,7 @@ def _fly(
     from uav_collect.evaluation import mission_seeds
     from uav_collect.metrics import figures
     from uav_collect.rollout import fly
-    from uav_collect.site import build_site
+    from uav_collect.scenario.site import build_site
 
     site = build_site(scenario)
     seeds = mission_seeds(arguments.seed, arguments.missions)
@@ -251,7 +251,7 @@ def _find(arguments: argparse.Namespace, flown: _Flown, bounds: '_Bounds') -> _F
 def _heading(
     arguments: argparse.Namespace, scenario: 'Scenario', contender: _Contender
 ) -> dict[str, str | int]:
-    from uav_collect.scenario import fingerprint
+    from uav_collect.scenario.load import fingerprint
 
     return {
         'policy': contender.name,

@@ -11,7 +11,7 @@ import shutil
 import sys
 
 from uav_collect.config.yaml_text import ConfigError
-from uav_collect.scenario import from_yaml
+from uav_collect.scenario.load import from_yaml
 from uav_collect.studies import catalogue
 from uav_collect.studies.costs import disk_bytes, GUESSED, Rates, rates_of, spent
 from uav_collect.studies.jobs import FlightsJob, Job, kind_of, PlansJob, TrainingJob

@@ -19,7 +19,7 @@ from uav_collect.commands.fleet import (
 from uav_collect.kernels.compile import interpret_kernels
 
 if TYPE_CHECKING:  # loaded when flying, so that --help answers at once
-    from uav_collect.scenario import Scenario
+    from uav_collect.scenario.load import Scenario
 
 _DESCRIPTION = """
 Starts recorder, world_sim and one uav_agent per UAV as processes that talk over DDS, shows the
@@ -108,7 +108,7 @@ def _compare(log: Path, scenario: 'Scenario', bandwidth: str) -> None:
     from uav_collect.metrics import figures
     from uav_collect.mission_log import read
     from uav_collect.rollout import fly
-    from uav_collect.site import build_site
+    from uav_collect.scenario.site import build_site
     from uav_collect.tables import comparison_table
 
     try:

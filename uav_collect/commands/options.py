@@ -10,7 +10,7 @@ from uav_collect.limits import ALLOCATOR_NAMES, MAX_DECISIONS, MAX_SEED, MAX_UAV
 from uav_collect.training_log import TrainingRunError
 
 if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
-    from uav_collect.scenario import Scenario
+    from uav_collect.scenario.load import Scenario
 
 DEFAULT_SCENARIO = 'paper_10x10'
 _ALLOCATOR = 'exact'
@@ -69,7 +69,7 @@ def scenario_of(arguments: argparse.Namespace) -> 'Scenario':
     Raises:
         ConfigError: it is not there, not valid, or an override does not fit.
     """
-    from uav_collect.scenario import load, parse_override, with_uavs
+    from uav_collect.scenario.load import load, parse_override, with_uavs
 
     overrides = dict(parse_override(assignment) for assignment in arguments.set)
     scenario = load(arguments.scenario, overrides)
@@ -82,7 +82,7 @@ def scenarios_of(arguments: argparse.Namespace) -> 'tuple[Scenario, ...]':
     Raises:
         ConfigError: one is not there, not valid, or an override does not fit.
     """
-    from uav_collect.scenario import load, parse_override, with_uavs
+    from uav_collect.scenario.load import load, parse_override, with_uavs
 
     overrides = dict(parse_override(assignment) for assignment in arguments.set)
     scenarios = [load(name, overrides) for name in arguments.scenario or [DEFAULT_SCENARIO]]

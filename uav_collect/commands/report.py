@@ -15,8 +15,8 @@ if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
     from rich.console import Console
     from uav_collect.bound import Bound
     from uav_collect.kernels.arrays import Floats
-    from uav_collect.scenario import Scenario
-    from uav_collect.site import Site
+    from uav_collect.scenario.load import Scenario
+    from uav_collect.scenario.site import Site
 
 _DESCRIPTION = """
 Prints, for each mission found, data collected [Mbit], energy [kJ], completion time [s], energy
@@ -131,7 +131,7 @@ def flown_mission(log: MissionLog, scenario: 'Scenario') -> FlownMission:
     """A mission whose sensors and demand are drawn again, from scenario and mission seed."""
     import numpy as np
     from uav_collect.ground import draw_demand, lay_out
-    from uav_collect.site import build_site
+    from uav_collect.scenario.site import build_site
 
     site = build_site(scenario)
     demand_bit = np.zeros(site.n_sensors)
@@ -141,7 +141,7 @@ def flown_mission(log: MissionLog, scenario: 'Scenario') -> FlownMission:
 
 def _scenario_of(log: MissionLog, file: Path) -> 'Scenario':
     """The scenario of a log: in the file beside it, or a shipped one that did not change since."""
-    from uav_collect.scenario import fingerprint, from_yaml, load, scenario_names
+    from uav_collect.scenario.load import fingerprint, from_yaml, load, scenario_names
 
     scenario = None
     if file.is_file():

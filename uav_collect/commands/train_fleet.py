@@ -11,7 +11,7 @@ from uav_collect.commands import options
 from uav_collect.commands.fleet import Fleet, FleetError, ros_parameters, running_fleet
 
 if TYPE_CHECKING:  # loaded when training, so that --help answers at once
-    from uav_collect.scenario import Scenario
+    from uav_collect.scenario.load import Scenario
 
 _DESCRIPTION = """
 Starts world_sims that fly mission after mission, their uav_agents, and the trainer, as processes
@@ -84,7 +84,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Train; the exit status."""
-    from uav_collect.scenario import parse_override
+    from uav_collect.scenario.load import parse_override
     from uav_collect.training_config import load_preset
 
     options.check_torch('train-fleet')

@@ -14,7 +14,7 @@ from uav_collect.training_run import new_record, PlannedRun, stored_run
 
 if TYPE_CHECKING:  # loaded when training, so that --help answers at once
     from uav_collect.frozen import FrozenPolicy
-    from uav_collect.scenario import Scenario
+    from uav_collect.scenario.load import Scenario
     from uav_collect.training_config import TrainingConfig
 
 ALGORITHMS = ('aqmix', 'qmix', 'aiql')
@@ -45,7 +45,7 @@ def planned(arguments: argparse.Namespace) -> Training:
 
 def _new(arguments: argparse.Namespace) -> Training:
     from uav_collect.policy import frozen_policy
-    from uav_collect.scenario import parse_override
+    from uav_collect.scenario.load import parse_override
     from uav_collect.training_config import load_preset
 
     scenarios = options.scenarios_of(arguments)

@@ -17,9 +17,9 @@ from uav_collect.nodes import convert
 from uav_collect.nodes.published import Published
 from uav_collect.nodes.roster import Pilot
 from uav_collect.policy import TOPIC
-from uav_collect.scenario import Scenario
+from uav_collect.scenario.load import Scenario
+from uav_collect.scenario.site import Site
 from uav_collect.simulation import Event, mission_header, Simulation
-from uav_collect.site import Site
 from uav_collect_msgs.msg import Epoch, Mission, Observation, UavFigures
 from uav_collect_msgs.msg import RadioMessage as RadioMessageMsg
 

@@ -5,8 +5,8 @@ import math
 from typing import Any
 
 from uav_collect.nodes.convert import stamp
-from uav_collect.scenario import fingerprint, Scenario
-from uav_collect.site import Site
+from uav_collect.scenario.load import fingerprint, Scenario
+from uav_collect.scenario.site import Site
 from uav_collect_msgs.msg import Scenario as ScenarioMsg
 
 _SHORT = 8  # characters of an instance that the ids of its missions begin with

@@ -38,8 +38,8 @@ from uav_collect.nodes.trainer_settings import PARAMETERS, planned_run, read_set
 from uav_collect.policy_file import policy_bytes
 from uav_collect.replay import replay_bytes
 from uav_collect.retrace import Retracer
-from uav_collect.scenario import ConfigError
-from uav_collect.site import build_site
+from uav_collect.scenario.load import ConfigError
+from uav_collect.scenario.site import build_site
 from uav_collect.told import RefusedError, terms_of, Told
 from uav_collect.training_display import showing
 from uav_collect.training_log import TrainingRunError

@@ -28,7 +28,7 @@ from uav_collect.nodes.topics import publisher, subscription
 from uav_collect.nodes.world_choice import WorldChoice
 from uav_collect.observation import Layout
 from uav_collect.policy import policy_for, policy_named, STRONG, TOPIC
-from uav_collect.scenario import ConfigError, fingerprint, from_yaml, Scenario
+from uav_collect.scenario.load import ConfigError, fingerprint, from_yaml, Scenario
 from uav_collect_msgs.srv import Join
 
 _DESCRIPTION = """

@@ -16,9 +16,9 @@ from std_msgs.msg import ColorRGBA, Header
 from uav_collect import actions
 from uav_collect.agent import Decision
 from uav_collect.missions import VIEW_CELLS
-from uav_collect.scenario import Scenario
+from uav_collect.scenario.load import Scenario
+from uav_collect.scenario.site import Site
 from uav_collect.simulation import Event, Simulation
-from uav_collect.site import Site
 from visualization_msgs.msg import Marker, MarkerArray
 
 FRAME = 'map'

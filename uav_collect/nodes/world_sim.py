@@ -27,9 +27,9 @@ from uav_collect.nodes.voice import Voice
 from uav_collect.nodes.world_settings import PARAMETERS, read_settings
 from uav_collect.policy import TOPIC
 from uav_collect.preflight import check_can_start
-from uav_collect.scenario import ConfigError, load, Scenario
+from uav_collect.scenario.load import ConfigError, load, Scenario
+from uav_collect.scenario.site import build_site, Site
 from uav_collect.simulation import Event
-from uav_collect.site import build_site, Site
 from uav_collect_msgs.msg import Mission
 from uav_collect_msgs.srv import ControlMission, Join
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from uav_collect.scenario import Scenario, with_uavs
+from uav_collect.scenario.load import Scenario, with_uavs
 from uav_collect.studies import variants
 from uav_collect.studies.records import (
     AQMIX,

@@ -9,7 +9,7 @@ from uav_collect.briefing import brief
 from uav_collect.frozen import weight_shapes
 from uav_collect.observation import observation_size
 from uav_collect.replay import replay_bytes
-from uav_collect.scenario import from_yaml
+from uav_collect.scenario.load import from_yaml
 from uav_collect.studies.jobs import FlightsJob, Job, kind_of, settings_of, TrainingJob
 from uav_collect.studies.store import Store
 

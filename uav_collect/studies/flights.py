@@ -20,8 +20,8 @@ from uav_collect.mission_log import MissionLog
 from uav_collect.policy import LearnedPolicy, policy_named, RulePolicy
 from uav_collect.policy_file import policy_from_bytes
 from uav_collect.rollout import fly
-from uav_collect.scenario import from_yaml
-from uav_collect.site import build_site
+from uav_collect.scenario.load import from_yaml
+from uav_collect.scenario.site import build_site
 from uav_collect.studies.jobs import FlightsJob, PlansJob
 
 MISSIONS = 'missions.csv'

@@ -16,7 +16,7 @@ from uav_collect.frozen import FrozenPolicy, PolicyMismatchError
 from uav_collect.memory import keep_freed_memory
 from uav_collect.policy_file import policy_bytes
 from uav_collect.revision import UNKNOWN
-from uav_collect.scenario import from_yaml
+from uav_collect.scenario.load import from_yaml
 from uav_collect.studies.jobs import settings_of, TrainingJob
 from uav_collect.studies.learning_files import CURVE, CURVE_COLUMNS, POLICY, SUMMARY
 from uav_collect.trainer import Trainer

@@ -2,7 +2,7 @@
 
 from time import process_time
 
-from uav_collect.scenario import from_yaml
+from uav_collect.scenario.load import from_yaml
 from uav_collect.studies.costs import Rates, units_of
 from uav_collect.studies.jobs import settings_of, TrainingJob
 from uav_collect.trainer import Trainer

@@ -6,8 +6,8 @@ from uav_collect.kernels.arrays import Floats
 from uav_collect.metrics import figures
 from uav_collect.mission_log import ACTION_NAMES, from_jsonl, MissionLog
 from uav_collect.plots import draw_mission
-from uav_collect.scenario import Scenario
-from uav_collect.site import build_site, Site
+from uav_collect.scenario.load import Scenario
+from uav_collect.scenario.site import build_site, Site
 from uav_collect.studies.drawing import csv_of, Drawn, finish, panels
 from uav_collect.studies.findings import Findings
 from uav_collect.studies.flights import log_name

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-from uav_collect.scenario import Scenario
+from uav_collect.scenario.load import Scenario
 from uav_collect.studies.jobs import (
     digest_of,
     FlightsJob,

@@ -1,6 +1,6 @@
 """The scenarios that studies compare: a field with one thing changed."""
 
-from uav_collect.scenario import from_yaml, load, Scenario
+from uav_collect.scenario.load import from_yaml, load, Scenario
 from uav_collect.studies.scale import FieldConfig
 
 

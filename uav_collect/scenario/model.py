@@ -7,10 +7,10 @@ import math
 from typing import Annotated, Literal
 
 from pydantic import Field
-from uav_collect import sensors_csv
 from uav_collect.config import yaml_text
 from uav_collect.config.rules import number, pair, Section, text, whole
 from uav_collect.limits import MAX_UAVS
+from uav_collect.scenario import sensor_files
 
 _LIGHT_SPEED_MPS = 299792458.0
 _MAX_CELLS_PER_SIDE = 64
@@ -21,7 +21,7 @@ Point = tuple[float, float]  # x, y [m]: east and north of the area's south-west
 _Share = Annotated[float, number(0, 1)]
 _Length = Annotated[float, number(0, _MAX_LENGTH_M, 'm', above=True)]
 _Coordinate = Annotated[float, number(0, _MAX_SIDE_M, 'm')]
-_Amount = number(0, sensors_csv.MAX_DATA_MBIT)
+_Amount = number(0, sensor_files.MAX_DATA_MBIT)
 
 
 class AreaConfig(Section):
@@ -62,10 +62,10 @@ class CsvSensors(Section):
 class ListedSensor(Section):
     """One sensor of a real site."""
 
-    id: Annotated[str, text(sensors_csv.MAX_ID_LENGTH)]
+    id: Annotated[str, text(sensor_files.MAX_ID_LENGTH)]
     x_m: _Coordinate
     y_m: _Coordinate
-    data_mbit: Annotated[float | None, number(0, sensors_csv.MAX_DATA_MBIT, 'Mbit')] = None
+    data_mbit: Annotated[float | None, number(0, sensor_files.MAX_DATA_MBIT, 'Mbit')] = None
 
 
 class ListedSensors(Section):
@@ -83,7 +83,7 @@ class DemandConfig(Section):
         Point | Literal['csv'],
         pair(
             _Amount,
-            f'a list [low, high], 0 <= low <= high <= {sensors_csv.MAX_DATA_MBIT:g} Mbit, '
+            f'a list [low, high], 0 <= low <= high <= {sensor_files.MAX_DATA_MBIT:g} Mbit, '
             'high > 0, or csv',
             word='csv',
             is_span=True,

@@ -12,13 +12,13 @@ import json
 from pathlib import Path
 from typing import Any
 
-from uav_collect import sensors_csv
 from uav_collect.config import layers
 from uav_collect.config.installed import shared_folders
 from uav_collect.config.layers import Document
 from uav_collect.config.rules import pair, validated, whole
 from uav_collect.config.yaml_text import ConfigError, Keys, shown
-from uav_collect.scenario_model import (
+from uav_collect.scenario import sensor_files
+from uav_collect.scenario.model import (
     AreaConfig,
     CsvSensors,
     DemandConfig,
@@ -218,7 +218,7 @@ def _with_sensors(document: Document) -> Document:
         what = f'is {shown(config.file)}: must be a CSV file, but there is no {path}'
         raise ConfigError(document.problem(('sensors', 'file'), what))
     origin = None if config.origin == 'auto' else config.origin
-    entries = sensors_csv.read_sensors(path, origin=origin, side_m=area.side_m)
+    entries = sensor_files.read_sensors(path, origin=origin, side_m=area.side_m)
     sensors = {'kind': 'listed', 'entries': entries}
     return replace(document, values={**document.values, 'sensors': sensors})
 

@@ -1,0 +1,1 @@
+"""What missions are flown in: the scenario, its files, the site it is laid out on."""
