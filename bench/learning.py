@@ -20,8 +20,6 @@ from rich.console import Console
 from rich.table import Table
 import torch
 from torch import nn, Tensor
-from uav_collect.actions import NONE
-from uav_collect.briefing import brief
 from uav_collect.collector import Collector
 from uav_collect.experience import Episode
 from uav_collect.learner import Learner, Networks
@@ -32,6 +30,8 @@ from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.stepping import Flights, Stepping
 from uav_collect.training_config import load_preset, TrainingConfig
+from uav_collect.uav.actions import NONE
+from uav_collect.uav.briefing import brief
 
 N_EVENTS = 120
 SIZES = (('paper', 2), ('paper', 6), ('strong', 2))  # preset, UAVs

@@ -20,9 +20,9 @@ from rich.console import Console
 from rich.table import Table
 from uav_collect.commands.fleet import Fleet, FleetProcess, ros_parameters
 from uav_collect.commands.train_fleet import first_seed, world_names
-from uav_collect.policy_file import load_policy, policy_bytes
 from uav_collect.scenario.load import load, Scenario
 from uav_collect.training_config import load_preset
+from uav_collect.uav.policy_file import load_policy, policy_bytes
 
 SECONDS = 30.0  # of each measurement
 WARM_S = 10.0  # before it: caches, the first updates

@@ -11,12 +11,12 @@ import time
 from typing import Any
 
 from processes import DEADLINE_S, Processes, RunningProcess
-from uav_collect.agent import Agent, allocator_named, Decision, RadioMessage
-from uav_collect.policy import policy_named
 from uav_collect.rollout import fly
 from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.simulation import Event, Simulation
+from uav_collect.uav.agent import Agent, allocator_named, Decision, RadioMessage
+from uav_collect.uav.policy import policy_named
 
 _SPEEDS_MPS = (5.0, 10.0, 7.5, 12.5)
 _POLL_S = 0.002

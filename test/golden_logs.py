@@ -6,10 +6,10 @@ from dataclasses import asdict, dataclass, fields, replace
 import hashlib
 from pathlib import Path
 
-from uav_collect.policy import policy_for
 from uav_collect.rollout import fly
 from uav_collect.scenario.load import load, with_uavs
 from uav_collect.scenario.site import build_site
+from uav_collect.uav.policy import policy_for
 
 _FILE = Path(__file__).parent / 'golden' / 'mission_logs.csv'
 _WANDERERS = ('random', 'user_policies:Wanderer')  # on less energy, or they fly for hours

@@ -4,15 +4,15 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from uav_collect.frozen import (
+from uav_collect.uav.observation import Layout, observation_size
+from uav_collect.uav.policy_file import save_policy
+from uav_collect.uav.policy_network import (
     FrozenPolicy,
     PolicyHeader,
     Validation,
     weight_shapes,
     Weights,
 )
-from uav_collect.observation import Layout, observation_size
-from uav_collect.policy_file import save_policy
 
 VALIDATION = Validation(
     efficiency_kbit_per_j=1.25,

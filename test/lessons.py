@@ -10,8 +10,6 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from uav_collect.actions import N_ACTIONS, NONE
-from uav_collect.briefing import brief, Briefing
 from uav_collect.experience import Episode, N_UAV_SCALARS, new_records
 from uav_collect.kernels.arrays import Floats, Ints
 from uav_collect.minibatch import Algorithm, Minibatch, minibatch
@@ -19,6 +17,8 @@ from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.stepping import Flights, Stepping
 from uav_collect.training_config import load_preset, TrainingConfig
+from uav_collect.uav.actions import N_ACTIONS, NONE
+from uav_collect.uav.briefing import brief, Briefing
 
 ALL_LEGAL = 2**N_ACTIONS - 1
 

@@ -7,13 +7,13 @@ import hashlib
 from typing import Any
 
 import numpy as np
-from uav_collect.actions import NONE
-from uav_collect.frozen import best_actions, FrozenPolicy
-from uav_collect.policy import flown_version
-from uav_collect.policy_file import policy_bytes
 from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.stepping import Flights, Stepping
+from uav_collect.uav.actions import NONE
+from uav_collect.uav.policy import flown_version
+from uav_collect.uav.policy_file import policy_bytes
+from uav_collect.uav.policy_network import best_actions, FrozenPolicy
 
 HOVER_SHARE = 0.6
 

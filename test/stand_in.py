@@ -10,15 +10,15 @@ from fleets import Pilots
 import numpy as np
 from processes import DEADLINE_S
 import rclpy
-from uav_collect.agent import Agent, allocator_named, Decision, RadioMessage
-from uav_collect.briefing import brief
 from uav_collect.missions import LocalView
 from uav_collect.nodes import convert, topics
 from uav_collect.nodes.cockpit import Cockpit
 from uav_collect.nodes.middleware import find_each_other_quickly
 from uav_collect.nodes.topics import publisher, subscription
-from uav_collect.policy import policy_named
 from uav_collect.scenario.load import from_yaml, Scenario
+from uav_collect.uav.agent import Agent, allocator_named, Decision, RadioMessage
+from uav_collect.uav.briefing import brief
+from uav_collect.uav.policy import policy_named
 from uav_collect_msgs.srv import ControlMission, Join
 
 INSTANCE = 'stand-in'

@@ -11,19 +11,11 @@ from learned import header as policy_header
 from learned import random_policy
 import numpy as np
 from numpy.typing import NDArray
-from uav_collect.actions import HOME, NONE
-from uav_collect.agent import Agent, allocator_named
 from uav_collect.assembly import Assembly, Joined
-from uav_collect.belief import Belief
-from uav_collect.briefing import Briefing
 from uav_collect.experience import Episode
-from uav_collect.exploration import explore
-from uav_collect.frozen import best_actions, FrozenPolicy
 from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.rows import new_row
 from uav_collect.missions import LocalView
-from uav_collect.observation import encode, Layout, observation_size
-from uav_collect.policy import LearnedPolicy
 from uav_collect.retrace import Retracer
 from uav_collect.reward import Reward
 from uav_collect.scenario.load import fingerprint, Scenario
@@ -40,6 +32,14 @@ from uav_collect.told import (
     Told,
     TransitionTold,
 )
+from uav_collect.uav.actions import HOME, NONE
+from uav_collect.uav.agent import Agent, allocator_named
+from uav_collect.uav.belief import Belief
+from uav_collect.uav.briefing import Briefing
+from uav_collect.uav.exploration import explore
+from uav_collect.uav.observation import encode, Layout, observation_size
+from uav_collect.uav.policy import LearnedPolicy
+from uav_collect.uav.policy_network import best_actions, FrozenPolicy
 
 
 @dataclass(frozen=True, kw_only=True)

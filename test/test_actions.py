@@ -1,9 +1,9 @@
 import pytest
 from tiny import HOVER_W, MOVE_5_J, MOVE_10_J, tiny, uav
-from uav_collect import actions
-from uav_collect.actions import BACKWARD, FORWARD, HOVER, LEFT, NONE, RIGHT
-from uav_collect.briefing import brief, Briefing
 from uav_collect.kernels.rows import new_row
+from uav_collect.uav import actions
+from uav_collect.uav.actions import BACKWARD, FORWARD, HOVER, LEFT, NONE, RIGHT
+from uav_collect.uav.briefing import brief, Briefing
 
 MOVES = [FORWARD, RIGHT, BACKWARD, LEFT]
 PLENTY_J = 1e6

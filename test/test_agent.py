@@ -2,7 +2,15 @@ from dataclasses import dataclass, field
 
 import pytest
 from tiny import fly_scripts, MOVE_5_J, rate_bps, tiny, uav
-from uav_collect.actions import (
+from uav_collect.kernels.arrays import Row
+from uav_collect.kernels.rows import row_of
+from uav_collect.limits import ALLOCATOR_NAMES
+from uav_collect.missions import LocalView
+from uav_collect.physics.bandwidth import AllocationError
+from uav_collect.scenario.load import Scenario
+from uav_collect.scenario.site import build_site
+from uav_collect.simulation import Simulation
+from uav_collect.uav.actions import (
     BY_POLICY,
     ENERGY_RESERVE,
     FORWARD,
@@ -13,25 +21,11 @@ from uav_collect.actions import (
     N_ACTIONS,
     RIGHT,
 )
-from uav_collect.agent import (
-    Agent,
-    allocator_named,
-    Decision,
-    new_desk,
-    RadioMessage,
-)
-from uav_collect.belief import Belief, NEVER
-from uav_collect.briefing import brief, Briefing
-from uav_collect.frozen import PolicyMismatchError
-from uav_collect.kernels.arrays import Row
-from uav_collect.kernels.rows import row_of
-from uav_collect.limits import ALLOCATOR_NAMES
-from uav_collect.missions import LocalView
-from uav_collect.physics.bandwidth import AllocationError
-from uav_collect.policy import policy_named
-from uav_collect.scenario.load import Scenario
-from uav_collect.scenario.site import build_site
-from uav_collect.simulation import Simulation
+from uav_collect.uav.agent import Agent, allocator_named, Decision, new_desk, RadioMessage
+from uav_collect.uav.belief import Belief, NEVER
+from uav_collect.uav.briefing import brief, Briefing
+from uav_collect.uav.policy import policy_named
+from uav_collect.uav.policy_network import PolicyMismatchError
 
 N_CELLS = 16
 

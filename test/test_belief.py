@@ -1,11 +1,20 @@
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tiny import tiny, uav
-from uav_collect.actions import NONE
-from uav_collect.belief import Belief, belief_of, forget, hear, merge, NEVER, new_beliefs, observe
-from uav_collect.briefing import brief, Briefing
 from uav_collect.kernels.rows import new_row, row_of
 from uav_collect.missions import LocalView
+from uav_collect.uav.actions import NONE
+from uav_collect.uav.belief import (
+    Belief,
+    belief_of,
+    forget,
+    hear,
+    merge,
+    NEVER,
+    new_beliefs,
+    observe,
+)
+from uav_collect.uav.briefing import brief, Briefing
 
 N_CELLS = 16
 OUTSIDE = float('nan')

@@ -11,14 +11,14 @@ from processes import Processes
 import pytest
 from tiny import tiny
 from uav_collect.__main__ import main
-from uav_collect.callable_policy import callable_policy, is_callable_name
-from uav_collect.frozen import PolicyMismatchError
 from uav_collect.metrics import check_log, figures
 from uav_collect.mission_log import MissionLog
-from uav_collect.policy import policy_for
 from uav_collect.rollout import fly
 from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import build_site
+from uav_collect.uav.policy import policy_for
+from uav_collect.uav.policy_network import PolicyMismatchError
+from uav_collect.uav.user_policy import callable_policy, is_callable_name
 
 SEEDS = [3, 4]
 HERE = Path(__file__).parent

@@ -6,10 +6,10 @@ from typing import Any
 from fleets import Pilots
 import pytest
 from tiny import tiny, uav
-from uav_collect.agent import Agent, allocator_named, Decision
-from uav_collect.briefing import brief
-from uav_collect.policy import policy_named
 from uav_collect.scenario.load import Scenario
+from uav_collect.uav.agent import Agent, allocator_named, Decision
+from uav_collect.uav.briefing import brief
+from uav_collect.uav.policy import policy_named
 
 pytest.importorskip('rclpy')
 pytest.importorskip('uav_collect_msgs')

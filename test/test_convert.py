@@ -11,15 +11,15 @@ for needed in ('rclpy', 'uav_collect_msgs'):
 from hypothesis import given  # noqa: E402
 from hypothesis import strategies as st  # noqa: E402
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
-from uav_collect import actions  # noqa: E402
-from uav_collect.agent import Decision, RadioMessage  # noqa: E402
-from uav_collect.belief import Belief, NEVER  # noqa: E402
 from uav_collect.kernels.rows import row_of
 from uav_collect.mission_log import EVENT_DTYPE  # noqa: E402
 from uav_collect.missions import LocalView  # noqa: E402
 from uav_collect.nodes import convert  # noqa: E402
 from uav_collect.nodes.roster import Pilot  # noqa: E402
 from uav_collect.simulation import Event  # noqa: E402
+from uav_collect.uav import actions
+from uav_collect.uav.agent import Decision, RadioMessage
+from uav_collect.uav.belief import Belief, NEVER
 from uav_collect_msgs.msg import Epoch  # noqa: E402
 from uav_collect_msgs.srv import Join  # noqa: E402
 

@@ -5,11 +5,11 @@ from collections import Counter
 import numpy as np
 import pytest
 from tiny import tiny, uav
-from uav_collect.actions import BACKWARD, FORWARD, HOVER, LEFT, N_ACTIONS, NONE, RIGHT
-from uav_collect.exploration import explore
 from uav_collect.kernels.rows import row_of
 from uav_collect.scenario.site import build_site
 from uav_collect.stepping import Flights, Stepping
+from uav_collect.uav.actions import BACKWARD, FORWARD, HOVER, LEFT, N_ACTIONS, NONE, RIGHT
+from uav_collect.uav.exploration import explore
 
 N_DRAWS = 4000
 

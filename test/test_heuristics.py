@@ -7,18 +7,18 @@ import hashlib
 from interpreted import interpreted
 import numpy as np
 import pytest
-from uav_collect.actions import HOME, N_ACTIONS
-from uav_collect.belief import Belief
-from uav_collect.briefing import brief, Briefing
-from uav_collect.heuristics import Heuristic, sector_start
 from uav_collect.kernels.arrays import Row
 from uav_collect.metrics import figures
 from uav_collect.mission_log import MissionLog, REASON_NAMES
 from uav_collect.missions import LocalView
-from uav_collect.policy import Policy, policy_named
 from uav_collect.rollout import fly
 from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site
+from uav_collect.uav.actions import HOME, N_ACTIONS
+from uav_collect.uav.belief import Belief
+from uav_collect.uav.briefing import brief, Briefing
+from uav_collect.uav.heuristics import Heuristic, sector_start
+from uav_collect.uav.policy import Policy, policy_named
 
 SPEEDS_MPS = ([5.0], [5.0, 10.0], [10.0, 5.0], [5.0, 5.0, 5.0], [5.0, 10.0, 7.5, 12.0, 3.0])
 RULES = tuple(rule.label for rule in Heuristic)

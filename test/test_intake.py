@@ -13,8 +13,8 @@ from telling import Course, joined, messages_of
 from tiny import tiny, uav
 from uav_collect.assembly import Joined
 from uav_collect.experience import Episode
-from uav_collect.observation import Layout
 from uav_collect.training_config import TrainingConfig
+from uav_collect.uav.observation import Layout
 
 torch = single_threaded_torch()
 from uav_collect.intake import Intake  # noqa: E402

@@ -6,7 +6,7 @@ from fleets import Fleet, logs, scenario_of
 from learned import header, saved
 from processes import Processes
 import pytest
-from uav_collect.observation import Layout
+from uav_collect.uav.observation import Layout
 
 pytestmark = pytest.mark.ros
 

@@ -11,17 +11,20 @@ from interpreted import interpreted
 from learned import header, random_policy, saved
 import pytest
 from tiny import tiny
-from uav_collect import policy as policy_module
-from uav_collect.agent import Agent, allocator_named
-from uav_collect.belief import Belief, belief_of, new_beliefs
-from uav_collect.briefing import brief, Briefing
-from uav_collect.frozen import FrozenPolicy, PolicyMismatchError
 from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.rows import row_of
 from uav_collect.metrics import check_log, figures
 from uav_collect.missions import LocalView
-from uav_collect.observation import Layout
-from uav_collect.policy import (
+from uav_collect.rollout import fly
+from uav_collect.scenario.load import load, Scenario
+from uav_collect.scenario.site import build_site
+from uav_collect.simulation import Simulation
+from uav_collect.uav import policy as policy_module
+from uav_collect.uav.agent import Agent, allocator_named
+from uav_collect.uav.belief import Belief, belief_of, new_beliefs
+from uav_collect.uav.briefing import brief, Briefing
+from uav_collect.uav.observation import Layout
+from uav_collect.uav.policy import (
     frozen_policy,
     LearnedPolicy,
     Policy,
@@ -29,11 +32,8 @@ from uav_collect.policy import (
     policy_named,
     STRONG,
 )
-from uav_collect.policy_file import load_policy
-from uav_collect.rollout import fly
-from uav_collect.scenario.load import load, Scenario
-from uav_collect.scenario.site import build_site
-from uav_collect.simulation import Simulation
+from uav_collect.uav.policy_file import load_policy
+from uav_collect.uav.policy_network import FrozenPolicy, PolicyMismatchError
 
 SPEEDS_MPS = (5.0, 10.0, 7.5)
 SEEDS = [3, 1, 4, 3]

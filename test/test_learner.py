@@ -7,9 +7,9 @@ from lessons import batch_of, drawn_episode, single_threaded_torch, small
 import numpy as np
 import pytest
 from tiny import tiny, uav
-from uav_collect.briefing import brief
 from uav_collect.minibatch import Algorithm, Minibatch
 from uav_collect.scenario.load import Scenario
+from uav_collect.uav.briefing import brief
 
 torch = single_threaded_torch()
 from uav_collect.learner import Learner, Networks, scan  # noqa: E402

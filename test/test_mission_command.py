@@ -8,13 +8,13 @@ from processes import Processes, RunningProcess
 import pytest
 from scripted import fly, uav
 from scripted import header as log_header
-from uav_collect import policy as policy_module
 from uav_collect import rollout
 from uav_collect.commands import mission
-from uav_collect.frozen import PolicyMismatchError
 from uav_collect.mission_log import MissionLog
 from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site
+from uav_collect.uav import policy as policy_module
+from uav_collect.uav.policy_network import PolicyMismatchError
 
 TIGHT = 'fleet.default.energy_budget_kj=60'  # random weights fly until it is used up
 SEED = 2

@@ -5,9 +5,9 @@ import pytest
 from tiny import tiny
 
 torch = single_threaded_torch()
-from uav_collect.actions import N_ACTIONS  # noqa: E402
-from uav_collect.briefing import brief  # noqa: E402
 from uav_collect.mixer import Mixer, pooling_windows  # noqa: E402
+from uav_collect.uav.actions import N_ACTIONS
+from uav_collect.uav.briefing import brief
 
 N_MIXERS = 2_500  # for each of four fleets
 N_CELLS = 16

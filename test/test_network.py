@@ -5,8 +5,8 @@ import numpy as np
 
 torch = single_threaded_torch()
 from torch import nn  # noqa: E402
-from uav_collect.actions import N_ACTIONS  # noqa: E402
 from uav_collect.network import Drqn  # noqa: E402
+from uav_collect.uav.actions import N_ACTIONS
 
 OBSERVATION_SIZE, HIDDEN_SIZE = 7, 12
 LENGTHS = (9, 6, 6, 5, 1)  # of sequences, longest first

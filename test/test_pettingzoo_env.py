@@ -10,7 +10,6 @@ from pettingzoo import AECEnv
 from pettingzoo.test import api_test, seed_test
 import pytest
 from tiny import tiny, uav
-from uav_collect.actions import BACKWARD, FORWARD, HOME, N_ACTIONS, NONE, RIGHT
 from uav_collect.kernels.arrays import Ints
 from uav_collect.metrics import check_log, figures
 from uav_collect.pettingzoo_env import env
@@ -19,6 +18,7 @@ from uav_collect.rollout import fly
 from uav_collect.scenario.load import ConfigError, load, Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.stepping import Flights, Stepping
+from uav_collect.uav.actions import BACKWARD, FORWARD, HOME, N_ACTIONS, NONE, RIGHT
 
 SEED = 3
 

@@ -6,12 +6,12 @@ from typing import Any
 from learned import header, random_policy
 from publishing import HOVER_SHARE, policy_fields
 import pytest
-from uav_collect.briefing import brief, Briefing
-from uav_collect.exploration import explore
 from uav_collect.kernels.rows import row_of
 from uav_collect.nodes.published import Follower, Shelf
-from uav_collect.policy import ExploringPolicy, LearnedPolicy
 from uav_collect.scenario.load import load
+from uav_collect.uav.briefing import brief, Briefing
+from uav_collect.uav.exploration import explore
+from uav_collect.uav.policy import ExploringPolicy, LearnedPolicy
 
 FROZEN = random_policy(header())
 

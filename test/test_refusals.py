@@ -19,8 +19,8 @@ for needed in ('rclpy', 'uav_collect_msgs'):
 from fleets import Fleet, logs, scenario_of  # noqa: E402
 from processes import own_domain, Processes, ros_environment, RunningProcess  # noqa: E402
 from stand_in import stand_in, StandIn, Turn  # noqa: E402
-from uav_collect import actions  # noqa: E402
 from uav_collect.nodes import topics  # noqa: E402
+from uav_collect.uav import actions
 from uav_collect_msgs.msg import Mission  # noqa: E402
 
 pytestmark = pytest.mark.ros

@@ -7,13 +7,13 @@ from fleets import Fleet, listener, logs, Pilots, scenario_of
 import numpy as np
 from processes import Processes
 import pytest
-from uav_collect import actions
-from uav_collect.agent import Decision
 from uav_collect.metrics import figures
 from uav_collect.mission_log import read
 from uav_collect.scenario.load import Scenario
 from uav_collect.simulation import mission_header
 from uav_collect.tables import mission_warnings
+from uav_collect.uav import actions
+from uav_collect.uav.agent import Decision
 
 pytest.importorskip('rclpy')
 UavFigures = pytest.importorskip('uav_collect_msgs.msg').UavFigures

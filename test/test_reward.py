@@ -5,8 +5,6 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from tiny import fly_scripts, HOVER_W, MOVE_10_J, rate_bps, tiny, uav
-from uav_collect.actions import BACKWARD, FORWARD, HOVER, LEFT, RIGHT
-from uav_collect.briefing import brief, Briefing
 from uav_collect.ground import Ground, lay_out
 from uav_collect.kernels.rows import row_of
 from uav_collect.metrics import figures
@@ -16,6 +14,8 @@ from uav_collect.reward import interval_reward
 from uav_collect.rollout import fly
 from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site
+from uav_collect.uav.actions import BACKWARD, FORWARD, HOVER, LEFT, RIGHT
+from uav_collect.uav.briefing import brief, Briefing
 from uav_collect.world import look, start_action
 
 PENALTY = 0.01

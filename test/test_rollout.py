@@ -6,19 +6,19 @@ from interpreted import interpreted
 import numpy as np
 import pytest
 from tiny import Script, tiny, TOTAL_BIT, uav
-from uav_collect.actions import FORWARD, HOVER, LEFT, RIGHT
-from uav_collect.belief import Belief
-from uav_collect.briefing import Briefing
-from uav_collect.frozen import PolicyMismatchError
 from uav_collect.kernels.arrays import Row
 from uav_collect.metrics import check_log, figures
 from uav_collect.mission_log import from_jsonl, MissionLog
 from uav_collect.missions import LocalView
 from uav_collect.physics.bandwidth import AllocationError
-from uav_collect.policy import Policy, policy_named
 from uav_collect.rollout import fly
 from uav_collect.scenario.load import fingerprint, load, Scenario
 from uav_collect.scenario.site import build_site
+from uav_collect.uav.actions import FORWARD, HOVER, LEFT, RIGHT
+from uav_collect.uav.belief import Belief
+from uav_collect.uav.briefing import Briefing
+from uav_collect.uav.policy import Policy, policy_named
+from uav_collect.uav.policy_network import PolicyMismatchError
 
 SPEEDS_MPS = (5.0, 10.0, 7.5, 12.0)
 N_SEEDS = 20

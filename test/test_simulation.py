@@ -5,7 +5,16 @@ import re
 import numpy as np
 import pytest
 from tiny import Flight, fly_scripts, MOVE_5_J, tiny, uav
-from uav_collect.actions import (
+from uav_collect.kernels.arrays import Row
+from uav_collect.kernels.rows import row_of
+from uav_collect.metrics import check_log, figures
+from uav_collect.mission_log import from_jsonl
+from uav_collect.missions import LocalView
+from uav_collect.rollout import fly
+from uav_collect.scenario.load import ConfigError, load, Scenario
+from uav_collect.scenario.site import build_site
+from uav_collect.simulation import Simulation
+from uav_collect.uav.actions import (
     BACKWARD,
     BY_POLICY,
     ENERGY_RESERVE,
@@ -18,18 +27,9 @@ from uav_collect.actions import (
     N_ACTIONS,
     RIGHT,
 )
-from uav_collect.agent import Agent, allocator_named, Decision
-from uav_collect.belief import Belief
-from uav_collect.briefing import Briefing
-from uav_collect.kernels.arrays import Row
-from uav_collect.kernels.rows import row_of
-from uav_collect.metrics import check_log, figures
-from uav_collect.mission_log import from_jsonl
-from uav_collect.missions import LocalView
-from uav_collect.rollout import fly
-from uav_collect.scenario.load import ConfigError, load, Scenario
-from uav_collect.scenario.site import build_site
-from uav_collect.simulation import Simulation
+from uav_collect.uav.agent import Agent, allocator_named, Decision
+from uav_collect.uav.belief import Belief
+from uav_collect.uav.briefing import Briefing
 
 BANDWIDTH_HZ = 1e6  # of the only UAV
 SENSORS_B = (1, 2)

@@ -9,20 +9,20 @@ from interpreted import interpreted
 import numpy as np
 import pytest
 from tiny import tiny, TOTAL_BIT, uav
-from uav_collect.actions import BACKWARD, FORWARD, HOME, HOVER, N_ACTIONS, NONE, RIGHT
-from uav_collect.belief import Belief
-from uav_collect.briefing import Briefing
 from uav_collect.kernels.arrays import Floats, Ints, Row
 from uav_collect.kernels.rows import new_row
 from uav_collect.mission_log import MissionLog
 from uav_collect.missions import LocalView
-from uav_collect.observation import encode, Layout, observation_size
 from uav_collect.physics.bandwidth import AllocationError
-from uav_collect.policy import Policy, policy_named
 from uav_collect.rollout import fly
 from uav_collect.scenario.load import ConfigError, load, Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.stepping import Decisions, Flights, Stepping
+from uav_collect.uav.actions import BACKWARD, FORWARD, HOME, HOVER, N_ACTIONS, NONE, RIGHT
+from uav_collect.uav.belief import Belief
+from uav_collect.uav.briefing import Briefing
+from uav_collect.uav.observation import encode, Layout, observation_size
+from uav_collect.uav.policy import Policy, policy_named
 
 SEEDS = (3, 4, 5)
 

@@ -11,14 +11,14 @@ from learned import header, random_policy
 from processes import Processes
 from publishing import explored_logs, policy_fields, trainer
 import pytest
-from uav_collect.frozen import FrozenPolicy
 from uav_collect.mission_log import from_jsonl
-from uav_collect.observation import Layout, observation_size
-from uav_collect.policy import flown_version
-from uav_collect.policy_file import policy_bytes
 from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.simulation import Simulation
+from uav_collect.uav.observation import Layout, observation_size
+from uav_collect.uav.policy import flown_version
+from uav_collect.uav.policy_file import policy_bytes
+from uav_collect.uav.policy_network import FrozenPolicy
 
 pytest.importorskip('rclpy')
 pytest.importorskip('uav_collect_msgs')

@@ -11,8 +11,8 @@ from tiny import tiny
 from uav_collect.bag import read_missions
 from uav_collect.commands import train_fleet
 from uav_collect.commands.fleet import ros_parameters
-from uav_collect.policy_file import load_policy
 from uav_collect.training_log import read_run
+from uav_collect.uav.policy_file import load_policy
 
 pytest.importorskip('torch', reason='training needs torch')
 

@@ -8,21 +8,21 @@ from lessons import single_threaded_torch, small
 import numpy as np
 import pytest
 from tiny import tiny, uav
-from uav_collect.frozen import PolicyMismatchError
 from uav_collect.kernels.compile import kernels_are_compiled
 from uav_collect.minibatch import Algorithm
-from uav_collect.policy import LearnedPolicy
 from uav_collect.replay import replay_bytes
 from uav_collect.rollout import fly
 from uav_collect.scenario.load import ConfigError, Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.training_config import TrainingConfig
+from uav_collect.uav.policy import LearnedPolicy
+from uav_collect.uav.policy_network import PolicyMismatchError
 
 torch = single_threaded_torch()
-from uav_collect.briefing import brief  # noqa: E402
 from uav_collect.checkpoint import CheckpointError  # noqa: E402
 from uav_collect.trainer import Trainer  # noqa: E402
 from uav_collect.training_progress import Budget, Progress  # noqa: E402
+from uav_collect.uav.briefing import brief
 
 DECISIONS = 1000
 BUDGET = Budget(decisions=DECISIONS)

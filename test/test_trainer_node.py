@@ -11,10 +11,10 @@ from lessons import single_threaded_torch
 from processes import Processes
 import pytest
 from telling import same
-from uav_collect.frozen import PolicyMismatchError
-from uav_collect.policy_file import load_policy
 from uav_collect.scenario.load import ConfigError
 from uav_collect.training_log import read_columns, read_run, TrainingRunError
+from uav_collect.uav.policy_file import load_policy
+from uav_collect.uav.policy_network import PolicyMismatchError
 
 torch = single_threaded_torch()
 pytest.importorskip('rclpy')

@@ -8,8 +8,8 @@ import numpy as np
 from processes import Processes
 import pytest
 from uav_collect.kernels.rows import new_row
-from uav_collect.observation import encode, Layout, observation_size
 from uav_collect.scenario.load import fingerprint, Scenario
+from uav_collect.uav.observation import encode, Layout, observation_size
 
 pytest.importorskip('rclpy')
 pytest.importorskip('uav_collect_msgs')

@@ -12,10 +12,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 import math
 
-from uav_collect.actions import HOME
-from uav_collect.agent import Agent, allocator_named, Decision
-from uav_collect.belief import Belief
-from uav_collect.briefing import Briefing
 from uav_collect.kernels.arrays import Row
 from uav_collect.mission_log import MissionLog
 from uav_collect.missions import LocalView
@@ -23,6 +19,10 @@ from uav_collect.rollout import fly
 from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.simulation import Event, Simulation
+from uav_collect.uav.actions import HOME
+from uav_collect.uav.agent import Agent, allocator_named, Decision
+from uav_collect.uav.belief import Belief
+from uav_collect.uav.briefing import Briefing
 
 CELL_A = 1
 CELL_B = 10

@@ -4,10 +4,10 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from uav_collect.actions import HOME, HOVER, LEFT
-from uav_collect.briefing import Briefing
-from uav_collect.callable_policy import Situation
-from uav_collect.heuristics import step_towards
+from uav_collect.uav.actions import HOME, HOVER, LEFT
+from uav_collect.uav.briefing import Briefing
+from uav_collect.uav.heuristics import step_towards
+from uav_collect.uav.user_policy import Situation
 
 NUMBER = 7
 

@@ -160,11 +160,11 @@ def _is_the_users(error: Exception) -> bool:
 
     if isinstance(error, OSError | MissionLogError):
         return True
-    from uav_collect.frozen import PolicyMismatchError
     from uav_collect.physics.bandwidth import AllocationError
     from uav_collect.scenario.load import ConfigError
     from uav_collect.studies.store import StoreError
     from uav_collect.training_log import TrainingRunError
+    from uav_collect.uav.policy_network import PolicyMismatchError
 
     return isinstance(
         error, ConfigError | PolicyMismatchError | AllocationError | TrainingRunError | StoreError

@@ -9,7 +9,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-from uav_collect.actions import HOME
 from uav_collect.experience import Episode
 from uav_collect.retrace import MissionParts, Retracer
 from uav_collect.told import (
@@ -22,6 +21,7 @@ from uav_collect.told import (
     Told,
     TransitionTold,
 )
+from uav_collect.uav.actions import HOME
 
 _PATIENCE_MISSIONS = 8  # later ones joined before a mission is given up
 _N_REMEMBERED = 4096  # missions whose stragglers are known as such

@@ -24,7 +24,6 @@ import os
 from pathlib import Path
 from typing import Any
 
-from uav_collect.actions import BACKWARD, FORWARD, HOVER, LEFT, RIGHT
 from uav_collect.errands import Errands, errands_of
 from uav_collect.kernels.compile import cache_folder
 from uav_collect.kernels.rows import row_of
@@ -33,6 +32,7 @@ from uav_collect.plan_bound import climb, least_completion_s, least_energy_j
 from uav_collect.plan_search import Aim, best_routes, Routes, search
 from uav_collect.scenario.load import fingerprint, Scenario
 from uav_collect.scenario.site import Site
+from uav_collect.uav.actions import BACKWARD, FORWARD, HOVER, LEFT, RIGHT
 
 KERNELS = (search, climb)  # that find plans, and what no plan beats
 N_ROUNDS = 2000  # of the search for each plan: some 0.3 s where kernels are interpreted

@@ -5,7 +5,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 import torch
-from uav_collect.actions import NONE
 from uav_collect.experience import Episode
 from uav_collect.kernels.arrays import Ints
 from uav_collect.minibatch import Algorithm
@@ -15,6 +14,7 @@ from uav_collect.scenario.site import Site
 from uav_collect.stepping import Decisions, Flights, Stepping
 from uav_collect.training_config import TrainingConfig
 from uav_collect.training_progress import RecentMissions
+from uav_collect.uav.actions import NONE
 
 # Training missions come from a range of seeds that users do not evaluate on by chance.
 _FIRST_SEED = 2**61

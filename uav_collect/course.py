@@ -5,20 +5,20 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from uav_collect.briefing import brief, Briefing
 from uav_collect.collector import Collector
 from uav_collect.experience import Episode
 from uav_collect.minibatch import Algorithm, Minibatch, minibatch
 from uav_collect.mission_log import MissionLog
 from uav_collect.network import Drqn
-from uav_collect.observation import observation_size
-from uav_collect.policy import LearnedPolicy
 from uav_collect.replay import Replay
 from uav_collect.rollout import fly
 from uav_collect.scenario.load import ConfigError, Scenario
 from uav_collect.scenario.site import build_site, Site
 from uav_collect.training_config import TrainingConfig
 from uav_collect.training_progress import RecentMissions
+from uav_collect.uav.briefing import brief, Briefing
+from uav_collect.uav.observation import observation_size
+from uav_collect.uav.policy import LearnedPolicy
 
 
 class Source(Protocol):

@@ -9,8 +9,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from uav_collect.actions import HOME, NONE
-from uav_collect.briefing import brief, Briefing
 from uav_collect.experience import (
     Episode,
     N_UAV_SCALARS,
@@ -22,7 +20,6 @@ from uav_collect.ground import demand_by_cell, Ground, lay_out
 from uav_collect.kernels.arrays import Floats, Ints, Row
 from uav_collect.kernels.compile import kernel
 from uav_collect.missions import ACTIVE, Mission, mission_of, new_missions, restart_mission
-from uav_collect.observation import Layout, observation_size
 from uav_collect.reward import discount, energy_reward, news_reward, Reward
 from uav_collect.scenario.load import ConfigError, Scenario
 from uav_collect.scenario.site import Site
@@ -35,6 +32,9 @@ from uav_collect.told import (
     RefusedError,
     TransitionTold,
 )
+from uav_collect.uav.actions import HOME, NONE
+from uav_collect.uav.briefing import brief, Briefing
+from uav_collect.uav.observation import Layout, observation_size
 from uav_collect.world import end_s, start_leg
 
 _ENERGY = int(Reward.ENERGY)

@@ -7,12 +7,12 @@ union of all UAVs' maps, less the kilojoules spent.
 from enum import IntEnum
 import math
 
-from uav_collect.actions import cell_at, HOVER, NONE
-from uav_collect.briefing import Briefing
 from uav_collect.ground import Ground
 from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.compile import kernel
 from uav_collect.missions import Mission
+from uav_collect.uav.actions import cell_at, HOVER, NONE
+from uav_collect.uav.briefing import Briefing
 from uav_collect.world import end_s, next_uav
 
 _KJ_PER_J = 1e-3

@@ -9,12 +9,7 @@ from functools import partial
 import math
 
 import numpy as np
-from uav_collect import actions
-from uav_collect.actions import HOME, NONE
-from uav_collect.agent import Agent, allocator_named
 from uav_collect.batch import arrive, Batch, new_batch
-from uav_collect.belief import belief_of
-from uav_collect.briefing import brief, Briefing
 from uav_collect.event_log import (
     EventLog,
     grown_log,
@@ -23,19 +18,24 @@ from uav_collect.event_log import (
     logged_events,
     new_log,
 )
-from uav_collect.frozen import best_actions, PolicyMismatchError
 from uav_collect.ground import Ground, lay_out
-from uav_collect.heuristics import choose
 from uav_collect.kernels.compile import kernel
 from uav_collect.limits import ALLOCATOR_NAMES
 from uav_collect.mission_log import MissionLog
 from uav_collect.missions import mission_of
-from uav_collect.policy import LearnedPolicy, Policy, policy_for, RulePolicy
-from uav_collect.preflight import check_can_start
 from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import Site
 from uav_collect.simulation import mission_header, Simulation
 from uav_collect.stepping import Flights, Stepping
+from uav_collect.uav import actions
+from uav_collect.uav.actions import HOME, NONE
+from uav_collect.uav.agent import Agent, allocator_named
+from uav_collect.uav.belief import belief_of
+from uav_collect.uav.briefing import brief, Briefing
+from uav_collect.uav.heuristics import choose
+from uav_collect.uav.policy import LearnedPolicy, Policy, policy_for, RulePolicy
+from uav_collect.uav.policy_network import best_actions, PolicyMismatchError
+from uav_collect.uav.preflight import check_can_start
 from uav_collect.world import end_s, next_uav, start_action
 
 _FIRST_CAPACITY = 256  # events of a mission that the log has room for before it must grow

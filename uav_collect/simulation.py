@@ -8,11 +8,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 import math
 
-from uav_collect import actions
-from uav_collect.actions import BY_POLICY, HOME, HOVER, N_ACTIONS
-from uav_collect.agent import Decision, RadioMessage
-from uav_collect.belief import Belief, belief_of, merge, new_beliefs
-from uav_collect.briefing import brief
 from uav_collect.event_log import (
     grown_log,
     log_event,
@@ -27,9 +22,14 @@ from uav_collect.kernels.rows import new_row, row_of
 from uav_collect.mission_log import Events, MissionHeader, MissionLog, UavHeader
 from uav_collect.missions import LocalView, mission_of, new_missions, new_view_rows
 from uav_collect.physics.bandwidth import hover_time_s
-from uav_collect.preflight import check_can_start
 from uav_collect.scenario.load import fingerprint, Scenario
 from uav_collect.scenario.site import Site
+from uav_collect.uav import actions
+from uav_collect.uav.actions import BY_POLICY, HOME, HOVER, N_ACTIONS
+from uav_collect.uav.agent import Decision, RadioMessage
+from uav_collect.uav.belief import Belief, belief_of, merge, new_beliefs
+from uav_collect.uav.briefing import brief
+from uav_collect.uav.preflight import check_can_start
 from uav_collect.world import (
     end_s,
     has_landed,

@@ -12,10 +12,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from uav_collect.actions import N_ACTIONS, NONE
 from uav_collect.airborne import Air, Desks, explore_batch, go_on, put_back, Rules, step_batch
 from uav_collect.batch import new_batch
-from uav_collect.briefing import brief, Briefing
 from uav_collect.event_log import (
     grown_log,
     logged_events,
@@ -28,13 +26,15 @@ from uav_collect.kernels.compile import kernels_are_compiled
 from uav_collect.kernels.rows import new_map_table, new_row, new_table
 from uav_collect.mission_log import MissionLog
 from uav_collect.missions import mission_of
-from uav_collect.observation import Layout, observation_size
 from uav_collect.physics.bandwidth import AllocationError, EQUAL, EXACT
-from uav_collect.preflight import check_can_start
 from uav_collect.reward import Reward
 from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import Site
 from uav_collect.simulation import mission_header
+from uav_collect.uav.actions import N_ACTIONS, NONE
+from uav_collect.uav.briefing import brief, Briefing
+from uav_collect.uav.observation import Layout, observation_size
+from uav_collect.uav.preflight import check_can_start
 
 KERNELS = (step_batch,)  # that carry missions from one decision to the next
 _FIRST_CAPACITY = 256  # events of a mission that the log has room for before it must grow

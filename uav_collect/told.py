@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from uav_collect import actions
-from uav_collect.actions import HOME, N_ACTIONS, NONE
 from uav_collect.experience import n_map_bytes
-from uav_collect.observation import Layout, observation_size
 from uav_collect.scenario.load import fingerprint, Scenario
+from uav_collect.uav import actions
+from uav_collect.uav.actions import HOME, N_ACTIONS, NONE
+from uav_collect.uav.observation import Layout, observation_size
 
 FLOAT32, FLOAT64 = np.dtype('<f4'), np.dtype('<f8')  # of arrays in messages
 

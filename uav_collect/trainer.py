@@ -6,25 +6,25 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from uav_collect import frozen
 from uav_collect.checkpoint import CheckpointError, read_checkpoint, write_checkpoint
 from uav_collect.course import new_courses, Source
 from uav_collect.evaluation import mission_seeds
-from uav_collect.frozen import (
+from uav_collect.learner import Learner
+from uav_collect.metrics import figures
+from uav_collect.minibatch import Algorithm
+from uav_collect.revision import git_revision
+from uav_collect.scenario.load import fingerprint, from_yaml, Scenario
+from uav_collect.training_config import TrainingConfig
+from uav_collect.training_progress import Budget, Pace, Progress, Validation
+from uav_collect.uav import policy_network
+from uav_collect.uav.observation import observation_size
+from uav_collect.uav.policy import LearnedPolicy
+from uav_collect.uav.policy_network import (
     FrozenPolicy,
     PolicyHeader,
     PolicyMismatchError,
     weights_digest,
 )
-from uav_collect.learner import Learner
-from uav_collect.metrics import figures
-from uav_collect.minibatch import Algorithm
-from uav_collect.observation import observation_size
-from uav_collect.policy import LearnedPolicy
-from uav_collect.revision import git_revision
-from uav_collect.scenario.load import fingerprint, from_yaml, Scenario
-from uav_collect.training_config import TrainingConfig
-from uav_collect.training_progress import Budget, Pace, Progress, Validation
 
 VALIDATION_SEED = 2**60  # of the first validation mission
 _REPLAY_KEY = 1  # of the run's seed: which missions are learned from
@@ -264,7 +264,9 @@ class Trainer:
         weights = self._learner.weights()
         return FrozenPolicy(self._header(validation, weights), weights)
 
-    def _header(self, validation: Validation | None, weights: frozen.Weights) -> PolicyHeader:
+    def _header(
+        self, validation: Validation | None, weights: policy_network.Weights
+    ) -> PolicyHeader:
         config, first = self.config, self.scenarios[0]
         sides = [scenario.area.cells_per_side for scenario in self.scenarios]
         fleets = [scenario.n_uavs for scenario in self.scenarios]
@@ -338,9 +340,9 @@ def _mean(values: Any) -> float:  # noqa: ANN401 - any iterable of numbers
     return float(np.mean(list(values)))
 
 
-def _told(validation: Validation | None, n_missions: int) -> frozen.Validation:
-    names = {field.name for field in fields(frozen.Validation)} - {'missions', 'bandwidth'}
+def _told(validation: Validation | None, n_missions: int) -> policy_network.Validation:
+    names = {field.name for field in fields(policy_network.Validation)} - {'missions', 'bandwidth'}
     measured = {name: getattr(validation, name, 0.0) for name in names}
-    return frozen.Validation(
+    return policy_network.Validation(
         missions=n_missions if validation else 0, bandwidth='equal', **measured
     )

@@ -22,9 +22,9 @@ from uav_collect.training_log import (
 from uav_collect.training_run import CONFIG_FILE, INITIAL_POLICY, PlannedRun
 
 if TYPE_CHECKING:  # loaded when training, so that --help answers at once
-    from uav_collect.frozen import FrozenPolicy
     from uav_collect.scalar_events import ScalarEvents
     from uav_collect.training_progress import Progress
+    from uav_collect.uav.policy_network import FrozenPolicy
 
 CHECKPOINT = 'checkpoint'
 BEST_POLICY = 'policy.safetensors'
@@ -125,7 +125,7 @@ def opened(run: PlannedRun, n_decisions: int) -> Iterator[RunFolder]:
 
 
 def _keep(policy: 'FrozenPolicy | None', path: Path) -> None:
-    from uav_collect.policy_file import save_policy
+    from uav_collect.uav.policy_file import save_policy
 
     if policy is not None:
         with files.naming(path):

@@ -14,9 +14,9 @@ from typing import Any, TYPE_CHECKING
 from uav_collect.training_log import RunRecord, TrainingRunError
 
 if TYPE_CHECKING:  # loaded when training, so that --help answers at once
-    from uav_collect.frozen import FrozenPolicy
     from uav_collect.scenario.load import Scenario
     from uav_collect.training_config import TrainingConfig
+    from uav_collect.uav.policy_network import FrozenPolicy
 
 CONFIG_FILE = 'training.yaml'  # of a run folder: the preset, resolved
 INITIAL_POLICY = 'initial.safetensors'
@@ -78,9 +78,9 @@ def stored_run(folder: Path, record: RunRecord) -> PlannedRun:
     Raises:
         TrainingRunError: a file of it cannot be read.
     """
-    from uav_collect.policy_file import load_policy
     from uav_collect.scenario.load import from_yaml
     from uav_collect.training_config import load_preset
+    from uav_collect.uav.policy_file import load_policy
 
     scenarios = []
     for path in _scenario_files(folder, len(record.n_uavs)):

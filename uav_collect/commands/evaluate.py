@@ -21,8 +21,8 @@ if TYPE_CHECKING:  # loaded when flying, so that --help answers at once
     from uav_collect.bound import Bound
     from uav_collect.evaluation import Estimate
     from uav_collect.metrics import MissionFigures
-    from uav_collect.policy import NamedPolicy
     from uav_collect.scenario.load import Scenario
+    from uav_collect.uav.policy import NamedPolicy
 
 _DESCRIPTION = """
 Flies the same missions with each policy and prints mean, 95 % bootstrap interval and median of
@@ -121,8 +121,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _contenders(arguments: argparse.Namespace, scenario: 'Scenario') -> list[_Contender]:
     """Find what is wrong before a thousand missions are flown for nothing."""
-    from uav_collect.frozen import PolicyMismatchError
-    from uav_collect.policy import policy_for
+    from uav_collect.uav.policy import policy_for
+    from uav_collect.uav.policy_network import PolicyMismatchError
 
     for option, values in (('policy', arguments.policy), ('bandwidth', arguments.bandwidth)):
         if len(set(values)) < len(values):
@@ -172,8 +172,8 @@ def _fly(
 
 def _kernels(contenders: Iterable[_Contender], *, is_planned: bool) -> set[Callable[..., object]]:
     from uav_collect import bound, rollout, simulation, stepping
-    from uav_collect.callable_policy import CallablePolicy
-    from uav_collect.policy import LearnedPolicy
+    from uav_collect.uav.policy import LearnedPolicy
+    from uav_collect.uav.user_policy import CallablePolicy
 
     kernels_of = {LearnedPolicy: stepping.KERNELS, CallablePolicy: simulation.KERNELS}
     kernels: set[Callable[..., object]] = set(bound.KERNELS if is_planned else ())

@@ -88,8 +88,8 @@ def _checked_policy(wanted: str | None, scenario: 'Scenario') -> str:
     Raises:
         PolicyMismatchError: the one that the user wants does not.
     """
-    from uav_collect.frozen import PolicyMismatchError
-    from uav_collect.policy import policy_for, STRONG
+    from uav_collect.uav.policy import policy_for, STRONG
+    from uav_collect.uav.policy_network import PolicyMismatchError
 
     if wanted is not None:
         policy_for(wanted, scenario)

@@ -13,9 +13,9 @@ from uav_collect.training_log import read_run, RUN_FILE, RunRecord, TrainingRunE
 from uav_collect.training_run import new_record, PlannedRun, stored_run
 
 if TYPE_CHECKING:  # loaded when training, so that --help answers at once
-    from uav_collect.frozen import FrozenPolicy
     from uav_collect.scenario.load import Scenario
     from uav_collect.training_config import TrainingConfig
+    from uav_collect.uav.policy_network import FrozenPolicy
 
 ALGORITHMS = ('aqmix', 'qmix', 'aiql')
 RUNS = Path('runs') / 'train'
@@ -44,9 +44,9 @@ def planned(arguments: argparse.Namespace) -> Training:
 
 
 def _new(arguments: argparse.Namespace) -> Training:
-    from uav_collect.policy import frozen_policy
     from uav_collect.scenario.load import parse_override
     from uav_collect.training_config import load_preset
+    from uav_collect.uav.policy import frozen_policy
 
     scenarios = options.scenarios_of(arguments)
     overrides = dict(parse_override(assignment) for assignment in arguments.override)

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from queue import Empty, SimpleQueue
 from threading import Thread
 
-from uav_collect.frozen import FrozenPolicy
 from uav_collect.intake import Intake
 from uav_collect.kernels.compile import kernels_are_compiled
 from uav_collect.nodes.spin import FAILED
@@ -15,6 +14,7 @@ from uav_collect.training_log import TrainingRunError
 from uav_collect.training_loop import DivergedError, InterruptedRunError, train, trainer_of
 from uav_collect.training_progress import Budget, Progress
 from uav_collect.training_run import PlannedRun
+from uav_collect.uav.policy_network import FrozenPolicy
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -18,8 +18,6 @@ from rclpy.qos import QoSProfile
 from uav_collect import retrace, stepping
 from uav_collect.assembly import Assembly, Cause, Fate, Tally
 from uav_collect.bag import BagError, messages
-from uav_collect.briefing import brief
-from uav_collect.frozen import PolicyMismatchError
 from uav_collect.kernels.compile import kernels_are_cached, kernels_are_compiled
 from uav_collect.memory import keep_freed_memory
 from uav_collect.nodes import topics
@@ -35,7 +33,6 @@ from uav_collect.nodes.spin import (
     run_node,
 )
 from uav_collect.nodes.trainer_settings import PARAMETERS, planned_run, read_settings
-from uav_collect.policy_file import policy_bytes
 from uav_collect.replay import replay_bytes
 from uav_collect.retrace import Retracer
 from uav_collect.scenario.load import ConfigError
@@ -44,6 +41,9 @@ from uav_collect.told import RefusedError, terms_of, Told
 from uav_collect.training_display import showing
 from uav_collect.training_log import TrainingRunError
 from uav_collect.training_run import PlannedRun
+from uav_collect.uav.briefing import brief
+from uav_collect.uav.policy_file import policy_bytes
+from uav_collect.uav.policy_network import PolicyMismatchError
 from uav_collect_msgs.msg import Policy
 
 _DESCRIPTION = """

@@ -13,9 +13,6 @@ import uuid
 from rclpy.clock import Clock, ClockType
 from rclpy.task import Future
 from rclpy.utilities import remove_ros_args
-from uav_collect.agent import Agent, allocator_named
-from uav_collect.briefing import brief, Briefing
-from uav_collect.frozen import PolicyMismatchError
 from uav_collect.limits import ALLOCATOR_NAMES, MAX_UAVS
 from uav_collect.nodes import convert, topics
 from uav_collect.nodes.cockpit import Cockpit
@@ -26,9 +23,12 @@ from uav_collect.nodes.reporter import Reporter
 from uav_collect.nodes.spin import MISUSED, NodeError, ProcessNode, run_node
 from uav_collect.nodes.topics import publisher, subscription
 from uav_collect.nodes.world_choice import WorldChoice
-from uav_collect.observation import Layout
-from uav_collect.policy import policy_for, policy_named, STRONG, TOPIC
 from uav_collect.scenario.load import ConfigError, fingerprint, from_yaml, Scenario
+from uav_collect.uav.agent import Agent, allocator_named
+from uav_collect.uav.briefing import brief, Briefing
+from uav_collect.uav.observation import Layout
+from uav_collect.uav.policy import policy_for, policy_named, STRONG, TOPIC
+from uav_collect.uav.policy_network import PolicyMismatchError
 from uav_collect_msgs.srv import Join
 
 _DESCRIPTION = """

@@ -9,7 +9,6 @@ import uuid
 
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
-from uav_collect.briefing import brief
 from uav_collect.nodes import convert, topics
 from uav_collect.nodes.display import Display
 from uav_collect.nodes.flight import FAILSAFE, Flight, mission_msg, summary
@@ -25,11 +24,12 @@ from uav_collect.nodes.spin import FAILED, NodeError, parse_arguments, ProcessNo
 from uav_collect.nodes.topics import subscription
 from uav_collect.nodes.voice import Voice
 from uav_collect.nodes.world_settings import PARAMETERS, read_settings
-from uav_collect.policy import TOPIC
-from uav_collect.preflight import check_can_start
 from uav_collect.scenario.load import ConfigError, load, Scenario
 from uav_collect.scenario.site import build_site, Site
 from uav_collect.simulation import Event
+from uav_collect.uav.briefing import brief
+from uav_collect.uav.policy import TOPIC
+from uav_collect.uav.preflight import check_can_start
 from uav_collect_msgs.msg import Mission
 from uav_collect_msgs.srv import ControlMission, Join
 

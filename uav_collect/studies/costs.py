@@ -5,13 +5,13 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 
-from uav_collect.briefing import brief
-from uav_collect.frozen import weight_shapes
-from uav_collect.observation import observation_size
 from uav_collect.replay import replay_bytes
 from uav_collect.scenario.load import from_yaml
 from uav_collect.studies.jobs import FlightsJob, Job, kind_of, settings_of, TrainingJob
 from uav_collect.studies.store import Store
+from uav_collect.uav.briefing import brief
+from uav_collect.uav.observation import observation_size
+from uav_collect.uav.policy_network import weight_shapes
 
 _ROW_BYTES = 150  # of a CSV
 _FOLDER_BYTES = 20_000  # job.json with its scenario, cost.json, blocks of the disk

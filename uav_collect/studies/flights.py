@@ -14,15 +14,15 @@ from uav_collect.bound import bound_of
 from uav_collect.bound_estimates import bound_numbers
 from uav_collect.evaluation import estimates, mission_seeds
 from uav_collect.evaluation import MEASURES as MEANS
-from uav_collect.frozen import FrozenPolicy, PolicyMismatchError, Validation
 from uav_collect.metrics import figures, MissionFigures
 from uav_collect.mission_log import MissionLog
-from uav_collect.policy import LearnedPolicy, policy_named, RulePolicy
-from uav_collect.policy_file import policy_from_bytes
 from uav_collect.rollout import fly
 from uav_collect.scenario.load import from_yaml
 from uav_collect.scenario.site import build_site
 from uav_collect.studies.jobs import FlightsJob, PlansJob
+from uav_collect.uav.policy import LearnedPolicy, policy_named, RulePolicy
+from uav_collect.uav.policy_file import policy_from_bytes
+from uav_collect.uav.policy_network import FrozenPolicy, PolicyMismatchError, Validation
 
 MISSIONS = 'missions.csv'
 SUMMARY = 'summary.json'

@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
-from uav_collect.frozen import (
+from uav_collect.uav.observation import Layout
+from uav_collect.uav.policy_network import (
     FrozenPolicy,
     PolicyHeader,
     PolicyMismatchError,
     Validation,
     Weights,
 )
-from uav_collect.observation import Layout
 
 FORMAT = 'uav_collect.policy/1'
 SUFFIX = '.safetensors'

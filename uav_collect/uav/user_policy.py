@@ -20,12 +20,12 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-from uav_collect.actions import HOME, N_ACTIONS
-from uav_collect.belief import Belief
-from uav_collect.briefing import Briefing
-from uav_collect.frozen import PolicyMismatchError
 from uav_collect.kernels.arrays import Ints, Row
 from uav_collect.missions import LocalView
+from uav_collect.uav.actions import HOME, N_ACTIONS
+from uav_collect.uav.belief import Belief
+from uav_collect.uav.briefing import Briefing
+from uav_collect.uav.policy_network import PolicyMismatchError
 
 _VERSION_DIGITS = 12
 

@@ -1,10 +1,10 @@
 """Whether a fleet has the energy to take off, and if not, what each UAV lacks."""
 
-from uav_collect import actions
-from uav_collect.actions import N_ACTIONS
-from uav_collect.briefing import Briefing
 from uav_collect.kernels.rows import new_row
 from uav_collect.scenario.load import ConfigError, Scenario
+from uav_collect.uav import actions
+from uav_collect.uav.actions import N_ACTIONS
+from uav_collect.uav.briefing import Briefing
 
 
 def check_can_start(scenario: Scenario, briefing: Briefing) -> None:

@@ -16,11 +16,11 @@ from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
-from uav_collect.actions import N_ACTIONS
-from uav_collect.briefing import Briefing
 from uav_collect.kernels.arrays import Bools, Floats, Ints
 from uav_collect.limits import EGOCENTRIC_MAX_UAVS, MAX_UAVS
-from uav_collect.observation import Layout, observation_size
+from uav_collect.uav.actions import N_ACTIONS
+from uav_collect.uav.briefing import Briefing
+from uav_collect.uav.observation import Layout, observation_size
 
 Weights = Mapping[str, NDArray[np.float32]]
 

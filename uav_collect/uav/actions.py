@@ -2,9 +2,9 @@
 
 import math
 
-from uav_collect.briefing import Briefing
 from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.compile import kernel
+from uav_collect.uav.briefing import Briefing
 
 NONE = -1  # before the first action
 HOVER = 0

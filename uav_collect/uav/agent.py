@@ -10,10 +10,6 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from uav_collect import actions
-from uav_collect.actions import HOME, HOVER, N_ACTIONS, NONE
-from uav_collect.belief import belief_of, forget, hear, new_beliefs, observe
-from uav_collect.briefing import Briefing
 from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.compile import kernel
 from uav_collect.kernels.rows import new_row
@@ -26,7 +22,11 @@ from uav_collect.physics.bandwidth import (
     EXACT,
     share_bandwidth,
 )
-from uav_collect.policy import Policy
+from uav_collect.uav import actions
+from uav_collect.uav.actions import HOME, HOVER, N_ACTIONS, NONE
+from uav_collect.uav.belief import belief_of, forget, hear, new_beliefs, observe
+from uav_collect.uav.briefing import Briefing
+from uav_collect.uav.policy import Policy
 
 
 class Desk(NamedTuple):
