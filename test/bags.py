@@ -15,8 +15,8 @@ from rosbags.interfaces import (
     QosTime,
 )
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores
-from uav_collect.bag_writer import BagWriter, MessageTypes
-from uav_collect.mission_log import header_line, MissionLog
+from uav_collect.recording.bag_writer import BagWriter, MessageTypes
+from uav_collect.recording.mission_log import header_line, MissionLog
 from uav_collect.scenario.load import fingerprint, Scenario
 from uav_collect.scenario.site import Site
 

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
-from uav_collect.mission_log import (
+from uav_collect.recording.mission_log import (
     ACTION_NAMES,
     EVENT_DTYPE,
     MissionHeader,

@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import pytest
 from rosbags.highlevel import AnyReader
-from uav_collect.bag import BagError
-from uav_collect.bag_repair import Repair, repair
-from uav_collect.bag_writer import RecordingError
+from uav_collect.recording.bag_reader import BagError
+from uav_collect.recording.bag_repair import Repair, repair
+from uav_collect.recording.bag_writer import RecordingError
 
 PER_CHUNK = 10
 N_CHUNKS = 6
@@ -204,7 +204,7 @@ def test_an_interrupted_repair_can_be_repeated(
         return replace(source, target)
 
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        patch.setattr('uav_collect.bag_repair.Path.replace', interrupted)
+        patch.setattr('uav_collect.recording.bag_repair.Path.replace', interrupted)
         repair(bag)
     assert repair(bag).n_messages == N_CHUNKS * PER_CHUNK
     assert sequences(bag) == list(range(N_CHUNKS * PER_CHUNK))

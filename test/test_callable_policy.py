@@ -12,7 +12,7 @@ import pytest
 from tiny import tiny
 from uav_collect.__main__ import main
 from uav_collect.metrics import check_log, figures
-from uav_collect.mission_log import MissionLog
+from uav_collect.recording.mission_log import MissionLog
 from uav_collect.rollout import fly
 from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import build_site

@@ -11,7 +11,7 @@ from uav_collect.experience import Episode
 from uav_collect.kernels.arrays import Floats
 from uav_collect.kernels.compile import kernels_are_compiled
 from uav_collect.minibatch import Algorithm
-from uav_collect.mission_log import MissionLog
+from uav_collect.recording.mission_log import MissionLog
 from uav_collect.reward import Reward
 from uav_collect.rollout import fly
 from uav_collect.scenario.load import Scenario

@@ -14,12 +14,12 @@ from learned import saved
 import numpy as np
 import pytest
 from scripted import fly, header, uav
-from uav_collect import bag, evaluation, files, rollout
+from uav_collect import evaluation, files, rollout
 from uav_collect.__main__ import main, SUMMARIES
-from uav_collect.bag import RecordedMission
 from uav_collect.commands import doctor
 from uav_collect.metrics import figures, MissionFigures
-from uav_collect.mission_log import MissionLog, read
+from uav_collect.recording.bag_reader import RecordedMission
+from uav_collect.recording.mission_log import MissionLog, read
 from uav_collect.scenario.load import fingerprint, load, Scenario, with_uavs
 from uav_collect.scenario.site import build_site
 

@@ -10,7 +10,7 @@ from scripted import fly, uav
 from scripted import header as log_header
 from uav_collect import rollout
 from uav_collect.commands import mission
-from uav_collect.mission_log import MissionLog
+from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.uav import policy as policy_module

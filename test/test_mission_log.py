@@ -7,8 +7,8 @@ from hypothesis import given, strategies
 import numpy as np
 import pytest
 from scripted import fly, header, uav
-from uav_collect import mission_log
-from uav_collect.mission_log import (
+from uav_collect.recording import mission_log
+from uav_collect.recording.mission_log import (
     ACTION_NAMES,
     EVENT_DTYPE,
     from_jsonl,

@@ -5,7 +5,7 @@ from pathlib import Path
 from fleets import Fleet, logs, scenario_of
 from processes import Processes, RunningProcess
 import pytest
-from uav_collect.bag import read_missions
+from uav_collect.recording.bag_reader import read_missions
 
 pytestmark = pytest.mark.ros
 

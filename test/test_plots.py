@@ -13,7 +13,7 @@ from scripted import fly, header, uav
 from uav_collect import plots, rollout
 from uav_collect.kernels.arrays import Floats
 from uav_collect.lanes import corners_m, lane_shifts, narrowest_lane, steps
-from uav_collect.mission_log import MissionLog
+from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.load import load, Scenario, with_uavs
 from uav_collect.scenario.site import build_site, Site
 

@@ -11,7 +11,7 @@ from fleets import Fleet, scenario_of, wait_until
 from processes import DEADLINE_S, Processes, RunningProcess
 import pytest
 from rosbags.highlevel import AnyReader
-from uav_collect.bag import BagError, read_missions
+from uav_collect.recording.bag_reader import BagError, read_missions
 
 for needed in ('rclpy', 'uav_collect_msgs'):
     pytest.importorskip(needed)

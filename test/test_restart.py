@@ -8,7 +8,7 @@ import numpy as np
 from processes import Processes
 import pytest
 from uav_collect.metrics import figures
-from uav_collect.mission_log import read
+from uav_collect.recording.mission_log import read
 from uav_collect.scenario.load import Scenario
 from uav_collect.simulation import mission_header
 from uav_collect.tables import mission_warnings

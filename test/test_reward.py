@@ -8,8 +8,8 @@ from tiny import fly_scripts, HOVER_W, MOVE_10_J, rate_bps, tiny, uav
 from uav_collect.ground import Ground, lay_out
 from uav_collect.kernels.rows import row_of
 from uav_collect.metrics import figures
-from uav_collect.mission_log import MissionLog
 from uav_collect.missions import Mission, mission_of, new_missions, new_view_rows
+from uav_collect.recording.mission_log import MissionLog
 from uav_collect.reward import interval_reward
 from uav_collect.rollout import fly
 from uav_collect.scenario.load import load, Scenario

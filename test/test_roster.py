@@ -5,10 +5,10 @@ from pathlib import Path
 import pytest
 from scripted import fly, header, uav
 from uav_collect.limits import MAX_SEED
-from uav_collect.mission_log import read
 from uav_collect.nodes.roster import Pilot, Roster
-from uav_collect.nodes.run_folder import RunFolder
 from uav_collect.nodes.schedule import Pace, Schedule
+from uav_collect.recording.mission_folder import RunFolder
+from uav_collect.recording.mission_log import read
 
 
 def pilot(number: int, instance: str, policy: str = 'sweep', version: str = '1') -> Pilot:

@@ -8,8 +8,8 @@ from fleets import Fleet, logs, scenario_of, wait_until
 from processes import Processes, RunningProcess
 import pytest
 from rosbags.highlevel import AnyReader
-from uav_collect.bag import read_missions
-from uav_collect.mission_log import read
+from uav_collect.recording.bag_reader import read_missions
+from uav_collect.recording.mission_log import read
 
 pytestmark = pytest.mark.ros
 

@@ -11,9 +11,9 @@ import pytest
 from tiny import tiny, TOTAL_BIT, uav
 from uav_collect.kernels.arrays import Floats, Ints, Row
 from uav_collect.kernels.rows import new_row
-from uav_collect.mission_log import MissionLog
 from uav_collect.missions import LocalView
 from uav_collect.physics.bandwidth import AllocationError
+from uav_collect.recording.mission_log import MissionLog
 from uav_collect.rollout import fly
 from uav_collect.scenario.load import ConfigError, load, Scenario
 from uav_collect.scenario.site import build_site

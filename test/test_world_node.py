@@ -17,10 +17,10 @@ from processes import own_domain, Processes, ros_environment  # noqa: E402
 from stand_in import stand_in, StandIn  # noqa: E402
 from uav_collect.limits import MAX_SEED  # noqa: E402
 from uav_collect.metrics import figures  # noqa: E402
-from uav_collect.mission_log import EVENT_DTYPE, header_from_line, MissionLog, read  # noqa: E402
 from uav_collect.nodes import topics, viewers  # noqa: E402
 from uav_collect.nodes.convert import uav_ids, unpacked  # noqa: E402
 from uav_collect.nodes.topics import publisher  # noqa: E402
+from uav_collect.recording.mission_log import EVENT_DTYPE, header_from_line, MissionLog, read
 from uav_collect.scenario.load import from_yaml
 from uav_collect_msgs.msg import Command, Epoch, Mission, Scenario, UavFigures  # noqa: E402
 from uav_collect_msgs.srv import ControlMission  # noqa: E402

@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 import math
 
 from uav_collect.kernels.arrays import Row
-from uav_collect.mission_log import MissionLog
 from uav_collect.missions import LocalView
+from uav_collect.recording.mission_log import MissionLog
 from uav_collect.rollout import fly
 from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site

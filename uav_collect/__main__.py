@@ -156,7 +156,7 @@ def _command(name: str) -> _Command:
 
 def _is_the_users(error: Exception) -> bool:
     """Whether an error is about what the user gave; any other is ours and shows its traceback."""
-    from uav_collect.mission_log import MissionLogError
+    from uav_collect.recording.mission_log import MissionLogError
 
     if isinstance(error, OSError | MissionLogError):
         return True

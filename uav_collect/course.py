@@ -8,8 +8,8 @@ import numpy as np
 from uav_collect.collector import Collector
 from uav_collect.experience import Episode
 from uav_collect.minibatch import Algorithm, Minibatch, minibatch
-from uav_collect.mission_log import MissionLog
 from uav_collect.network import Drqn
+from uav_collect.recording.mission_log import MissionLog
 from uav_collect.replay import Replay
 from uav_collect.rollout import fly
 from uav_collect.scenario.load import ConfigError, Scenario

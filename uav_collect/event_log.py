@@ -8,8 +8,8 @@ from uav_collect.ground import Ground
 from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.compile import kernel
 from uav_collect.kernels.rows import grow_table, new_table
-from uav_collect.mission_log import EVENT_DTYPE, Events
 from uav_collect.missions import LocalView, Mission
+from uav_collect.recording.mission_log import EVENT_DTYPE, Events
 from uav_collect.reward import interval_reward, terminal_reward
 from uav_collect.uav.actions import HOME
 from uav_collect.uav.briefing import Briefing

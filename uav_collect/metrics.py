@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
-from uav_collect.mission_log import (
+from uav_collect.recording.mission_log import (
     ACTION_NAMES,
     Events,
     MissionLog,

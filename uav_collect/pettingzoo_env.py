@@ -35,7 +35,7 @@ from uav_collect.ground import draw_demand, Ground, lay_out
 from uav_collect.kernels.arrays import Bools
 from uav_collect.kernels.rows import new_row
 from uav_collect.limits import MAX_SEED
-from uav_collect.mission_log import MissionLog
+from uav_collect.recording.mission_log import MissionLog
 from uav_collect.reward import Reward
 from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site

@@ -21,8 +21,8 @@ from uav_collect.event_log import (
 from uav_collect.ground import Ground, lay_out
 from uav_collect.kernels.compile import kernel
 from uav_collect.limits import ALLOCATOR_NAMES
-from uav_collect.mission_log import MissionLog
 from uav_collect.missions import mission_of
+from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import Site
 from uav_collect.simulation import mission_header, Simulation

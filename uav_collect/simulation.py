@@ -19,9 +19,9 @@ from uav_collect.event_log import (
 from uav_collect.ground import lay_out
 from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.rows import new_row, row_of
-from uav_collect.mission_log import Events, MissionHeader, MissionLog, UavHeader
 from uav_collect.missions import LocalView, mission_of, new_missions, new_view_rows
 from uav_collect.physics.bandwidth import hover_time_s
+from uav_collect.recording.mission_log import Events, MissionHeader, MissionLog, UavHeader
 from uav_collect.scenario.load import fingerprint, Scenario
 from uav_collect.scenario.site import Site
 from uav_collect.uav import actions

@@ -24,9 +24,9 @@ from uav_collect.ground import demand_by_cell, lay_out
 from uav_collect.kernels.arrays import Bools, check_shape, Floats, Ints
 from uav_collect.kernels.compile import kernels_are_compiled
 from uav_collect.kernels.rows import new_map_table, new_row, new_table
-from uav_collect.mission_log import MissionLog
 from uav_collect.missions import mission_of
 from uav_collect.physics.bandwidth import AllocationError, EQUAL, EXACT
+from uav_collect.recording.mission_log import MissionLog
 from uav_collect.reward import Reward
 from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import Site

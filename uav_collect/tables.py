@@ -10,7 +10,7 @@ from rich.text import Text
 from uav_collect.bound import Bound, efficiency_share, Plan, time_share
 from uav_collect.evaluation import Estimate, LEVEL, MEASURES
 from uav_collect.metrics import FAILSAFE, MissionFigures, percent, UavFigures, UNFINISHED
-from uav_collect.mission_log import MissionHeader
+from uav_collect.recording.mission_log import MissionHeader
 
 _WARNING = 'bold red'
 _MAX_SEEDS = 5  # named in one line

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from uav_collect import files
 from uav_collect.commands import progress
-from uav_collect.mission_log import MissionHeader, MissionLog, MissionLogError, read
+from uav_collect.recording.mission_log import MissionHeader, MissionLog, MissionLogError, read
 
 if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
     from rich.console import Console
@@ -158,7 +158,7 @@ def _scenario_of(log: MissionLog, file: Path) -> 'Scenario':
 
 
 def _recorded(path: Path, pictures: Path) -> Iterator[tuple[FlownMission, Path]]:
-    from uav_collect.bag import BagError, read_missions
+    from uav_collect.recording.bag_reader import BagError, read_missions
 
     try:
         missions = read_missions(path)

@@ -25,7 +25,6 @@ from rosbags.interfaces import (
     QosReliability,
     QosTime,
 )
-from uav_collect.bag_writer import BagWriter, MessageTypes, RecordingError
 from uav_collect.nodes.parameters import add_world_option, declare, help_text, Parameter
 from uav_collect.nodes.spin import (
     FAILED,
@@ -36,6 +35,7 @@ from uav_collect.nodes.spin import (
     run_node,
 )
 from uav_collect.nodes.topics import Topic, topics_of_uav, world_of, world_topics
+from uav_collect.recording.bag_writer import BagWriter, MessageTypes, RecordingError
 from uav_collect_msgs.msg import Epoch, Mission
 
 _DESCRIPTION = """
@@ -231,8 +231,8 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _repair(bag: Path) -> int:
-    from uav_collect.bag import BagError
-    from uav_collect.bag_repair import repair
+    from uav_collect.recording.bag_reader import BagError
+    from uav_collect.recording.bag_repair import repair
 
     try:
         done = repair(bag)

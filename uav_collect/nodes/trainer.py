@@ -17,7 +17,6 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import QoSProfile
 from uav_collect import retrace, stepping
 from uav_collect.assembly import Assembly, Cause, Fate, Tally
-from uav_collect.bag import BagError, messages
 from uav_collect.kernels.compile import kernels_are_cached, kernels_are_compiled
 from uav_collect.memory import keep_freed_memory
 from uav_collect.nodes import topics
@@ -33,6 +32,7 @@ from uav_collect.nodes.spin import (
     run_node,
 )
 from uav_collect.nodes.trainer_settings import PARAMETERS, planned_run, read_settings
+from uav_collect.recording.bag_reader import BagError, messages
 from uav_collect.replay import replay_bytes
 from uav_collect.retrace import Retracer
 from uav_collect.scenario.load import ConfigError

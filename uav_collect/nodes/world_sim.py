@@ -18,12 +18,12 @@ from uav_collect.nodes.parameters import add_world_option, help_text
 from uav_collect.nodes.published import Shelf
 from uav_collect.nodes.reports import Reports
 from uav_collect.nodes.roster import Roster
-from uav_collect.nodes.run_folder import RunFolder
 from uav_collect.nodes.schedule import Pace, Schedule
 from uav_collect.nodes.spin import FAILED, NodeError, parse_arguments, ProcessNode, run_node
 from uav_collect.nodes.topics import subscription
 from uav_collect.nodes.voice import Voice
 from uav_collect.nodes.world_settings import PARAMETERS, read_settings
+from uav_collect.recording.mission_folder import RunFolder
 from uav_collect.scenario.load import ConfigError, load, Scenario
 from uav_collect.scenario.site import build_site, Site
 from uav_collect.simulation import Event

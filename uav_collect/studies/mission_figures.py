@@ -4,8 +4,8 @@ import numpy as np
 from uav_collect.ground import draw_demand, lay_out
 from uav_collect.kernels.arrays import Floats
 from uav_collect.metrics import figures
-from uav_collect.mission_log import ACTION_NAMES, from_jsonl, MissionLog
 from uav_collect.plots import draw_mission
+from uav_collect.recording.mission_log import ACTION_NAMES, from_jsonl, MissionLog
 from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import build_site, Site
 from uav_collect.studies.drawing import csv_of, Drawn, finish, panels

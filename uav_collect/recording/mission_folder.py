@@ -4,7 +4,7 @@ from contextlib import suppress
 import os
 from pathlib import Path
 
-from uav_collect.mission_log import Events, LogWriter, MissionHeader
+from uav_collect.recording.mission_log import Events, LogWriter, MissionHeader
 
 
 class RunFolder:

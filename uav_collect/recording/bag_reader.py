@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from rosbags.highlevel import AnyReader, AnyReaderError
 from uav_collect.kernels.arrays import Floats
-from uav_collect.mission_log import (
+from uav_collect.recording.mission_log import (
     EVENT_DTYPE,
     Events,
     header_from_line,

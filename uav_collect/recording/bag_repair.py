@@ -20,8 +20,8 @@ from rosbags.rosbag2 import ReaderError, StoragePlugin, Writer
 from rosbags.rosbag2.metadata import parse_qos
 from rosbags.rosbag2.storage_mcap import decompress
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores
-from uav_collect.bag import BagError
-from uav_collect.bag_writer import RESERVE
+from uav_collect.recording.bag_reader import BagError
+from uav_collect.recording.bag_writer import RESERVE
 
 _MAGIC = b'\x89MCAP0\r\n'
 _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK = 0x02, 0x03, 0x04, 0x05, 0x06

@@ -1,0 +1,1 @@
+"""What missions leave on disk: logs, bags and their repair, mission folders."""
