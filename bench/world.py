@@ -17,7 +17,6 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 from uav_collect.event_log import new_log
-from uav_collect.ground import Ground, lay_out
 from uav_collect.kernels.arrays import Bools, Ints
 from uav_collect.kernels.compile import kernel
 from uav_collect.physics.bandwidth import EQUAL
@@ -29,6 +28,7 @@ from uav_collect.stepping import Flights, Stepping
 from uav_collect.uav.briefing import brief
 from uav_collect.uav.heuristics import Heuristic
 from uav_collect.uav.observation import Layout
+from uav_collect.world.sensor_field import Ground, lay_out
 
 WORLDS = (1, 64, 300, 1000)
 CAPACITY = 512  # events of a mission that is measured

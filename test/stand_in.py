@@ -10,7 +10,6 @@ from fleets import Pilots
 import numpy as np
 from processes import DEADLINE_S
 import rclpy
-from uav_collect.missions import LocalView
 from uav_collect.nodes import convert, topics
 from uav_collect.nodes.cockpit import Cockpit
 from uav_collect.nodes.middleware import find_each_other_quickly
@@ -19,6 +18,7 @@ from uav_collect.scenario.load import from_yaml, Scenario
 from uav_collect.uav.agent import Agent, allocator_named, Decision, RadioMessage
 from uav_collect.uav.briefing import brief
 from uav_collect.uav.policy import policy_named
+from uav_collect.world.state import LocalView
 from uav_collect_msgs.srv import ControlMission, Join
 
 INSTANCE = 'stand-in'

@@ -15,9 +15,7 @@ from uav_collect.assembly import Assembly, Joined
 from uav_collect.experience import Episode
 from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.rows import new_row
-from uav_collect.missions import LocalView
 from uav_collect.retrace import Retracer
-from uav_collect.reward import Reward
 from uav_collect.scenario.load import fingerprint, Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.simulation import Event, Simulation
@@ -40,6 +38,8 @@ from uav_collect.uav.exploration import explore
 from uav_collect.uav.observation import encode, Layout, observation_size
 from uav_collect.uav.policy import LearnedPolicy
 from uav_collect.uav.policy_network import best_actions, FrozenPolicy
+from uav_collect.world.reward import Reward
+from uav_collect.world.state import LocalView
 
 
 @dataclass(frozen=True, kw_only=True)

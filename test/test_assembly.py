@@ -9,11 +9,11 @@ from telling import Course, is_decision, joined, messages_of, same
 from tiny import tiny, uav
 from uav_collect.assembly import Cause, Fate
 from uav_collect.experience import Episode, Records
-from uav_collect.reward import Reward
 from uav_collect.scenario.load import ConfigError
 from uav_collect.told import EventTold, MissionTold, RefusedError, Told, TransitionTold
 from uav_collect.uav.actions import FAILSAFE, HOME, NONE
 from uav_collect.uav.observation import Layout
+from uav_collect.world.reward import Reward
 
 # Little energy: half a minute of flight.
 FLEET = uav(5.0, energy_budget_kj=25.0), uav(10.0, energy_budget_kj=12.0)

@@ -2,7 +2,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tiny import tiny, uav
 from uav_collect.kernels.rows import new_row, row_of
-from uav_collect.missions import LocalView
 from uav_collect.uav.actions import NONE
 from uav_collect.uav.belief import (
     Belief,
@@ -15,6 +14,7 @@ from uav_collect.uav.belief import (
     observe,
 )
 from uav_collect.uav.briefing import brief, Briefing
+from uav_collect.world.state import LocalView
 
 N_CELLS = 16
 OUTSIDE = float('nan')

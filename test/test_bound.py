@@ -23,7 +23,6 @@ from uav_collect.bound import (
 )
 from uav_collect.bound_estimates import bound_numbers, mean_numbers, shares
 from uav_collect.errands import Errands, errands_of
-from uav_collect.ground import lay_out
 from uav_collect.metrics import check_log, figures, MissionFigures
 from uav_collect.physics.radio import channel_draw
 from uav_collect.plan_bound import least_completion_s, least_energy_j
@@ -31,6 +30,7 @@ from uav_collect.rollout import fly
 from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.tables import comparison_table, mission_tables
+from uav_collect.world.sensor_field import lay_out
 
 # Fading as it is: channels differ between UAVs.
 FADING = {'radio__rician_a1': 1.0, 'radio__rician_a2': 4.39, 'radio__los_b': 0.14}

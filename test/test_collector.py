@@ -12,12 +12,12 @@ from uav_collect.kernels.arrays import Floats
 from uav_collect.kernels.compile import kernels_are_compiled
 from uav_collect.minibatch import Algorithm
 from uav_collect.recording.mission_log import MissionLog
-from uav_collect.reward import Reward
 from uav_collect.rollout import fly
 from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.stepping import Decisions, Flights, Stepping
 from uav_collect.uav.actions import FORWARD, HOME, HOVER, NONE, RIGHT
+from uav_collect.world.reward import Reward
 
 torch = single_threaded_torch()
 from uav_collect.collector import Collector  # noqa: E402

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from uav_collect.kernels.arrays import Row
 from uav_collect.metrics import figures
-from uav_collect.missions import LocalView
 from uav_collect.recording.mission_log import MissionLog, REASON_NAMES
 from uav_collect.rollout import fly
 from uav_collect.scenario.load import load, Scenario
@@ -19,6 +18,7 @@ from uav_collect.uav.belief import Belief
 from uav_collect.uav.briefing import brief, Briefing
 from uav_collect.uav.heuristics import Heuristic, sector_start
 from uav_collect.uav.policy import Policy, policy_named
+from uav_collect.world.state import LocalView
 
 SPEEDS_MPS = ([5.0], [5.0, 10.0], [10.0, 5.0], [5.0, 5.0, 5.0], [5.0, 10.0, 7.5, 12.0, 3.0])
 RULES = tuple(rule.label for rule in Heuristic)

@@ -14,7 +14,6 @@ from tiny import tiny
 from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.rows import row_of
 from uav_collect.metrics import check_log, figures
-from uav_collect.missions import LocalView
 from uav_collect.rollout import fly
 from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site
@@ -34,6 +33,7 @@ from uav_collect.uav.policy import (
 )
 from uav_collect.uav.policy_file import load_policy
 from uav_collect.uav.policy_network import FrozenPolicy, PolicyMismatchError
+from uav_collect.world.state import LocalView
 
 SPEEDS_MPS = (5.0, 10.0, 7.5)
 SEEDS = [3, 1, 4, 3]

@@ -5,13 +5,13 @@ import pytest
 from tiny import Flight, tiny, uav
 from uav_collect.kernels.arrays import Floats
 from uav_collect.kernels.rows import new_row, row_of
-from uav_collect.missions import LocalView
 from uav_collect.scenario.load import ConfigError, Scenario
 from uav_collect.uav.actions import FORWARD, HOVER, N_ACTIONS, RIGHT
 from uav_collect.uav.agent import must_go_home
 from uav_collect.uav.belief import Belief, belief_of, hear, merge, new_beliefs
 from uav_collect.uav.briefing import brief
 from uav_collect.uav.observation import encode, Layout, observation_bound, observation_size
+from uav_collect.world.state import LocalView
 
 # Parts of the egocentric layout.
 PATCH = 10

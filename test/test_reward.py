@@ -5,18 +5,18 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from tiny import fly_scripts, HOVER_W, MOVE_10_J, rate_bps, tiny, uav
-from uav_collect.ground import Ground, lay_out
 from uav_collect.kernels.rows import row_of
 from uav_collect.metrics import figures
-from uav_collect.missions import Mission, mission_of, new_missions, new_view_rows
 from uav_collect.recording.mission_log import MissionLog
-from uav_collect.reward import interval_reward
 from uav_collect.rollout import fly
 from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.uav.actions import BACKWARD, FORWARD, HOVER, LEFT, RIGHT
 from uav_collect.uav.briefing import brief, Briefing
-from uav_collect.world import look, start_action
+from uav_collect.world.dynamics import look, start_action
+from uav_collect.world.reward import interval_reward
+from uav_collect.world.sensor_field import Ground, lay_out
+from uav_collect.world.state import Mission, mission_of, new_missions, new_view_rows
 
 PENALTY = 0.01
 LOG_GAMMA = math.log(0.99)

@@ -8,7 +8,6 @@ import pytest
 from tiny import Script, tiny, TOTAL_BIT, uav
 from uav_collect.kernels.arrays import Row
 from uav_collect.metrics import check_log, figures
-from uav_collect.missions import LocalView
 from uav_collect.physics.bandwidth import AllocationError
 from uav_collect.recording.mission_log import from_jsonl, MissionLog
 from uav_collect.rollout import fly
@@ -19,6 +18,7 @@ from uav_collect.uav.belief import Belief
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.policy import Policy, policy_named
 from uav_collect.uav.policy_network import PolicyMismatchError
+from uav_collect.world.state import LocalView
 
 SPEEDS_MPS = (5.0, 10.0, 7.5, 12.0)
 N_SEEDS = 20

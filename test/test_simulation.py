@@ -8,7 +8,6 @@ from tiny import Flight, fly_scripts, MOVE_5_J, tiny, uav
 from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.rows import row_of
 from uav_collect.metrics import check_log, figures
-from uav_collect.missions import LocalView
 from uav_collect.recording.mission_log import from_jsonl
 from uav_collect.rollout import fly
 from uav_collect.scenario.load import ConfigError, load, Scenario
@@ -30,6 +29,7 @@ from uav_collect.uav.actions import (
 from uav_collect.uav.agent import Agent, allocator_named, Decision
 from uav_collect.uav.belief import Belief
 from uav_collect.uav.briefing import Briefing
+from uav_collect.world.state import LocalView
 
 BANDWIDTH_HZ = 1e6  # of the only UAV
 SENSORS_B = (1, 2)

@@ -11,7 +11,6 @@ import pytest
 from tiny import tiny, TOTAL_BIT, uav
 from uav_collect.kernels.arrays import Floats, Ints, Row
 from uav_collect.kernels.rows import new_row
-from uav_collect.missions import LocalView
 from uav_collect.physics.bandwidth import AllocationError
 from uav_collect.recording.mission_log import MissionLog
 from uav_collect.rollout import fly
@@ -23,6 +22,7 @@ from uav_collect.uav.belief import Belief
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.observation import encode, Layout, observation_size
 from uav_collect.uav.policy import Policy, policy_named
+from uav_collect.world.state import LocalView
 
 SEEDS = (3, 4, 5)
 

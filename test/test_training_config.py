@@ -4,10 +4,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from uav_collect.reward import Reward
 from uav_collect.scenario.load import ConfigError
 from uav_collect.training_config import load_preset, preset_names, TrainingConfig
 from uav_collect.uav.observation import Layout
+from uav_collect.world.reward import Reward
 
 
 def leaves(section: dict[str, Any], path: str = '') -> dict[str, object]:

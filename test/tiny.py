@@ -13,7 +13,6 @@ from dataclasses import dataclass, field
 import math
 
 from uav_collect.kernels.arrays import Row
-from uav_collect.missions import LocalView
 from uav_collect.recording.mission_log import MissionLog
 from uav_collect.rollout import fly
 from uav_collect.scenario.load import load, Scenario
@@ -23,6 +22,7 @@ from uav_collect.uav.actions import HOME
 from uav_collect.uav.agent import Agent, allocator_named, Decision
 from uav_collect.uav.belief import Belief
 from uav_collect.uav.briefing import Briefing
+from uav_collect.world.state import LocalView
 
 CELL_A = 1
 CELL_B = 10

@@ -5,18 +5,8 @@ from typing import NamedTuple
 from uav_collect.batch import arrive, Batch
 from uav_collect.event_log import EventLog, log_event, log_interval
 from uav_collect.experience import record, Records
-from uav_collect.ground import Ground
 from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.compile import kernel
-from uav_collect.missions import LocalView, Mission, mission_of, restart_mission
-from uav_collect.reward import (
-    discount,
-    energy_reward,
-    interval_reward,
-    news_reward,
-    Reward,
-    terminal_reward,
-)
 from uav_collect.uav import actions
 from uav_collect.uav.actions import HOME, HOVER, N_ACTIONS, NONE
 from uav_collect.uav.agent import allocate
@@ -24,7 +14,17 @@ from uav_collect.uav.belief import belief_of, forget
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.exploration import explore
 from uav_collect.uav.observation import encode
-from uav_collect.world import end_s, look, next_uav, start_action, wait_for_the_slowest
+from uav_collect.world.dynamics import end_s, look, next_uav, start_action, wait_for_the_slowest
+from uav_collect.world.reward import (
+    discount,
+    energy_reward,
+    interval_reward,
+    news_reward,
+    Reward,
+    terminal_reward,
+)
+from uav_collect.world.sensor_field import Ground
+from uav_collect.world.state import LocalView, Mission, mission_of, restart_mission
 
 _ENERGY = int(Reward.ENERGY)
 

@@ -3,11 +3,16 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from uav_collect.ground import Ground
 from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.compile import kernel, row_kernel
 from uav_collect.kernels.rows import new_table
-from uav_collect.missions import (
+from uav_collect.uav.agent import allocate, Desk, must_go_home, new_desk
+from uav_collect.uav.belief import belief_of, Beliefs, hear, new_beliefs, observe
+from uav_collect.uav.briefing import Briefing
+from uav_collect.uav.heuristics import MEMORY_SIZE
+from uav_collect.world.dynamics import in_contact, look, x_m_at, y_m_at
+from uav_collect.world.sensor_field import Ground
+from uav_collect.world.state import (
     LocalView,
     mission_of,
     Missions,
@@ -15,11 +20,6 @@ from uav_collect.missions import (
     new_view_rows,
     ViewRows,
 )
-from uav_collect.uav.agent import allocate, Desk, must_go_home, new_desk
-from uav_collect.uav.belief import belief_of, Beliefs, hear, new_beliefs, observe
-from uav_collect.uav.briefing import Briefing
-from uav_collect.uav.heuristics import MEMORY_SIZE
-from uav_collect.world import in_contact, look, x_m_at, y_m_at
 
 
 class Batch(NamedTuple):

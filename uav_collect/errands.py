@@ -5,7 +5,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from uav_collect.ground import draw_demand, Ground, lay_out
 from uav_collect.kernels.arrays import Floats, Ints, Row
 from uav_collect.kernels.compile import kernel
 from uav_collect.kernels.rows import new_row, row_of
@@ -15,6 +14,7 @@ from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import Site
 from uav_collect.uav.actions import cell_at
 from uav_collect.uav.briefing import brief, Briefing
+from uav_collect.world.sensor_field import draw_demand, Ground, lay_out
 
 # The largest normal number that `keyed_random.normal_pair` makes of 32 bits.
 _MAX_NORMAL = math.sqrt(64.0 * math.log(2.0))

@@ -4,15 +4,15 @@ from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
-from uav_collect.ground import Ground
 from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.compile import kernel
 from uav_collect.kernels.rows import grow_table, new_table
-from uav_collect.missions import LocalView, Mission
 from uav_collect.recording.mission_log import EVENT_DTYPE, Events
-from uav_collect.reward import interval_reward, terminal_reward
 from uav_collect.uav.actions import HOME
 from uav_collect.uav.briefing import Briefing
+from uav_collect.world.reward import interval_reward, terminal_reward
+from uav_collect.world.sensor_field import Ground
+from uav_collect.world.state import LocalView, Mission
 
 _ALL_BITS = 2**64 - 1
 

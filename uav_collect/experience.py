@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from uav_collect.kernels.arrays import Floats, Row
 from uav_collect.kernels.compile import kernel
 from uav_collect.kernels.rows import new_row
-from uav_collect.missions import ACTIVE, LocalView, Mission, VIEW_CELLS
 from uav_collect.uav import actions
 from uav_collect.uav.actions import N_ACTIONS, NONE
 from uav_collect.uav.belief import Belief, belief_of, Beliefs, new_beliefs
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.observation import encode
-from uav_collect.world import x_m_at, y_m_at
+from uav_collect.world.dynamics import x_m_at, y_m_at
+from uav_collect.world.state import ACTIVE, LocalView, Mission, VIEW_CELLS
 
 N_UAV_SCALARS = 4  # of the global state: position, energy, whether it still decides
 _BYTE = 8

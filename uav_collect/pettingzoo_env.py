@@ -31,17 +31,17 @@ import numpy as np
 from numpy.typing import NDArray
 from pettingzoo import AECEnv
 from pettingzoo.utils.wrappers import OrderEnforcingWrapper
-from uav_collect.ground import draw_demand, Ground, lay_out
 from uav_collect.kernels.arrays import Bools
 from uav_collect.kernels.rows import new_row
 from uav_collect.limits import MAX_SEED
 from uav_collect.recording.mission_log import MissionLog
-from uav_collect.reward import Reward
 from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.stepping import Flights, Stepping
 from uav_collect.uav.actions import N_ACTIONS, NONE
 from uav_collect.uav.observation import Layout, observation_bound
+from uav_collect.world.reward import Reward
+from uav_collect.world.sensor_field import draw_demand, Ground, lay_out
 
 _RGB_ARRAY = 'rgb_array'
 

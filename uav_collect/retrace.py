@@ -16,11 +16,8 @@ from uav_collect.experience import (
     observations,
     Records,
 )
-from uav_collect.ground import demand_by_cell, Ground, lay_out
 from uav_collect.kernels.arrays import Floats, Ints, Row
 from uav_collect.kernels.compile import kernel
-from uav_collect.missions import ACTIVE, Mission, mission_of, new_missions, restart_mission
-from uav_collect.reward import discount, energy_reward, news_reward, Reward
 from uav_collect.scenario.load import ConfigError, Scenario
 from uav_collect.scenario.site import Site
 from uav_collect.told import (
@@ -35,7 +32,10 @@ from uav_collect.told import (
 from uav_collect.uav.actions import HOME, NONE
 from uav_collect.uav.briefing import brief, Briefing
 from uav_collect.uav.observation import Layout, observation_size
-from uav_collect.world import end_s, start_leg
+from uav_collect.world.dynamics import end_s, start_leg
+from uav_collect.world.reward import discount, energy_reward, news_reward, Reward
+from uav_collect.world.sensor_field import demand_by_cell, Ground, lay_out
+from uav_collect.world.state import ACTIVE, Mission, mission_of, new_missions, restart_mission
 
 _ENERGY = int(Reward.ENERGY)
 

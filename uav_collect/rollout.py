@@ -18,10 +18,8 @@ from uav_collect.event_log import (
     logged_events,
     new_log,
 )
-from uav_collect.ground import Ground, lay_out
 from uav_collect.kernels.compile import kernel
 from uav_collect.limits import ALLOCATOR_NAMES
-from uav_collect.missions import mission_of
 from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import Site
@@ -36,7 +34,9 @@ from uav_collect.uav.heuristics import choose
 from uav_collect.uav.policy import LearnedPolicy, Policy, policy_for, RulePolicy
 from uav_collect.uav.policy_network import best_actions, PolicyMismatchError
 from uav_collect.uav.preflight import check_can_start
-from uav_collect.world import end_s, next_uav, start_action
+from uav_collect.world.dynamics import end_s, next_uav, start_action
+from uav_collect.world.sensor_field import Ground, lay_out
+from uav_collect.world.state import mission_of
 
 _FIRST_CAPACITY = 256  # events of a mission that the log has room for before it must grow
 

@@ -16,10 +16,8 @@ from uav_collect.event_log import (
     new_log,
     signed_bits,
 )
-from uav_collect.ground import lay_out
 from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.rows import new_row, row_of
-from uav_collect.missions import LocalView, mission_of, new_missions, new_view_rows
 from uav_collect.physics.bandwidth import hover_time_s
 from uav_collect.recording.mission_log import Events, MissionHeader, MissionLog, UavHeader
 from uav_collect.scenario.load import fingerprint, Scenario
@@ -30,7 +28,7 @@ from uav_collect.uav.agent import Decision, RadioMessage
 from uav_collect.uav.belief import Belief, belief_of, merge, new_beliefs
 from uav_collect.uav.briefing import brief
 from uav_collect.uav.preflight import check_can_start
-from uav_collect.world import (
+from uav_collect.world.dynamics import (
     end_s,
     has_landed,
     in_contact,
@@ -40,6 +38,8 @@ from uav_collect.world import (
     x_m_at,
     y_m_at,
 )
+from uav_collect.world.sensor_field import lay_out
+from uav_collect.world.state import LocalView, mission_of, new_missions, new_view_rows
 
 KERNELS = (look, start_action)  # that Python calls once an event
 _FIRST_CAPACITY = 512  # events that the log has room for before it must grow

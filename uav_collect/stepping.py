@@ -20,14 +20,11 @@ from uav_collect.event_log import (
     new_log,
 )
 from uav_collect.experience import Episode, N_UAV_SCALARS, new_records, Records, write_fleet
-from uav_collect.ground import demand_by_cell, lay_out
 from uav_collect.kernels.arrays import Bools, check_shape, Floats, Ints
 from uav_collect.kernels.compile import kernels_are_compiled
 from uav_collect.kernels.rows import new_map_table, new_row, new_table
-from uav_collect.missions import mission_of
 from uav_collect.physics.bandwidth import AllocationError, EQUAL, EXACT
 from uav_collect.recording.mission_log import MissionLog
-from uav_collect.reward import Reward
 from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import Site
 from uav_collect.simulation import mission_header
@@ -35,6 +32,9 @@ from uav_collect.uav.actions import N_ACTIONS, NONE
 from uav_collect.uav.briefing import brief, Briefing
 from uav_collect.uav.observation import Layout, observation_size
 from uav_collect.uav.preflight import check_can_start
+from uav_collect.world.reward import Reward
+from uav_collect.world.sensor_field import demand_by_cell, lay_out
+from uav_collect.world.state import mission_of
 
 KERNELS = (step_batch,)  # that carry missions from one decision to the next
 _FIRST_CAPACITY = 256  # events of a mission that the log has room for before it must grow

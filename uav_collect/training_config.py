@@ -10,8 +10,8 @@ from typing import Annotated, Literal
 from uav_collect.config import layers, yaml_text
 from uav_collect.config.installed import shared_folders
 from uav_collect.config.rules import number, Section, text, truth, validated, whole
-from uav_collect.reward import Reward
 from uav_collect.uav.observation import Layout
+from uav_collect.world.reward import Reward
 
 _Share = Annotated[float, number(0, 1)]
 _Size = Annotated[int, whole(1, 4096)]

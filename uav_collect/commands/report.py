@@ -130,8 +130,8 @@ def _logged(path: Path) -> FlownMission:
 def flown_mission(log: MissionLog, scenario: 'Scenario') -> FlownMission:
     """A mission whose sensors and demand are drawn again, from scenario and mission seed."""
     import numpy as np
-    from uav_collect.ground import draw_demand, lay_out
     from uav_collect.scenario.site import build_site
+    from uav_collect.world.sensor_field import draw_demand, lay_out
 
     site = build_site(scenario)
     demand_bit = np.zeros(site.n_sensors)

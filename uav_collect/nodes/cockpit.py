@@ -9,10 +9,10 @@ from collections import defaultdict
 from dataclasses import dataclass, field
 from typing import Any
 
-from uav_collect.missions import LocalView
 from uav_collect.nodes import convert
 from uav_collect.nodes.published import Follower
 from uav_collect.uav.agent import Agent
+from uav_collect.world.state import LocalView
 
 _NONE_YET = -1  # number of the mission before the first
 

@@ -7,12 +7,12 @@ import math
 from typing import Any
 
 from uav_collect.kernels.arrays import Row
-from uav_collect.missions import LocalView
 from uav_collect.uav.belief import Belief
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.policy import ExploringPolicy, flown_version, LearnedPolicy, TOPIC
 from uav_collect.uav.policy_file import policy_from_bytes
 from uav_collect.uav.policy_network import FrozenPolicy, PolicyMismatchError
+from uav_collect.world.state import LocalView
 
 _KEPT = 4  # policies; a mission may begin with one that is no longer the latest
 

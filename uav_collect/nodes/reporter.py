@@ -4,13 +4,13 @@ from typing import Any
 
 from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.rows import new_row
-from uav_collect.missions import LocalView
 from uav_collect.nodes import convert
 from uav_collect.nodes.published import Follower
 from uav_collect.uav.actions import BY_POLICY
 from uav_collect.uav.agent import Agent, Decision
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.observation import encode, Layout, observation_size
+from uav_collect.world.state import LocalView
 
 
 class Reporter:

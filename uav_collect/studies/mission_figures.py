@@ -1,7 +1,6 @@
 """Draws fields and missions: the sensors with a mission's data, and the ways of policies."""
 
 import numpy as np
-from uav_collect.ground import draw_demand, lay_out
 from uav_collect.kernels.arrays import Floats
 from uav_collect.metrics import figures
 from uav_collect.plots import draw_mission
@@ -12,6 +11,7 @@ from uav_collect.studies.drawing import csv_of, Drawn, finish, panels
 from uav_collect.studies.findings import Findings
 from uav_collect.studies.flights import log_name
 from uav_collect.studies.records import TopologyStudy, TrajectoriesStudy
+from uav_collect.world.sensor_field import draw_demand, lay_out
 
 _SIDE_IN = 4.6
 _SIZE_IN = (5.0, 6.1)

@@ -14,7 +14,6 @@ from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.compile import kernel
 from uav_collect.kernels.rows import new_row
 from uav_collect.limits import ALLOCATOR_NAMES
-from uav_collect.missions import LocalView
 from uav_collect.physics.bandwidth import (
     allocate_cvxpy,
     AllocationError,
@@ -27,6 +26,7 @@ from uav_collect.uav.actions import HOME, HOVER, N_ACTIONS, NONE
 from uav_collect.uav.belief import belief_of, forget, hear, new_beliefs, observe
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.policy import Policy
+from uav_collect.world.state import LocalView
 
 
 class Desk(NamedTuple):

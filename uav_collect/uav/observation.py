@@ -16,10 +16,10 @@ from uav_collect.config.yaml_text import ConfigError
 from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.compile import kernel
 from uav_collect.limits import EGOCENTRIC_MAX_UAVS
-from uav_collect.missions import LocalView, VIEW_CELLS
 from uav_collect.uav.actions import N_ACTIONS
 from uav_collect.uav.belief import Belief, NEVER
 from uav_collect.uav.briefing import Briefing
+from uav_collect.world.state import LocalView, VIEW_CELLS
 
 PATCH_SIDE = 9  # cells of the egocentric layout's fine patch
 NEAR_POOL_SIDE, NEAR_BLOCKS_SIDE = (

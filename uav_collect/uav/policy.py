@@ -9,7 +9,6 @@ import numpy as np
 from uav_collect.config.installed import shared_folders
 from uav_collect.kernels.arrays import Floats, Row
 from uav_collect.kernels.rows import new_row
-from uav_collect.missions import LocalView
 from uav_collect.scenario.load import Scenario
 from uav_collect.uav.actions import NONE
 from uav_collect.uav.belief import Belief
@@ -20,6 +19,7 @@ from uav_collect.uav.observation import encode
 from uav_collect.uav.policy_file import load_policy, SUFFIX
 from uav_collect.uav.policy_network import best_actions, FrozenPolicy, PolicyMismatchError
 from uav_collect.uav.user_policy import callable_policy, CallablePolicy, is_callable_name
+from uav_collect.world.state import LocalView
 
 STRONG = 'strong'  # stands for the learned policy that is shipped for the scenario at hand
 TOPIC = 'topic'  # stands for what a trainer publishes, for agents over ROS

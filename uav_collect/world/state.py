@@ -3,12 +3,12 @@
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from uav_collect.ground import draw_demand, Ground
 from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.compile import kernel, row_kernel
 from uav_collect.kernels.rows import new_row, new_table
 from uav_collect.uav.actions import NONE
 from uav_collect.uav.briefing import Briefing
+from uav_collect.world.sensor_field import draw_demand, Ground
 
 # Phases of a UAV.
 ACTIVE = 0

@@ -7,13 +7,13 @@ union of all UAVs' maps, less the kilojoules spent.
 from enum import IntEnum
 import math
 
-from uav_collect.ground import Ground
 from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.compile import kernel
-from uav_collect.missions import Mission
 from uav_collect.uav.actions import cell_at, HOVER, NONE
 from uav_collect.uav.briefing import Briefing
-from uav_collect.world import end_s, next_uav
+from uav_collect.world.dynamics import end_s, next_uav
+from uav_collect.world.sensor_field import Ground
+from uav_collect.world.state import Mission
 
 _KJ_PER_J = 1e-3
 

@@ -1,0 +1,1 @@
+"""The truth: sensors and their data, flight and energy in time, rewards."""
