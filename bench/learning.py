@@ -21,14 +21,14 @@ from rich.table import Table
 import torch
 from torch import nn, Tensor
 from uav_collect.collector import Collector
-from uav_collect.experience import Episode
 from uav_collect.learner import Learner, Networks
 from uav_collect.memory import keep_freed_memory
 from uav_collect.minibatch import Algorithm, Minibatch, minibatch, NOBODY
+from uav_collect.missions.experience import Episode
+from uav_collect.missions.vector_env import Flights, Stepping
 from uav_collect.network import Drqn
 from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site
-from uav_collect.stepping import Flights, Stepping
 from uav_collect.training_config import load_preset, TrainingConfig
 from uav_collect.uav.actions import NONE
 from uav_collect.uav.briefing import brief

@@ -22,7 +22,7 @@ import torch
 from uav_collect.evaluation import mission_seeds
 from uav_collect.memory import keep_freed_memory
 from uav_collect.metrics import figures
-from uav_collect.rollout import fly
+from uav_collect.missions.rollout import fly
 from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.trainer import Trainer, VALIDATION_SEED

@@ -16,15 +16,15 @@ from typing import NamedTuple
 import numpy as np
 from rich.console import Console
 from rich.table import Table
-from uav_collect.event_log import new_log
 from uav_collect.kernels.arrays import Bools, Ints
 from uav_collect.kernels.compile import kernel
+from uav_collect.missions.event_log import new_log
+from uav_collect.missions.rollout import fly, fly_batch, new_batch
+from uav_collect.missions.vector_env import Flights, Stepping
 from uav_collect.physics.bandwidth import EQUAL
 from uav_collect.physics.radio import channel_draw
-from uav_collect.rollout import fly, fly_batch, new_batch
 from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site
-from uav_collect.stepping import Flights, Stepping
 from uav_collect.uav.briefing import brief
 from uav_collect.uav.heuristics import Heuristic
 from uav_collect.uav.observation import Layout

@@ -11,10 +11,10 @@ import time
 from typing import Any
 
 from processes import DEADLINE_S, Processes, RunningProcess
-from uav_collect.rollout import fly
+from uav_collect.missions.rollout import fly
+from uav_collect.missions.simulation import Event, Simulation
 from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site
-from uav_collect.simulation import Event, Simulation
 from uav_collect.uav.agent import Agent, allocator_named, Decision, RadioMessage
 from uav_collect.uav.policy import policy_named
 

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, fields, replace
 import hashlib
 from pathlib import Path
 
-from uav_collect.rollout import fly
+from uav_collect.missions.rollout import fly
 from uav_collect.scenario.load import load, with_uavs
 from uav_collect.scenario.site import build_site
 from uav_collect.uav.policy import policy_for

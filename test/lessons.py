@@ -10,12 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from uav_collect.experience import Episode, N_UAV_SCALARS, new_records
 from uav_collect.kernels.arrays import Floats, Ints
 from uav_collect.minibatch import Algorithm, Minibatch, minibatch
+from uav_collect.missions.experience import Episode, N_UAV_SCALARS, new_records
+from uav_collect.missions.vector_env import Flights, Stepping
 from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import build_site
-from uav_collect.stepping import Flights, Stepping
 from uav_collect.training_config import load_preset, TrainingConfig
 from uav_collect.uav.actions import N_ACTIONS, NONE
 from uav_collect.uav.briefing import brief, Briefing

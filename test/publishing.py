@@ -7,9 +7,9 @@ import hashlib
 from typing import Any
 
 import numpy as np
+from uav_collect.missions.vector_env import Flights, Stepping
 from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import build_site
-from uav_collect.stepping import Flights, Stepping
 from uav_collect.uav.actions import NONE
 from uav_collect.uav.policy import flown_version
 from uav_collect.uav.policy_file import policy_bytes

@@ -12,14 +12,14 @@ from learned import random_policy
 import numpy as np
 from numpy.typing import NDArray
 from uav_collect.assembly import Assembly, Joined
-from uav_collect.experience import Episode
 from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.rows import new_row
+from uav_collect.missions.experience import Episode
+from uav_collect.missions.simulation import Event, Simulation
+from uav_collect.missions.vector_env import Flights, Stepping
 from uav_collect.retrace import Retracer
 from uav_collect.scenario.load import fingerprint, Scenario
 from uav_collect.scenario.site import build_site
-from uav_collect.simulation import Event, Simulation
-from uav_collect.stepping import Flights, Stepping
 from uav_collect.told import (
     EventTold,
     FLOAT32,

@@ -5,10 +5,10 @@ from tiny import fly_scripts, MOVE_5_J, rate_bps, tiny, uav
 from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.rows import row_of
 from uav_collect.limits import ALLOCATOR_NAMES
+from uav_collect.missions.simulation import Simulation
 from uav_collect.physics.bandwidth import AllocationError
 from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import build_site
-from uav_collect.simulation import Simulation
 from uav_collect.uav.actions import (
     BY_POLICY,
     ENERGY_RESERVE,

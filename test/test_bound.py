@@ -24,9 +24,9 @@ from uav_collect.bound import (
 from uav_collect.bound_estimates import bound_numbers, mean_numbers, shares
 from uav_collect.errands import Errands, errands_of
 from uav_collect.metrics import check_log, figures, MissionFigures
+from uav_collect.missions.rollout import fly
 from uav_collect.physics.radio import channel_draw
 from uav_collect.plan_bound import least_completion_s, least_energy_j
-from uav_collect.rollout import fly
 from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.tables import comparison_table, mission_tables

@@ -12,8 +12,8 @@ import pytest
 from tiny import tiny
 from uav_collect.__main__ import main
 from uav_collect.metrics import check_log, figures
+from uav_collect.missions.rollout import fly
 from uav_collect.recording.mission_log import MissionLog
-from uav_collect.rollout import fly
 from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.uav.policy import policy_for

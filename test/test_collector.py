@@ -7,15 +7,15 @@ from lessons import single_threaded_torch, small
 import numpy as np
 import pytest
 from tiny import HOVER_W, MOVE_5_J, MOVE_10_J, rate_bps, Script, tiny, TOTAL_BIT, uav
-from uav_collect.experience import Episode
 from uav_collect.kernels.arrays import Floats
 from uav_collect.kernels.compile import kernels_are_compiled
 from uav_collect.minibatch import Algorithm
+from uav_collect.missions.experience import Episode
+from uav_collect.missions.rollout import fly
+from uav_collect.missions.vector_env import Decisions, Flights, Stepping
 from uav_collect.recording.mission_log import MissionLog
-from uav_collect.rollout import fly
 from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import build_site
-from uav_collect.stepping import Decisions, Flights, Stepping
 from uav_collect.uav.actions import FORWARD, HOME, HOVER, NONE, RIGHT
 from uav_collect.world.reward import Reward
 

@@ -14,10 +14,11 @@ from learned import saved
 import numpy as np
 import pytest
 from scripted import fly, header, uav
-from uav_collect import evaluation, files, rollout
+from uav_collect import evaluation, files
 from uav_collect.__main__ import main, SUMMARIES
 from uav_collect.commands import doctor
 from uav_collect.metrics import figures, MissionFigures
+from uav_collect.missions import rollout
 from uav_collect.recording.bag_reader import RecordedMission
 from uav_collect.recording.mission_log import MissionLog, read
 from uav_collect.scenario.load import fingerprint, load, Scenario, with_uavs

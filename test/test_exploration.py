@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from tiny import tiny, uav
 from uav_collect.kernels.rows import row_of
+from uav_collect.missions.vector_env import Flights, Stepping
 from uav_collect.scenario.site import build_site
-from uav_collect.stepping import Flights, Stepping
 from uav_collect.uav.actions import BACKWARD, FORWARD, HOVER, LEFT, N_ACTIONS, NONE, RIGHT
 from uav_collect.uav.exploration import explore
 

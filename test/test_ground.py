@@ -7,9 +7,9 @@ import pytest
 from tiny import tiny, uav
 from uav_collect.kernels.arrays import Floats
 from uav_collect.kernels.rows import new_row
+from uav_collect.missions.simulation import Simulation
 from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import build_site
-from uav_collect.simulation import Simulation
 from uav_collect.world.sensor_field import draw_demand, lay_out
 
 N_MISSIONS = 2000

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from uav_collect.kernels.arrays import Row
 from uav_collect.metrics import figures
+from uav_collect.missions.rollout import fly
 from uav_collect.recording.mission_log import MissionLog, REASON_NAMES
-from uav_collect.rollout import fly
 from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.uav.actions import HOME, N_ACTIONS

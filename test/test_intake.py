@@ -12,7 +12,7 @@ import pytest
 from telling import Course, joined, messages_of
 from tiny import tiny, uav
 from uav_collect.assembly import Joined
-from uav_collect.experience import Episode
+from uav_collect.missions.experience import Episode
 from uav_collect.training_config import TrainingConfig
 from uav_collect.uav.observation import Layout
 

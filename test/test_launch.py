@@ -20,9 +20,9 @@ from launching import (
 )
 from processes import Processes
 import pytest
+from uav_collect.missions.simulation import Simulation
 from uav_collect.scenario.load import ConfigError, load
 from uav_collect.scenario.site import build_site
-from uav_collect.simulation import Simulation
 import yaml
 
 LAUNCH_FILE = ROOT / 'launch' / 'mission.launch.py'

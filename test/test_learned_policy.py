@@ -14,10 +14,10 @@ from tiny import tiny
 from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.rows import row_of
 from uav_collect.metrics import check_log, figures
-from uav_collect.rollout import fly
+from uav_collect.missions.rollout import fly
+from uav_collect.missions.simulation import Simulation
 from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site
-from uav_collect.simulation import Simulation
 from uav_collect.uav import policy as policy_module
 from uav_collect.uav.agent import Agent, allocator_named
 from uav_collect.uav.belief import Belief, belief_of, new_beliefs

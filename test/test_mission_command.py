@@ -8,8 +8,8 @@ from processes import Processes, RunningProcess
 import pytest
 from scripted import fly, uav
 from scripted import header as log_header
-from uav_collect import rollout
 from uav_collect.commands import mission
+from uav_collect.missions import rollout
 from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site

@@ -12,11 +12,11 @@ import pytest
 from tiny import tiny, uav
 from uav_collect.kernels.arrays import Ints
 from uav_collect.metrics import check_log, figures
+from uav_collect.missions.rollout import fly
+from uav_collect.missions.vector_env import Flights, Stepping
 from uav_collect.pettingzoo_env import env
-from uav_collect.rollout import fly
 from uav_collect.scenario.load import ConfigError, load, Scenario
 from uav_collect.scenario.site import build_site
-from uav_collect.stepping import Flights, Stepping
 from uav_collect.uav.actions import BACKWARD, FORWARD, HOME, N_ACTIONS, NONE, RIGHT
 from uav_collect.world.reward import Reward
 

@@ -10,9 +10,10 @@ from matplotlib.figure import Figure
 import numpy as np
 import pytest
 from scripted import fly, header, uav
-from uav_collect import plots, rollout
+from uav_collect import plots
 from uav_collect.kernels.arrays import Floats
 from uav_collect.lanes import corners_m, lane_shifts, narrowest_lane, steps
+from uav_collect.missions import rollout
 from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.load import load, Scenario, with_uavs
 from uav_collect.scenario.site import build_site, Site

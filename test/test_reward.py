@@ -7,8 +7,8 @@ import pytest
 from tiny import fly_scripts, HOVER_W, MOVE_10_J, rate_bps, tiny, uav
 from uav_collect.kernels.rows import row_of
 from uav_collect.metrics import figures
+from uav_collect.missions.rollout import fly
 from uav_collect.recording.mission_log import MissionLog
-from uav_collect.rollout import fly
 from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.uav.actions import BACKWARD, FORWARD, HOVER, LEFT, RIGHT

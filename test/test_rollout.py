@@ -8,9 +8,9 @@ import pytest
 from tiny import Script, tiny, TOTAL_BIT, uav
 from uav_collect.kernels.arrays import Row
 from uav_collect.metrics import check_log, figures
+from uav_collect.missions.rollout import fly
 from uav_collect.physics.bandwidth import AllocationError
 from uav_collect.recording.mission_log import from_jsonl, MissionLog
-from uav_collect.rollout import fly
 from uav_collect.scenario.load import fingerprint, load, Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.uav.actions import FORWARD, HOVER, LEFT, RIGHT

@@ -8,11 +8,11 @@ from tiny import Flight, fly_scripts, MOVE_5_J, tiny, uav
 from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.rows import row_of
 from uav_collect.metrics import check_log, figures
+from uav_collect.missions.rollout import fly
+from uav_collect.missions.simulation import Simulation
 from uav_collect.recording.mission_log import from_jsonl
-from uav_collect.rollout import fly
 from uav_collect.scenario.load import ConfigError, load, Scenario
 from uav_collect.scenario.site import build_site
-from uav_collect.simulation import Simulation
 from uav_collect.uav.actions import (
     BACKWARD,
     BY_POLICY,

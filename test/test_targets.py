@@ -11,8 +11,8 @@ from lessons import batch_of, single_threaded_torch, small, Told, told_episode
 import numpy as np
 import pytest
 from tiny import tiny, uav
-from uav_collect.experience import Episode
 from uav_collect.minibatch import Algorithm, Minibatch
+from uav_collect.missions.experience import Episode
 from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.training_config import TrainingConfig

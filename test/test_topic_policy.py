@@ -11,10 +11,10 @@ from learned import header, random_policy
 from processes import Processes
 from publishing import explored_logs, policy_fields, trainer
 import pytest
+from uav_collect.missions.simulation import Simulation
 from uav_collect.recording.mission_log import from_jsonl
 from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import build_site
-from uav_collect.simulation import Simulation
 from uav_collect.uav.observation import Layout, observation_size
 from uav_collect.uav.policy import flown_version
 from uav_collect.uav.policy_file import policy_bytes

@@ -10,8 +10,8 @@ import pytest
 from tiny import tiny, uav
 from uav_collect.kernels.compile import kernels_are_compiled
 from uav_collect.minibatch import Algorithm
+from uav_collect.missions.rollout import fly
 from uav_collect.replay import replay_bytes
-from uav_collect.rollout import fly
 from uav_collect.scenario.load import ConfigError, Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.training_config import TrainingConfig

@@ -4,9 +4,9 @@ from collections.abc import Iterable, Sequence
 
 import pytest
 from tiny import CELL_A, CELL_B, Flight, HOVER_W, MOVE_10_J, tiny, uav
+from uav_collect.missions.simulation import Event, Simulation
 from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site
-from uav_collect.simulation import Event, Simulation
 from uav_collect.uav.actions import BACKWARD, FORWARD, HOME, HOVER, LEFT, RIGHT
 
 viewers = pytest.importorskip('uav_collect.nodes.viewers', reason='needs the messages of ROS')

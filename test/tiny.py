@@ -13,11 +13,11 @@ from dataclasses import dataclass, field
 import math
 
 from uav_collect.kernels.arrays import Row
+from uav_collect.missions.rollout import fly
+from uav_collect.missions.simulation import Event, Simulation
 from uav_collect.recording.mission_log import MissionLog
-from uav_collect.rollout import fly
 from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site
-from uav_collect.simulation import Event, Simulation
 from uav_collect.uav.actions import HOME
 from uav_collect.uav.agent import Agent, allocator_named, Decision
 from uav_collect.uav.belief import Belief

@@ -12,8 +12,8 @@ from telling import Course
 from tiny import tiny, uav
 from uav_collect.assembly import Joined
 from uav_collect.checkpoint import read_checkpoint
-from uav_collect.experience import Episode
 from uav_collect.intake import Intake
+from uav_collect.missions.experience import Episode
 from uav_collect.trainer import Trainer
 from uav_collect.training_config import load_preset, TrainingConfig
 from uav_collect.training_progress import Budget

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-from uav_collect.experience import Episode
+from uav_collect.missions.experience import Episode
 from uav_collect.retrace import MissionParts, Retracer
 from uav_collect.told import (
     EventTold,

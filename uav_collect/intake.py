@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from uav_collect.assembly import Joined
-from uav_collect.experience import Episode
+from uav_collect.missions.experience import Episode
 from uav_collect.network import Drqn
 from uav_collect.training_progress import RecentMissions
 

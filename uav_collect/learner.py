@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 import torch
 from torch import nn, Tensor
-from uav_collect.experience import N_UAV_SCALARS
 from uav_collect.minibatch import Algorithm, Minibatch
+from uav_collect.missions.experience import N_UAV_SCALARS
 from uav_collect.mixer import Mixer
 from uav_collect.network import Drqn
 from uav_collect.training_config import TrainingConfig

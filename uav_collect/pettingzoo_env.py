@@ -34,10 +34,10 @@ from pettingzoo.utils.wrappers import OrderEnforcingWrapper
 from uav_collect.kernels.arrays import Bools
 from uav_collect.kernels.rows import new_row
 from uav_collect.limits import MAX_SEED
+from uav_collect.missions.vector_env import Flights, Stepping
 from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site
-from uav_collect.stepping import Flights, Stepping
 from uav_collect.uav.actions import N_ACTIONS, NONE
 from uav_collect.uav.observation import Layout, observation_bound
 from uav_collect.world.reward import Reward

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from uav_collect.experience import Episode, new_records, record_bytes, Records
 from uav_collect.kernels.arrays import Floats
+from uav_collect.missions.experience import Episode, new_records, record_bytes, Records
 from uav_collect.uav.briefing import Briefing
 
 

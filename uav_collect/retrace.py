@@ -9,15 +9,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from uav_collect.experience import (
+from uav_collect.kernels.arrays import Floats, Ints, Row
+from uav_collect.kernels.compile import kernel
+from uav_collect.missions.experience import (
     Episode,
     N_UAV_SCALARS,
     new_records,
     observations,
     Records,
 )
-from uav_collect.kernels.arrays import Floats, Ints, Row
-from uav_collect.kernels.compile import kernel
 from uav_collect.scenario.load import ConfigError, Scenario
 from uav_collect.scenario.site import Site
 from uav_collect.told import (
@@ -277,7 +277,7 @@ def _sum_rewards(
     reward_out: Row[float],
     duration_out: Row[float],
 ) -> None:
-    """Sum up what each decision brought until the next one, as `airborne.go_on` does.
+    """Sum up what each decision brought until the next one, as `batch_kernels.go_on` does.
 
     Args:
         mission: scratch.

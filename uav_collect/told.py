@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from uav_collect.experience import n_map_bytes
+from uav_collect.missions.experience import n_map_bytes
 from uav_collect.scenario.load import fingerprint, Scenario
 from uav_collect.uav import actions
 from uav_collect.uav.actions import HOME, N_ACTIONS, NONE

@@ -151,7 +151,7 @@ def _fly(
     from uav_collect.bound import bound_of
     from uav_collect.evaluation import mission_seeds
     from uav_collect.metrics import figures
-    from uav_collect.rollout import fly
+    from uav_collect.missions.rollout import fly
     from uav_collect.scenario.site import build_site
 
     site = build_site(scenario)
@@ -171,11 +171,12 @@ def _fly(
 
 
 def _kernels(contenders: Iterable[_Contender], *, is_planned: bool) -> set[Callable[..., object]]:
-    from uav_collect import bound, rollout, simulation, stepping
+    from uav_collect import bound
+    from uav_collect.missions import rollout, simulation, vector_env
     from uav_collect.uav.policy import LearnedPolicy
     from uav_collect.uav.user_policy import CallablePolicy
 
-    kernels_of = {LearnedPolicy: stepping.KERNELS, CallablePolicy: simulation.KERNELS}
+    kernels_of = {LearnedPolicy: vector_env.KERNELS, CallablePolicy: simulation.KERNELS}
     kernels: set[Callable[..., object]] = set(bound.KERNELS if is_planned else ())
     return kernels.union(*(kernels_of.get(type(it.policy), rollout.KERNELS) for it in contenders))
 

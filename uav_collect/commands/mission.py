@@ -106,8 +106,8 @@ def _compare(log: Path, scenario: 'Scenario', bandwidth: str) -> None:
     """Show the mission's figures beside those of rules, flown here in the same mission."""
     from rich.console import Console
     from uav_collect.metrics import figures
+    from uav_collect.missions.rollout import fly
     from uav_collect.recording.mission_log import read
-    from uav_collect.rollout import fly
     from uav_collect.scenario.site import build_site
     from uav_collect.tables import comparison_table
 

@@ -95,7 +95,7 @@ def run(arguments: argparse.Namespace) -> int:
         _fill_in(arguments)
     training = planned(arguments)
     _check_device(training.runs[0].record.device)
-    from uav_collect.stepping import KERNELS
+    from uav_collect.missions.vector_env import KERNELS
 
     progress.say_if_compiling(KERNELS)
     status = _train_all(training, arguments.checkpoint_minutes * 60.0)

@@ -15,10 +15,11 @@ import uuid
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import QoSProfile
-from uav_collect import retrace, stepping
+from uav_collect import retrace
 from uav_collect.assembly import Assembly, Cause, Fate, Tally
 from uav_collect.kernels.compile import kernels_are_cached, kernels_are_compiled
 from uav_collect.memory import keep_freed_memory
+from uav_collect.missions import vector_env
 from uav_collect.nodes import topics
 from uav_collect.nodes.hearsay import teller
 from uav_collect.nodes.incidents import Incidents
@@ -121,7 +122,7 @@ class TrainerNode(ProcessNode):
 
     def _tell_compiling(self) -> None:
         if kernels_are_compiled() and not kernels_are_cached(
-            (*stepping.KERNELS, *retrace.KERNELS)
+            (*vector_env.KERNELS, *retrace.KERNELS)
         ):
             self.get_logger().info('compiling (once): this takes about a minute')
 

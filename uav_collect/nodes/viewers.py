@@ -13,9 +13,9 @@ from typing import Any
 from geometry_msgs.msg import Point, Pose, Vector3
 from nav_msgs.msg import MapMetaData, OccupancyGrid
 from std_msgs.msg import ColorRGBA, Header
+from uav_collect.missions.simulation import Event, Simulation
 from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import Site
-from uav_collect.simulation import Event, Simulation
 from uav_collect.uav import actions
 from uav_collect.uav.agent import Decision
 from uav_collect.world.state import VIEW_CELLS

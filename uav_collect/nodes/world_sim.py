@@ -9,6 +9,7 @@ import uuid
 
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
+from uav_collect.missions.simulation import Event
 from uav_collect.nodes import convert, topics
 from uav_collect.nodes.display import Display
 from uav_collect.nodes.flight import FAILSAFE, Flight, mission_msg, summary
@@ -26,7 +27,6 @@ from uav_collect.nodes.world_settings import PARAMETERS, read_settings
 from uav_collect.recording.mission_folder import RunFolder
 from uav_collect.scenario.load import ConfigError, load, Scenario
 from uav_collect.scenario.site import build_site, Site
-from uav_collect.simulation import Event
 from uav_collect.uav.briefing import brief
 from uav_collect.uav.policy import TOPIC
 from uav_collect.uav.preflight import check_can_start

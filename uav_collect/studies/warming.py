@@ -4,8 +4,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 import fcntl
 
-from uav_collect import bound, rollout, stepping
+from uav_collect import bound
 from uav_collect.kernels.compile import cache_folder, kernels_are_cached, kernels_are_compiled
+from uav_collect.missions import rollout, vector_env
 from uav_collect.studies.jobs import FlightsJob, Job, PlansJob, TrainingJob
 from uav_collect.studies.tasks import Began, Event
 
@@ -38,8 +39,8 @@ def kernels_of(job: Job) -> tuple[Callable[..., object], ...]:
     """The kernels that do most of a job."""
     match job:
         case TrainingJob():
-            return stepping.KERNELS
+            return vector_env.KERNELS
         case FlightsJob(trainings=trainings):
-            return stepping.KERNELS if trainings else rollout.KERNELS
+            return vector_env.KERNELS if trainings else rollout.KERNELS
         case PlansJob():
             return bound.KERNELS

@@ -9,8 +9,10 @@ from functools import partial
 import math
 
 import numpy as np
-from uav_collect.batch import arrive, Batch, new_batch
-from uav_collect.event_log import (
+from uav_collect.kernels.compile import kernel
+from uav_collect.limits import ALLOCATOR_NAMES
+from uav_collect.missions.batch import arrive, Batch, new_batch
+from uav_collect.missions.event_log import (
     EventLog,
     grown_log,
     log_event,
@@ -18,13 +20,11 @@ from uav_collect.event_log import (
     logged_events,
     new_log,
 )
-from uav_collect.kernels.compile import kernel
-from uav_collect.limits import ALLOCATOR_NAMES
+from uav_collect.missions.simulation import mission_header, Simulation
+from uav_collect.missions.vector_env import Flights, Stepping
 from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import Site
-from uav_collect.simulation import mission_header, Simulation
-from uav_collect.stepping import Flights, Stepping
 from uav_collect.uav import actions
 from uav_collect.uav.actions import HOME, NONE
 from uav_collect.uav.agent import Agent, allocator_named

@@ -12,22 +12,32 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from uav_collect.airborne import Air, Desks, explore_batch, go_on, put_back, Rules, step_batch
-from uav_collect.batch import new_batch
-from uav_collect.event_log import (
-    grown_log,
-    logged_events,
-    new_log,
-)
-from uav_collect.experience import Episode, N_UAV_SCALARS, new_records, Records, write_fleet
 from uav_collect.kernels.arrays import Bools, check_shape, Floats, Ints
 from uav_collect.kernels.compile import kernels_are_compiled
 from uav_collect.kernels.rows import new_map_table, new_row, new_table
+from uav_collect.missions.batch import new_batch
+from uav_collect.missions.batch_kernels import (
+    Air,
+    Desks,
+    explore_batch,
+    go_on,
+    put_back,
+    Rules,
+    step_batch,
+)
+from uav_collect.missions.event_log import grown_log, logged_events, new_log
+from uav_collect.missions.experience import (
+    Episode,
+    N_UAV_SCALARS,
+    new_records,
+    Records,
+    write_fleet,
+)
+from uav_collect.missions.simulation import mission_header
 from uav_collect.physics.bandwidth import AllocationError, EQUAL, EXACT
 from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import Site
-from uav_collect.simulation import mission_header
 from uav_collect.uav.actions import N_ACTIONS, NONE
 from uav_collect.uav.briefing import brief, Briefing
 from uav_collect.uav.observation import Layout, observation_size

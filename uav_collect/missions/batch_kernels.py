@@ -2,11 +2,11 @@
 
 from typing import NamedTuple
 
-from uav_collect.batch import arrive, Batch
-from uav_collect.event_log import EventLog, log_event, log_interval
-from uav_collect.experience import record, Records
 from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.compile import kernel
+from uav_collect.missions.batch import arrive, Batch
+from uav_collect.missions.event_log import EventLog, log_event, log_interval
+from uav_collect.missions.experience import record, Records
 from uav_collect.uav import actions
 from uav_collect.uav.actions import HOME, HOVER, N_ACTIONS, NONE
 from uav_collect.uav.agent import allocate
@@ -30,7 +30,7 @@ _ENERGY = int(Reward.ENERGY)
 
 
 class Rules(NamedTuple):
-    """What `stepping.Stepping` says, as kernels read it."""
+    """What `vector_env.Stepping` says, as kernels read it."""
 
     layout: int
     allocator: int

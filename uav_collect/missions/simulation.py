@@ -8,7 +8,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 import math
 
-from uav_collect.event_log import (
+from uav_collect.kernels.arrays import Row
+from uav_collect.kernels.rows import new_row, row_of
+from uav_collect.missions.event_log import (
     grown_log,
     log_event,
     log_interval,
@@ -16,8 +18,6 @@ from uav_collect.event_log import (
     new_log,
     signed_bits,
 )
-from uav_collect.kernels.arrays import Row
-from uav_collect.kernels.rows import new_row, row_of
 from uav_collect.physics.bandwidth import hover_time_s
 from uav_collect.recording.mission_log import Events, MissionHeader, MissionLog, UavHeader
 from uav_collect.scenario.load import fingerprint, Scenario
