@@ -10,8 +10,8 @@ from fleets import Pilots
 import numpy as np
 from processes import DEADLINE_S
 import rclpy
+from uav_collect.lockstep.inbox import Cockpit
 from uav_collect.nodes import convert, topics
-from uav_collect.nodes.cockpit import Cockpit
 from uav_collect.nodes.middleware import find_each_other_quickly
 from uav_collect.nodes.topics import publisher, subscription
 from uav_collect.scenario.load import from_yaml, Scenario

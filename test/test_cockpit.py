@@ -14,8 +14,8 @@ from uav_collect.uav.policy import policy_named
 pytest.importorskip('rclpy')
 pytest.importorskip('uav_collect_msgs')
 
+from uav_collect.lockstep.inbox import Cockpit
 from uav_collect.nodes import convert
-from uav_collect.nodes.cockpit import Cockpit
 
 pytestmark = pytest.mark.ros
 

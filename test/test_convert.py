@@ -12,9 +12,9 @@ from hypothesis import given  # noqa: E402
 from hypothesis import strategies as st  # noqa: E402
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
 from uav_collect.kernels.rows import row_of
+from uav_collect.lockstep.roster import Pilot
 from uav_collect.missions.simulation import Event
 from uav_collect.nodes import convert  # noqa: E402
-from uav_collect.nodes.roster import Pilot  # noqa: E402
 from uav_collect.recording.mission_log import EVENT_DTYPE
 from uav_collect.uav import actions
 from uav_collect.uav.agent import Decision, RadioMessage

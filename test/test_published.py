@@ -7,7 +7,7 @@ from learned import header, random_policy
 from publishing import HOVER_SHARE, policy_fields
 import pytest
 from uav_collect.kernels.rows import row_of
-from uav_collect.nodes.published import Follower, Shelf
+from uav_collect.lockstep.published_policy import Follower, Shelf
 from uav_collect.scenario.load import load
 from uav_collect.uav.briefing import brief, Briefing
 from uav_collect.uav.exploration import explore

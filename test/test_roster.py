@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 from scripted import fly, header, uav
 from uav_collect.limits import MAX_SEED
-from uav_collect.nodes.roster import Pilot, Roster
-from uav_collect.nodes.schedule import Pace, Schedule
+from uav_collect.lockstep.roster import Pilot, Roster
+from uav_collect.lockstep.schedule import Pace, Schedule
 from uav_collect.recording.mission_folder import RunFolder
 from uav_collect.recording.mission_log import read
 

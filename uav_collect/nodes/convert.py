@@ -8,8 +8,8 @@ from builtin_interfaces.msg import Time
 import numpy as np
 from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.rows import row_of
+from uav_collect.lockstep.roster import Pilot
 from uav_collect.missions.simulation import Event
-from uav_collect.nodes.roster import Pilot
 from uav_collect.recording.mission_log import Events
 from uav_collect.uav.agent import Decision, RadioMessage
 from uav_collect.uav.belief import Belief

@@ -5,8 +5,8 @@ from typing import Any
 
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
+from uav_collect.lockstep.published_policy import Shelf
 from uav_collect.nodes import topics
-from uav_collect.nodes.published import Shelf
 
 
 def follow_trainers(

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from uav_collect.nodes.roster import Roster
+from uav_collect.lockstep.roster import Roster
 
 _KEPT = 5  # latest incidents that diagnostics spell out
 

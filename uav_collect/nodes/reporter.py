@@ -4,8 +4,8 @@ from typing import Any
 
 from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.rows import new_row
+from uav_collect.lockstep.published_policy import Follower
 from uav_collect.nodes import convert
-from uav_collect.nodes.published import Follower
 from uav_collect.uav.actions import BY_POLICY
 from uav_collect.uav.agent import Agent, Decision
 from uav_collect.uav.briefing import Briefing

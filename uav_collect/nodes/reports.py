@@ -3,10 +3,10 @@
 import time
 
 from rclpy.node import Node
+from uav_collect.lockstep.roster import Roster
 from uav_collect.nodes import topics
 from uav_collect.nodes.flight import Flight
 from uav_collect.nodes.incidents import Incidents, world_diagnostics
-from uav_collect.nodes.roster import Roster
 from uav_collect.nodes.topics import publisher
 
 _PERIOD_S = 1.0

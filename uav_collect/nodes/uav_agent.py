@@ -14,11 +14,11 @@ from rclpy.clock import Clock, ClockType
 from rclpy.task import Future
 from rclpy.utilities import remove_ros_args
 from uav_collect.limits import ALLOCATOR_NAMES, MAX_UAVS
+from uav_collect.lockstep.inbox import Cockpit
+from uav_collect.lockstep.published_policy import Follower, Shelf
 from uav_collect.nodes import convert, topics
-from uav_collect.nodes.cockpit import Cockpit
 from uav_collect.nodes.following import follow_trainers
 from uav_collect.nodes.parameters import add_world_option, declare, help_text, Parameter
-from uav_collect.nodes.published import Follower, Shelf
 from uav_collect.nodes.reporter import Reporter
 from uav_collect.nodes.spin import MISUSED, NodeError, ProcessNode, run_node
 from uav_collect.nodes.topics import publisher, subscription

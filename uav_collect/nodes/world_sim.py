@@ -9,6 +9,9 @@ import uuid
 
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
+from uav_collect.lockstep.published_policy import Shelf
+from uav_collect.lockstep.roster import Roster
+from uav_collect.lockstep.schedule import Pace, Schedule
 from uav_collect.missions.simulation import Event
 from uav_collect.nodes import convert, topics
 from uav_collect.nodes.display import Display
@@ -16,10 +19,7 @@ from uav_collect.nodes.flight import FAILSAFE, Flight, mission_msg, summary
 from uav_collect.nodes.following import follow_trainers
 from uav_collect.nodes.identity import Identity, identity_of, rivalry, scenario_msg
 from uav_collect.nodes.parameters import add_world_option, help_text
-from uav_collect.nodes.published import Shelf
 from uav_collect.nodes.reports import Reports
-from uav_collect.nodes.roster import Roster
-from uav_collect.nodes.schedule import Pace, Schedule
 from uav_collect.nodes.spin import FAILED, NodeError, parse_arguments, ProcessNode, run_node
 from uav_collect.nodes.topics import subscription
 from uav_collect.nodes.voice import Voice

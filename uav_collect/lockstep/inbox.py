@@ -9,8 +9,8 @@ from collections import defaultdict
 from dataclasses import dataclass, field
 from typing import Any
 
+from uav_collect.lockstep.published_policy import Follower
 from uav_collect.nodes import convert
-from uav_collect.nodes.published import Follower
 from uav_collect.uav.agent import Agent
 from uav_collect.world.state import LocalView
 

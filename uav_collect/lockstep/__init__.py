@@ -1,0 +1,1 @@
+"""How nodes keep in step, without ROS: who flies what, what is heard when, which policy counts."""
