@@ -15,8 +15,8 @@ import time
 import numpy as np
 from rich.console import Console
 from rich.table import Table
-from uav_collect import bound
-from uav_collect.errands import Errands, errands_of
+from uav_collect.planning import bound
+from uav_collect.planning.problem import Errands, errands_of
 from uav_collect.scenario.load import load
 from uav_collect.scenario.site import build_site
 

@@ -6,10 +6,11 @@ import subprocess
 import sys
 
 import pytest
-from uav_collect import bound, retrace
+from uav_collect import retrace
 from uav_collect.kernels import compile
 from uav_collect.kernels.compile import kernels_are_cached, sources_digest
 from uav_collect.missions import rollout, simulation
+from uav_collect.planning import bound
 
 CHANGED = {
     'edited': lambda package: (package / 'studies' / 'flights.py').write_text('x = 2\n'),

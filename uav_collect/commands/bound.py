@@ -13,8 +13,8 @@ from uav_collect import files
 from uav_collect.commands import options, progress
 
 if TYPE_CHECKING:  # loaded when searching, so that --help answers at once
-    from uav_collect.bound import Bound
     from uav_collect.evaluation import Estimate
+    from uav_collect.planning.bound import Bound
     from uav_collect.scenario.load import Scenario
 
 _DESCRIPTION = """
@@ -75,8 +75,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _plan(arguments: argparse.Namespace, scenario: 'Scenario') -> '_Bounds':
-    from uav_collect.bound import bound_of, KERNELS, N_ROUNDS
     from uav_collect.evaluation import mission_seeds
+    from uav_collect.planning.bound import bound_of, KERNELS, N_ROUNDS
     from uav_collect.scenario.site import build_site
 
     site = build_site(scenario)

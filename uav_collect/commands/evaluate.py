@@ -18,9 +18,9 @@ from uav_collect import files
 from uav_collect.commands import options, progress
 
 if TYPE_CHECKING:  # loaded when flying, so that --help answers at once
-    from uav_collect.bound import Bound
     from uav_collect.evaluation import Estimate
     from uav_collect.metrics import MissionFigures
+    from uav_collect.planning.bound import Bound
     from uav_collect.scenario.load import Scenario
     from uav_collect.uav.policy import NamedPolicy
 
@@ -148,10 +148,10 @@ def _fly(
     bounds: '_Bounds',
 ) -> None:
     """Fly all missions, a few with each policy in turn, into `flown`; plan them into `bounds`."""
-    from uav_collect.bound import bound_of
     from uav_collect.evaluation import mission_seeds
     from uav_collect.metrics import figures
     from uav_collect.missions.rollout import fly
+    from uav_collect.planning.bound import bound_of
     from uav_collect.scenario.site import build_site
 
     site = build_site(scenario)
@@ -171,8 +171,8 @@ def _fly(
 
 
 def _kernels(contenders: Iterable[_Contender], *, is_planned: bool) -> set[Callable[..., object]]:
-    from uav_collect import bound
     from uav_collect.missions import rollout, simulation, vector_env
+    from uav_collect.planning import bound
     from uav_collect.uav.policy import LearnedPolicy
     from uav_collect.uav.user_policy import CallablePolicy
 

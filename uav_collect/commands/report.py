@@ -13,8 +13,8 @@ from uav_collect.recording.mission_log import MissionHeader, MissionLog, Mission
 
 if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
     from rich.console import Console
-    from uav_collect.bound import Bound
     from uav_collect.kernels.arrays import Floats
+    from uav_collect.planning.bound import Bound
     from uav_collect.scenario.load import Scenario
     from uav_collect.scenario.site import Site
 
@@ -88,7 +88,7 @@ def show(mission: FlownMission, picture: Path, console: 'Console') -> None:
 def bound_shown(header: MissionHeader, scenario: 'Scenario', site: 'Site') -> 'Bound | None':
     """The clairvoyant bound of a mission; None where that takes too long."""
     import numpy as np
-    from uav_collect.bound import bound_of, KERNELS
+    from uav_collect.planning.bound import bound_of, KERNELS
 
     share = scenario.demand.cell_share
     n_cells = np.unique(site.cell).size

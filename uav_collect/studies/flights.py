@@ -10,12 +10,12 @@ import json
 import math
 
 import numpy as np
-from uav_collect.bound import bound_of
 from uav_collect.bound_estimates import bound_numbers
 from uav_collect.evaluation import estimates, mission_seeds
 from uav_collect.evaluation import MEASURES as MEANS
 from uav_collect.metrics import figures, MissionFigures
 from uav_collect.missions.rollout import fly
+from uav_collect.planning.bound import bound_of
 from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.load import from_yaml
 from uav_collect.scenario.site import build_site

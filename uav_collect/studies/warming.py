@@ -4,9 +4,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 import fcntl
 
-from uav_collect import bound
 from uav_collect.kernels.compile import cache_folder, kernels_are_cached, kernels_are_compiled
 from uav_collect.missions import rollout, vector_env
+from uav_collect.planning import bound
 from uav_collect.studies.jobs import FlightsJob, Job, PlansJob, TrainingJob
 from uav_collect.studies.tasks import Began, Event
 

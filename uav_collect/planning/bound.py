@@ -24,12 +24,12 @@ import os
 from pathlib import Path
 from typing import Any
 
-from uav_collect.errands import Errands, errands_of
 from uav_collect.kernels.compile import cache_folder
 from uav_collect.kernels.rows import row_of
 from uav_collect.metrics import MissionFigures
-from uav_collect.plan_bound import climb, least_completion_s, least_energy_j
-from uav_collect.plan_search import Aim, best_routes, Routes, search
+from uav_collect.planning.problem import Errands, errands_of
+from uav_collect.planning.relaxation import climb, least_completion_s, least_energy_j
+from uav_collect.planning.search import Aim, best_routes, Routes, search
 from uav_collect.scenario.load import fingerprint, Scenario
 from uav_collect.scenario.site import Site
 from uav_collect.uav.actions import BACKWARD, FORWARD, HOVER, LEFT, RIGHT

@@ -10,10 +10,10 @@ Problems", Transportation Science 54 (2), 2020.
 import math
 from typing import NamedTuple
 
-from uav_collect.errands import Errands
 from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.compile import kernel
 from uav_collect.kernels.rows import new_row
+from uav_collect.planning.problem import Errands
 
 _MEAN_REMOVED = 8.0  # points taken out at once, on average
 _LONGEST_STRING = 10  # points of one route taken out at once

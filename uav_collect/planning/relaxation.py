@@ -13,10 +13,10 @@ Research 18 (6), 1970; Polyak's step sizes.
 
 from typing import NamedTuple
 
-from uav_collect.errands import Errands
 from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.compile import kernel
 from uav_collect.kernels.rows import new_row, row_of
+from uav_collect.planning.problem import Errands
 
 _N_STEPS = 200  # prices tried
 _PATIENCE = 8  # steps without a better bound before steps get shorter
