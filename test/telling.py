@@ -11,16 +11,9 @@ from learned import header as policy_header
 from learned import random_policy
 import numpy as np
 from numpy.typing import NDArray
-from uav_collect.assembly import Assembly, Joined
-from uav_collect.kernels.arrays import Row
-from uav_collect.kernels.rows import new_row
-from uav_collect.missions.experience import Episode
-from uav_collect.missions.simulation import Event, Simulation
-from uav_collect.missions.vector_env import Flights, Stepping
-from uav_collect.retrace import Retracer
-from uav_collect.scenario.load import fingerprint, Scenario
-from uav_collect.scenario.site import build_site
-from uav_collect.told import (
+from uav_collect.ingest.join import Assembly, Joined
+from uav_collect.ingest.rebuild import Retracer
+from uav_collect.ingest.reports import (
     EventTold,
     FLOAT32,
     FLOAT64,
@@ -30,6 +23,13 @@ from uav_collect.told import (
     Told,
     TransitionTold,
 )
+from uav_collect.kernels.arrays import Row
+from uav_collect.kernels.rows import new_row
+from uav_collect.missions.experience import Episode
+from uav_collect.missions.simulation import Event, Simulation
+from uav_collect.missions.vector_env import Flights, Stepping
+from uav_collect.scenario.load import fingerprint, Scenario
+from uav_collect.scenario.site import build_site
 from uav_collect.uav.actions import HOME, NONE
 from uav_collect.uav.agent import Agent, allocator_named
 from uav_collect.uav.belief import Belief

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from telling import Course, is_decision, joined, messages_of, same
 from tiny import tiny, uav
-from uav_collect.assembly import Cause, Fate
+from uav_collect.ingest.join import Cause, Fate
+from uav_collect.ingest.reports import EventTold, MissionTold, RefusedError, Told, TransitionTold
 from uav_collect.missions.experience import Episode, Records
 from uav_collect.scenario.load import ConfigError
-from uav_collect.told import EventTold, MissionTold, RefusedError, Told, TransitionTold
 from uav_collect.uav.actions import FAILSAFE, HOME, NONE
 from uav_collect.uav.observation import Layout
 from uav_collect.world.reward import Reward

@@ -6,7 +6,6 @@ import subprocess
 import sys
 
 import pytest
-from uav_collect import retrace
 from uav_collect.kernels import compile
 from uav_collect.kernels.compile import kernels_are_cached, sources_digest
 from uav_collect.missions import rollout, simulation

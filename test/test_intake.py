@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from telling import Course, joined, messages_of
 from tiny import tiny, uav
-from uav_collect.assembly import Joined
+from uav_collect.ingest.join import Joined
 from uav_collect.missions.experience import Episode
 from uav_collect.training_config import TrainingConfig
 from uav_collect.uav.observation import Layout

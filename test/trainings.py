@@ -10,8 +10,8 @@ from fleets import Fleet, parameters
 from processes import executable, Processes, RunningProcess
 from telling import Course
 from tiny import tiny, uav
-from uav_collect.assembly import Joined
 from uav_collect.checkpoint import read_checkpoint
+from uav_collect.ingest.join import Joined
 from uav_collect.intake import Intake
 from uav_collect.missions.experience import Episode
 from uav_collect.trainer import Trainer

@@ -9,7 +9,7 @@ from threading import Condition
 from typing import Any
 
 import numpy as np
-from uav_collect.assembly import Joined
+from uav_collect.ingest.join import Joined
 from uav_collect.missions.experience import Episode
 from uav_collect.network import Drqn
 from uav_collect.training_progress import RecentMissions

@@ -15,13 +15,15 @@ import uuid
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import QoSProfile
-from uav_collect import retrace
-from uav_collect.assembly import Assembly, Cause, Fate, Tally
+from uav_collect.ingest import rebuild
+from uav_collect.ingest.from_messages import teller
+from uav_collect.ingest.join import Assembly, Cause, Fate, Tally
+from uav_collect.ingest.rebuild import Retracer
+from uav_collect.ingest.reports import RefusedError, terms_of, Told
 from uav_collect.kernels.compile import kernels_are_cached, kernels_are_compiled
 from uav_collect.memory import keep_freed_memory
 from uav_collect.missions import vector_env
 from uav_collect.nodes import topics
-from uav_collect.nodes.hearsay import teller
 from uav_collect.nodes.incidents import Incidents
 from uav_collect.nodes.learning import Flown, Learning
 from uav_collect.nodes.parameters import help_text
@@ -35,10 +37,8 @@ from uav_collect.nodes.spin import (
 from uav_collect.nodes.trainer_settings import PARAMETERS, planned_run, read_settings
 from uav_collect.recording.bag_reader import BagError, messages
 from uav_collect.replay import replay_bytes
-from uav_collect.retrace import Retracer
 from uav_collect.scenario.load import ConfigError
 from uav_collect.scenario.site import build_site
-from uav_collect.told import RefusedError, terms_of, Told
 from uav_collect.training_display import showing
 from uav_collect.training_log import TrainingRunError
 from uav_collect.training_run import PlannedRun
@@ -122,7 +122,7 @@ class TrainerNode(ProcessNode):
 
     def _tell_compiling(self) -> None:
         if kernels_are_compiled() and not kernels_are_cached(
-            (*vector_env.KERNELS, *retrace.KERNELS)
+            (*vector_env.KERNELS, *rebuild.KERNELS)
         ):
             self.get_logger().info('compiling (once): this takes about a minute')
 

@@ -9,6 +9,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from uav_collect.ingest.reports import (
+    EventTold,
+    FLOAT32,
+    FLOAT64,
+    is_decision,
+    MissionTold,
+    RefusedError,
+    TransitionTold,
+)
 from uav_collect.kernels.arrays import Floats, Ints, Row
 from uav_collect.kernels.compile import kernel
 from uav_collect.missions.experience import (
@@ -20,15 +29,6 @@ from uav_collect.missions.experience import (
 )
 from uav_collect.scenario.load import ConfigError, Scenario
 from uav_collect.scenario.site import Site
-from uav_collect.told import (
-    EventTold,
-    FLOAT32,
-    FLOAT64,
-    is_decision,
-    MissionTold,
-    RefusedError,
-    TransitionTold,
-)
 from uav_collect.uav.actions import HOME, NONE
 from uav_collect.uav.briefing import brief, Briefing
 from uav_collect.uav.observation import Layout, observation_size

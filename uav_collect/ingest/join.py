@@ -9,9 +9,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-from uav_collect.missions.experience import Episode
-from uav_collect.retrace import MissionParts, Retracer
-from uav_collect.told import (
+from uav_collect.ingest.rebuild import MissionParts, Retracer
+from uav_collect.ingest.reports import (
     EventTold,
     is_decision,
     is_failsafe,
@@ -21,6 +20,7 @@ from uav_collect.told import (
     Told,
     TransitionTold,
 )
+from uav_collect.missions.experience import Episode
 from uav_collect.uav.actions import HOME
 
 _PATIENCE_MISSIONS = 8  # later ones joined before a mission is given up

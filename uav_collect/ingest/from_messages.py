@@ -4,7 +4,7 @@ from collections.abc import Callable
 import re
 from typing import Any
 
-from uav_collect.told import EventTold, MissionTold, Told, TransitionTold
+from uav_collect.ingest.reports import EventTold, MissionTold, Told, TransitionTold
 
 _ABORTED = 2  # Mission.ABORTED; a bag knows its messages without their constants
 _KINDS = re.compile(r'(?P<world>.*)/(?:world/(?P<kind>mission|epoch)|uav_\d+/transition)')

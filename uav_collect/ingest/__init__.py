@@ -1,0 +1,1 @@
+"""Missions that were flown elsewhere, joined out of messages for a learner."""
