@@ -19,9 +19,9 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 import torch
-from uav_collect.evaluation import mission_seeds
+from uav_collect.analysis.metrics import figures
+from uav_collect.analysis.statistics import mission_seeds
 from uav_collect.memory import keep_freed_memory
-from uav_collect.metrics import figures
 from uav_collect.missions.rollout import fly
 from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site

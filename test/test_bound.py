@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 from tiny import CELL_A, CELL_B, fly_scripts, HOVER_W, MOVE_10_J, rate_bps, tiny, uav
 from uav_collect.__main__ import main
-from uav_collect.bound_estimates import bound_numbers, mean_numbers, shares
-from uav_collect.metrics import check_log, figures, MissionFigures
+from uav_collect.analysis.metrics import check_log, figures, MissionFigures
+from uav_collect.analysis.plan_shares import bound_numbers, mean_numbers, shares
+from uav_collect.analysis.tables import comparison_table, mission_tables
 from uav_collect.missions.rollout import fly
 from uav_collect.physics.radio import channel_draw
 from uav_collect.planning import bound as bound_module
@@ -29,7 +30,6 @@ from uav_collect.planning.problem import Errands, errands_of
 from uav_collect.planning.relaxation import least_completion_s, least_energy_j
 from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site
-from uav_collect.tables import comparison_table, mission_tables
 from uav_collect.world.sensor_field import lay_out
 
 # Fading as it is: channels differ between UAVs.

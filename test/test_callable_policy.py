@@ -11,7 +11,7 @@ from processes import Processes
 import pytest
 from tiny import tiny
 from uav_collect.__main__ import main
-from uav_collect.metrics import check_log, figures
+from uav_collect.analysis.metrics import check_log, figures
 from uav_collect.missions.rollout import fly
 from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.load import Scenario

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from uav_collect.analysis.metrics import check_log, figures
 from uav_collect.kernels.arrays import Floats
-from uav_collect.metrics import check_log, figures
 from uav_collect.missions.rollout import fly
 from uav_collect.recording.mission_log import ACTION_NAMES, MissionLog, REASON_NAMES
 from uav_collect.scenario.load import ConfigError, load, Scenario

@@ -7,8 +7,8 @@ import hashlib
 from interpreted import interpreted
 import numpy as np
 import pytest
+from uav_collect.analysis.metrics import figures
 from uav_collect.kernels.arrays import Row
-from uav_collect.metrics import figures
 from uav_collect.missions.rollout import fly
 from uav_collect.recording.mission_log import MissionLog, REASON_NAMES
 from uav_collect.scenario.load import load, Scenario

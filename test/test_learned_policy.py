@@ -11,9 +11,9 @@ from interpreted import interpreted
 from learned import header, random_policy, saved
 import pytest
 from tiny import tiny
+from uav_collect.analysis.metrics import check_log, figures
 from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.rows import row_of
-from uav_collect.metrics import check_log, figures
 from uav_collect.missions.rollout import fly
 from uav_collect.missions.simulation import Simulation
 from uav_collect.scenario.load import load, Scenario

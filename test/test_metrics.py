@@ -4,7 +4,7 @@ import math
 import numpy as np
 import pytest
 from scripted import fly, header, uav
-from uav_collect import metrics
+from uav_collect.analysis import metrics
 from uav_collect.recording.mission_log import from_jsonl, MissionLog, MissionLogError
 
 # Cells of 50 m, so a step takes 5 s at 10 m/s and 10 s at 5 m/s; moving 100 W, hovering 200 W.

@@ -10,8 +10,8 @@ from pettingzoo import AECEnv
 from pettingzoo.test import api_test, seed_test
 import pytest
 from tiny import tiny, uav
+from uav_collect.analysis.metrics import check_log, figures
 from uav_collect.kernels.arrays import Ints
-from uav_collect.metrics import check_log, figures
 from uav_collect.missions.rollout import fly
 from uav_collect.missions.vector_env import Flights, Stepping
 from uav_collect.pettingzoo_env import env

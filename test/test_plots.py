@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 import numpy as np
 import pytest
 from scripted import fly, header, uav
-from uav_collect import plots
+from uav_collect.analysis import trajectories
+from uav_collect.analysis.lanes import corners_m, lane_shifts, narrowest_lane, steps
 from uav_collect.kernels.arrays import Floats
-from uav_collect.lanes import corners_m, lane_shifts, narrowest_lane, steps
 from uav_collect.missions import rollout
 from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.load import load, Scenario, with_uavs
@@ -32,7 +32,7 @@ class Scene:
 
     def draw(self) -> bytes:
         file = io.BytesIO()
-        plots.trajectories(self.log, self.site, self.demand_bit, self.scenario, file)
+        trajectories.trajectories(self.log, self.site, self.demand_bit, self.scenario, file)
         return file.getvalue()
 
 

@@ -7,11 +7,11 @@ from fleets import Fleet, listener, logs, Pilots, scenario_of
 import numpy as np
 from processes import Processes
 import pytest
-from uav_collect.metrics import figures
+from uav_collect.analysis.metrics import figures
+from uav_collect.analysis.tables import mission_warnings
 from uav_collect.missions.simulation import mission_header
 from uav_collect.recording.mission_log import read
 from uav_collect.scenario.load import Scenario
-from uav_collect.tables import mission_warnings
 from uav_collect.uav import actions
 from uav_collect.uav.agent import Decision
 

@@ -5,8 +5,8 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from tiny import fly_scripts, HOVER_W, MOVE_10_J, rate_bps, tiny, uav
+from uav_collect.analysis.metrics import figures
 from uav_collect.kernels.rows import row_of
-from uav_collect.metrics import figures
 from uav_collect.missions.rollout import fly
 from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.load import load, Scenario

@@ -6,8 +6,8 @@ from interpreted import interpreted
 import numpy as np
 import pytest
 from tiny import Script, tiny, TOTAL_BIT, uav
+from uav_collect.analysis.metrics import check_log, figures
 from uav_collect.kernels.arrays import Row
-from uav_collect.metrics import check_log, figures
 from uav_collect.missions.rollout import fly
 from uav_collect.physics.bandwidth import AllocationError
 from uav_collect.recording.mission_log import from_jsonl, MissionLog

@@ -5,9 +5,9 @@ import re
 import numpy as np
 import pytest
 from tiny import Flight, fly_scripts, MOVE_5_J, tiny, uav
+from uav_collect.analysis.metrics import check_log, figures
 from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.rows import row_of
-from uav_collect.metrics import check_log, figures
 from uav_collect.missions.rollout import fly
 from uav_collect.missions.simulation import Simulation
 from uav_collect.recording.mission_log import from_jsonl

@@ -2,7 +2,7 @@ import math
 
 import pytest
 from tiny import CELL_A, CELL_B, Flight, fly_scripts, GAIN, HOVER_W, MOVE_10_J, rate_bps, tiny, uav
-from uav_collect.metrics import figures
+from uav_collect.analysis.metrics import figures
 from uav_collect.scenario.load import Scenario
 from uav_collect.uav.actions import FORWARD, HOME, HOVER, LEFT, NONE, RIGHT
 

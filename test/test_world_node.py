@@ -15,8 +15,8 @@ for needed in ('rclpy', 'uav_collect_msgs'):
 from fleets import Fleet, logs, parameters, scenario_of  # noqa: E402
 from processes import own_domain, Processes, ros_environment  # noqa: E402
 from stand_in import stand_in, StandIn  # noqa: E402
+from uav_collect.analysis.metrics import figures
 from uav_collect.limits import MAX_SEED  # noqa: E402
-from uav_collect.metrics import figures  # noqa: E402
 from uav_collect.nodes import topics, viewers  # noqa: E402
 from uav_collect.nodes.convert import uav_ids, unpacked  # noqa: E402
 from uav_collect.nodes.topics import publisher  # noqa: E402

@@ -18,8 +18,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter
 import numpy as np
+from uav_collect.analysis.trajectories import COLOURS, DPI
 from uav_collect.kernels.arrays import Floats
-from uav_collect.plots import COLOURS, DPI
 from uav_collect.training_log import (
     Axis,
     Measure,

@@ -203,7 +203,7 @@ class MissionEnv(AECEnv):
             return None
         # Here, as many environments never draw.
         from matplotlib.image import imread
-        from uav_collect.plots import trajectories
+        from uav_collect.analysis.trajectories import trajectories
 
         demand_bit = new_row(self._site.n_sensors, 0.0)
         draw_demand(self._ground, self._seed, demand_bit)

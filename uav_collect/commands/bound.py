@@ -13,7 +13,7 @@ from uav_collect import files
 from uav_collect.commands import options, progress
 
 if TYPE_CHECKING:  # loaded when searching, so that --help answers at once
-    from uav_collect.evaluation import Estimate
+    from uav_collect.analysis.statistics import Estimate
     from uav_collect.planning.bound import Bound
     from uav_collect.scenario.load import Scenario
 
@@ -55,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Plan the missions; the exit status."""
-    from uav_collect.bound_estimates import bound_numbers, mean_numbers
+    from uav_collect.analysis.plan_shares import bound_numbers, mean_numbers
 
     scenario = options.scenario_of(arguments)
     for path in filter(None, (arguments.json, arguments.csv)):
@@ -75,7 +75,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _plan(arguments: argparse.Namespace, scenario: 'Scenario') -> '_Bounds':
-    from uav_collect.evaluation import mission_seeds
+    from uav_collect.analysis.statistics import mission_seeds
     from uav_collect.planning.bound import bound_of, KERNELS, N_ROUNDS
     from uav_collect.scenario.site import build_site
 
@@ -100,7 +100,7 @@ def _show(
     estimates: Mapping[str, 'Estimate'],
 ) -> None:
     from rich.console import Console
-    from uav_collect.bound_tables import bound_table
+    from uav_collect.analysis.bound_tables import bound_table
 
     console = Console()
     console.print(
@@ -143,7 +143,7 @@ def _json(
 
 def _csv(scenario: 'Scenario', bounds: '_Bounds') -> bytes:
     """One row per mission; a number without a plan is left empty."""
-    from uav_collect.bound_estimates import bound_numbers
+    from uav_collect.analysis.plan_shares import bound_numbers
     from uav_collect.scenario.load import fingerprint
 
     text = io.StringIO()

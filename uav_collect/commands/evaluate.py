@@ -18,8 +18,8 @@ from uav_collect import files
 from uav_collect.commands import options, progress
 
 if TYPE_CHECKING:  # loaded when flying, so that --help answers at once
-    from uav_collect.evaluation import Estimate
-    from uav_collect.metrics import MissionFigures
+    from uav_collect.analysis.metrics import MissionFigures
+    from uav_collect.analysis.statistics import Estimate
     from uav_collect.planning.bound import Bound
     from uav_collect.scenario.load import Scenario
     from uav_collect.uav.policy import NamedPolicy
@@ -148,8 +148,8 @@ def _fly(
     bounds: '_Bounds',
 ) -> None:
     """Fly all missions, a few with each policy in turn, into `flown`; plan them into `bounds`."""
-    from uav_collect.evaluation import mission_seeds
-    from uav_collect.metrics import figures
+    from uav_collect.analysis.metrics import figures
+    from uav_collect.analysis.statistics import mission_seeds
     from uav_collect.missions.rollout import fly
     from uav_collect.planning.bound import bound_of
     from uav_collect.scenario.site import build_site
@@ -190,8 +190,8 @@ def _show(
 ) -> _Findings:
     """Print the figures of what was flown; they are the findings returned."""
     from rich.console import Console
-    from uav_collect.bound_tables import share_table
-    from uav_collect.tables import difference_table, evaluation_table
+    from uav_collect.analysis.bound_tables import share_table
+    from uav_collect.analysis.tables import difference_table, evaluation_table
 
     console = Console()
     n_missions = min(len(missions) for missions in flown.values())
@@ -220,8 +220,8 @@ def _show(
 
 
 def _find(arguments: argparse.Namespace, flown: _Flown, bounds: '_Bounds') -> _Findings:
-    from uav_collect.bound_estimates import mean_numbers, shares
-    from uav_collect.evaluation import differences, estimates
+    from uav_collect.analysis.plan_shares import mean_numbers, shares
+    from uav_collect.analysis.statistics import differences, estimates
 
     seed = arguments.seed
     firsts = [*flown][: len(arguments.bandwidth)] if arguments.compare else []
@@ -283,7 +283,7 @@ def _json(
 
 
 def _by_measure(estimates: Iterable['Estimate']) -> dict[str, object]:
-    from uav_collect.evaluation import MEASURES
+    from uav_collect.analysis.statistics import MEASURES
 
     return {measure.key: _as_json(row) for measure, row in zip(MEASURES, estimates, strict=True)}
 
@@ -296,7 +296,7 @@ def _csv(
     arguments: argparse.Namespace, scenario: 'Scenario', flown: _Flown, bounds: '_Bounds'
 ) -> bytes:
     """One row per mission."""
-    from uav_collect.bound_estimates import SHARE_KEYS, shares
+    from uav_collect.analysis.plan_shares import SHARE_KEYS, shares
 
     fixed = ('scenario', 'fingerprint', 'bandwidth', 'policy')
     text = io.StringIO()

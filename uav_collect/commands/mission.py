@@ -105,11 +105,11 @@ def _checked_policy(wanted: str | None, scenario: 'Scenario') -> str:
 def _compare(log: Path, scenario: 'Scenario', bandwidth: str) -> None:
     """Show the mission's figures beside those of rules, flown here in the same mission."""
     from rich.console import Console
-    from uav_collect.metrics import figures
+    from uav_collect.analysis.metrics import figures
+    from uav_collect.analysis.tables import comparison_table
     from uav_collect.missions.rollout import fly
     from uav_collect.recording.mission_log import read
     from uav_collect.scenario.site import build_site
-    from uav_collect.tables import comparison_table
 
     try:
         flown = read(log)

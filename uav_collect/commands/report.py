@@ -67,9 +67,9 @@ def show(mission: FlownMission, picture: Path, console: 'Console') -> None:
         MissionLogError: the log of a whole mission does not add up.
         OSError: the picture cannot be written.
     """
-    from uav_collect.metrics import check_log, figures
-    from uav_collect.plots import trajectories
-    from uav_collect.tables import mission_tables
+    from uav_collect.analysis.metrics import check_log, figures
+    from uav_collect.analysis.tables import mission_tables
+    from uav_collect.analysis.trajectories import trajectories
 
     if mission.is_whole:
         check_log(mission.log)

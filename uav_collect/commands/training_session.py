@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from pathlib import Path
 import sys
 
+from uav_collect.analysis.metrics import percent
 from uav_collect.commands import curves
 from uav_collect.commands.interruption import Interruption
 from uav_collect.commands.training_plan import resume_command
 from uav_collect.learning_curves import learning_curves
-from uav_collect.metrics import percent
 from uav_collect.training_display import clock, showing
 from uav_collect.training_folder import BEST_POLICY, CURVE, opened
 from uav_collect.training_log import AXES, MEASURES

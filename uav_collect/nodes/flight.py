@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 import math
 from typing import Any
 
+from uav_collect.analysis.metrics import figures, MissionFigures
 from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.rows import row_of
 from uav_collect.lockstep.published_policy import Published
 from uav_collect.lockstep.roster import Pilot
-from uav_collect.metrics import figures, MissionFigures
 from uav_collect.missions.simulation import Event, mission_header, Simulation
 from uav_collect.nodes import convert
 from uav_collect.recording.mission_log import Events, header_line, MissionHeader, REASON_NAMES

@@ -2,8 +2,8 @@
 
 from matplotlib.axes import Axes
 from matplotlib.ticker import EngFormatter
+from uav_collect.analysis.trajectories import COLOURS
 from uav_collect.learning_curves import LearningCurve
-from uav_collect.plots import COLOURS
 from uav_collect.studies.drawing import (
     COLOUR,
     counted,

@@ -9,7 +9,7 @@ import textwrap
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from uav_collect.plots import COLOURS, DPI
+from uav_collect.analysis.trajectories import COLOURS, DPI
 from uav_collect.studies.records import AIQL, AQMIX, HERT, PLAN, QMIX, SWEEP
 
 COLOUR = {

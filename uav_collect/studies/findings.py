@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import io
 
 import numpy as np
-from uav_collect.evaluation import column_estimates, Estimate
+from uav_collect.analysis.statistics import column_estimates, Estimate
 from uav_collect.kernels.arrays import Floats
 from uav_collect.learning_curves import LearningCurve, mean_curve
 from uav_collect.studies.flights import MISSIONS

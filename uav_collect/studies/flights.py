@@ -10,10 +10,10 @@ import json
 import math
 
 import numpy as np
-from uav_collect.bound_estimates import bound_numbers
-from uav_collect.evaluation import estimates, mission_seeds
-from uav_collect.evaluation import MEASURES as MEANS
-from uav_collect.metrics import figures, MissionFigures
+from uav_collect.analysis.metrics import figures, MissionFigures
+from uav_collect.analysis.plan_shares import bound_numbers
+from uav_collect.analysis.statistics import estimates, mission_seeds
+from uav_collect.analysis.statistics import MEASURES as MEANS
 from uav_collect.missions.rollout import fly
 from uav_collect.planning.bound import bound_of
 from uav_collect.recording.mission_log import MissionLog

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from uav_collect.evaluation import column_estimates, Estimate
+from uav_collect.analysis.statistics import column_estimates, Estimate
 from uav_collect.kernels.arrays import Floats
 
 # Fewer seeds agree by chance too often: of five that toss a coin, all fall alike once in sixteen.

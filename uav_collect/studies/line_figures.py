@@ -2,7 +2,7 @@
 
 from matplotlib.axes import Axes
 import numpy as np
-from uav_collect.evaluation import Estimate, LEVEL
+from uav_collect.analysis.statistics import Estimate, LEVEL
 from uav_collect.studies.drawing import (
     COLOUR,
     counted,

@@ -1,9 +1,9 @@
 """Draws fields and missions: the sensors with a mission's data, and the ways of policies."""
 
 import numpy as np
+from uav_collect.analysis.metrics import figures
+from uav_collect.analysis.trajectories import draw_mission
 from uav_collect.kernels.arrays import Floats
-from uav_collect.metrics import figures
-from uav_collect.plots import draw_mission
 from uav_collect.recording.mission_log import ACTION_NAMES, from_jsonl, MissionLog
 from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import build_site, Site

@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
-from uav_collect.evaluation import LEVEL
+from uav_collect.analysis.statistics import LEVEL
 from uav_collect.studies.claims import Judged
 from uav_collect.studies.costs import Spent
 from uav_collect.studies.judging import Evidence, MIN_SEEDS, Verdict

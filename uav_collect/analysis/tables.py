@@ -7,8 +7,8 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
-from uav_collect.evaluation import Estimate, LEVEL, MEASURES
-from uav_collect.metrics import FAILSAFE, MissionFigures, percent, UavFigures, UNFINISHED
+from uav_collect.analysis.metrics import FAILSAFE, MissionFigures, percent, UavFigures, UNFINISHED
+from uav_collect.analysis.statistics import Estimate, LEVEL, MEASURES
 from uav_collect.planning.bound import Bound, efficiency_share, Plan, time_share
 from uav_collect.recording.mission_log import MissionHeader
 

@@ -6,8 +6,8 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
-from uav_collect.evaluation import Estimate, LEVEL
-from uav_collect.tables import estimate_cells
+from uav_collect.analysis.statistics import Estimate, LEVEL
+from uav_collect.analysis.tables import estimate_cells
 
 _TITLES = {
     'completion_s': 'completion time [s]',

@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from uav_collect.analysis.metrics import MissionFigures
 from uav_collect.kernels.arrays import Floats
-from uav_collect.metrics import MissionFigures
 
 LEVEL = 0.95
 N_RESAMPLES = 2000

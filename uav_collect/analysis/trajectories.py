@@ -19,9 +19,9 @@ from matplotlib.markers import MarkerStyle
 from matplotlib.patheffects import Normal, withStroke
 from matplotlib.transforms import Affine2D
 import numpy as np
+from uav_collect.analysis.lanes import corners_m, lane_shifts, narrowest_lane, steps
+from uav_collect.analysis.metrics import figures, HOME, HOVER, MissionFigures, percent
 from uav_collect.kernels.arrays import Bools, check_shape, Floats, Ints
-from uav_collect.lanes import corners_m, lane_shifts, narrowest_lane, steps
-from uav_collect.metrics import figures, HOME, HOVER, MissionFigures, percent
 from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import Site

@@ -4,8 +4,8 @@ from collections.abc import Callable, Mapping, Sequence
 import math
 
 import numpy as np
-from uav_collect.evaluation import column_estimates, Estimate
-from uav_collect.metrics import MissionFigures
+from uav_collect.analysis.metrics import MissionFigures
+from uav_collect.analysis.statistics import column_estimates, Estimate
 from uav_collect.planning.bound import Bound, efficiency_share, Plan, time_share
 
 _PLAN_NUMBERS: Mapping[str, Callable[[Bound, Plan], float]] = {

@@ -1,0 +1,1 @@
+"""What mission logs tell: metrics, statistics, tables and pictures."""
