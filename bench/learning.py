@@ -29,7 +29,7 @@ from uav_collect.missions.vector_env import Flights, Stepping
 from uav_collect.network import Drqn
 from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site
-from uav_collect.training_config import load_preset, TrainingConfig
+from uav_collect.training.config import load_preset, TrainingConfig
 from uav_collect.uav.actions import NONE
 from uav_collect.uav.briefing import brief
 

@@ -21,7 +21,7 @@ from rich.table import Table
 from uav_collect.commands.fleet import Fleet, FleetProcess, ros_parameters
 from uav_collect.commands.train_fleet import first_seed, world_names
 from uav_collect.scenario.load import load, Scenario
-from uav_collect.training_config import load_preset
+from uav_collect.training.config import load_preset
 from uav_collect.uav.policy_file import load_policy, policy_bytes
 
 SECONDS = 30.0  # of each measurement

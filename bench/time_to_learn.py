@@ -26,8 +26,8 @@ from uav_collect.missions.rollout import fly
 from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.trainer import Trainer, VALIDATION_SEED
-from uav_collect.training_config import load_preset
-from uav_collect.training_progress import Budget, Validation
+from uav_collect.training.config import load_preset
+from uav_collect.training.progress import Budget, Validation
 
 MINUTES, SEED = 10.0, 0
 HEURISTICS = ('hert', 'sweep')

@@ -22,7 +22,7 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from uav_collect.commands.train_fleet import first_seed, world_names
 from uav_collect.scenario.load import load
-from uav_collect.training_config import load_preset
+from uav_collect.training.config import load_preset
 import yaml
 
 from launch import LaunchContext, LaunchDescription

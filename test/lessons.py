@@ -16,7 +16,7 @@ from uav_collect.missions.experience import Episode, N_UAV_SCALARS, new_records
 from uav_collect.missions.vector_env import Flights, Stepping
 from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import build_site
-from uav_collect.training_config import load_preset, TrainingConfig
+from uav_collect.training.config import load_preset, TrainingConfig
 from uav_collect.uav.actions import N_ACTIONS, NONE
 from uav_collect.uav.briefing import brief, Briefing
 

@@ -13,14 +13,14 @@ from telling import Course, joined, messages_of
 from tiny import tiny, uav
 from uav_collect.ingest.join import Joined
 from uav_collect.missions.experience import Episode
-from uav_collect.training_config import TrainingConfig
+from uav_collect.training.config import TrainingConfig
 from uav_collect.uav.observation import Layout
 
 torch = single_threaded_torch()
 from uav_collect.intake import Intake  # noqa: E402
 from uav_collect.network import Drqn  # noqa: E402
 from uav_collect.trainer import Trainer  # noqa: E402
-from uav_collect.training_progress import Budget  # noqa: E402
+from uav_collect.training.progress import Budget
 
 FLEET = uav(5.0, energy_budget_kj=9.0), uav(10.0, energy_budget_kj=5.0)
 COURSE = Course(scenario=tiny(*FLEET), layout=Layout.PAPER, max_decisions=9)

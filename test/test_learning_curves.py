@@ -11,9 +11,9 @@ from matplotlib.figure import Figure
 import numpy as np
 import pytest
 from training_runs import RECORD, write_run
-from uav_collect import learning_curves as curves
 from uav_collect.__main__ import main
-from uav_collect.training_log import (
+from uav_collect.training import curves as curves
+from uav_collect.training.run_record import (
     AXES,
     MEASURES,
     PROGRESS_FILE,

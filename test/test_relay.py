@@ -23,7 +23,7 @@ from trainings import (  # noqa: E402
     start_trainer,
     TRAINED_S,
 )
-from uav_collect.training_progress import Budget  # noqa: E402
+from uav_collect.training.progress import Budget
 
 pytestmark = pytest.mark.ros
 

@@ -15,7 +15,7 @@ from uav_collect.minibatch import Algorithm, Minibatch
 from uav_collect.missions.experience import Episode
 from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import build_site
-from uav_collect.training_config import TrainingConfig
+from uav_collect.training.config import TrainingConfig
 from uav_collect.uav.briefing import brief
 
 torch = single_threaded_torch()

@@ -19,8 +19,8 @@ from tiny import tiny
 from uav_collect.__main__ import main
 from uav_collect.commands import train
 from uav_collect.scenario.load import fingerprint, from_yaml
-from uav_collect.training_config import load_preset
-from uav_collect.training_log import PROGRESS_COLUMNS, read_run, VALIDATION_COLUMNS
+from uav_collect.training.config import load_preset
+from uav_collect.training.run_record import PROGRESS_COLUMNS, read_run, VALIDATION_COLUMNS
 from uav_collect.uav.policy_file import load_policy
 
 pytest.importorskip('torch', reason='training needs torch')

@@ -11,7 +11,7 @@ from tiny import tiny
 from uav_collect.commands import train_fleet
 from uav_collect.commands.fleet import ros_parameters
 from uav_collect.recording.bag_reader import read_missions
-from uav_collect.training_log import read_run
+from uav_collect.training.run_record import read_run
 from uav_collect.uav.policy_file import load_policy
 
 pytest.importorskip('torch', reason='training needs torch')

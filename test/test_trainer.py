@@ -14,14 +14,14 @@ from uav_collect.missions.rollout import fly
 from uav_collect.replay import replay_bytes
 from uav_collect.scenario.load import ConfigError, Scenario
 from uav_collect.scenario.site import build_site
-from uav_collect.training_config import TrainingConfig
+from uav_collect.training.config import TrainingConfig
 from uav_collect.uav.policy import LearnedPolicy
 from uav_collect.uav.policy_network import PolicyMismatchError
 
 torch = single_threaded_torch()
 from uav_collect.checkpoint import CheckpointError  # noqa: E402
 from uav_collect.trainer import Trainer  # noqa: E402
-from uav_collect.training_progress import Budget, Progress  # noqa: E402
+from uav_collect.training.progress import Budget, Progress
 from uav_collect.uav.briefing import brief
 
 DECISIONS = 1000

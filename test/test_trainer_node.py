@@ -12,7 +12,7 @@ from processes import Processes
 import pytest
 from telling import same
 from uav_collect.scenario.load import ConfigError
-from uav_collect.training_log import read_columns, read_run, TrainingRunError
+from uav_collect.training.run_record import read_columns, read_run, TrainingRunError
 from uav_collect.uav.policy_file import load_policy
 from uav_collect.uav.policy_network import PolicyMismatchError
 
@@ -33,8 +33,8 @@ from uav_collect.nodes.trainer_settings import (  # noqa: E402
     planned_run,
     TrainerSettings,
 )
-from uav_collect.training_folder import opened  # noqa: E402
-from uav_collect.training_progress import Budget  # noqa: E402
+from uav_collect.training.folder import opened
+from uav_collect.training.progress import Budget
 
 pytestmark = pytest.mark.ros
 

@@ -2,8 +2,8 @@
 
 from dataclasses import replace
 
-from uav_collect.training_display import merits
-from uav_collect.training_progress import Progress, Validation
+from uav_collect.training.display import merits
+from uav_collect.training.progress import Progress, Validation
 
 WHOLE = Validation(
     wall_s=1.0,

@@ -4,7 +4,7 @@ from launching import defaults, described_by, given, Made, nodes, NODES_FILE, RO
 import pytest
 from uav_collect.commands.train_fleet import first_seed
 from uav_collect.scenario.load import load
-from uav_collect.training_config import load_preset
+from uav_collect.training.config import load_preset
 
 LAUNCH_FILE = ROOT / 'launch' / 'training.launch.py'
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from uav_collect.training_log import (
+from uav_collect.training.run_record import (
     PROGRESS_COLUMNS,
     PROGRESS_FILE,
     RUN_FILE,

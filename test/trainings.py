@@ -15,8 +15,8 @@ from uav_collect.ingest.join import Joined
 from uav_collect.intake import Intake
 from uav_collect.missions.experience import Episode
 from uav_collect.trainer import Trainer
-from uav_collect.training_config import load_preset, TrainingConfig
-from uav_collect.training_progress import Budget
+from uav_collect.training.config import load_preset, TrainingConfig
+from uav_collect.training.progress import Budget
 
 SCENARIO = tiny(uav(5.0, energy_budget_kj=9.0), uav(10.0, energy_budget_kj=5.0))
 SETTINGS = {

@@ -12,8 +12,8 @@ from uav_collect.missions.vector_env import Decisions, Flights, Stepping
 from uav_collect.network import Drqn
 from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import Site
-from uav_collect.training_config import TrainingConfig
-from uav_collect.training_progress import RecentMissions
+from uav_collect.training.config import TrainingConfig
+from uav_collect.training.progress import RecentMissions
 from uav_collect.uav.actions import NONE
 
 # Training missions come from a range of seeds that users do not evaluate on by chance.

@@ -14,8 +14,8 @@ from uav_collect.recording.mission_log import MissionLog
 from uav_collect.replay import Replay
 from uav_collect.scenario.load import ConfigError, Scenario
 from uav_collect.scenario.site import build_site, Site
-from uav_collect.training_config import TrainingConfig
-from uav_collect.training_progress import RecentMissions
+from uav_collect.training.config import TrainingConfig
+from uav_collect.training.progress import RecentMissions
 from uav_collect.uav.briefing import brief, Briefing
 from uav_collect.uav.observation import observation_size
 from uav_collect.uav.policy import LearnedPolicy

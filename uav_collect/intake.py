@@ -12,7 +12,7 @@ import numpy as np
 from uav_collect.ingest.join import Joined
 from uav_collect.missions.experience import Episode
 from uav_collect.network import Drqn
-from uav_collect.training_progress import RecentMissions
+from uav_collect.training.progress import RecentMissions
 
 _N_REMEMBERED = 4096  # missions, so that none is learned from twice
 

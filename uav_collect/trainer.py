@@ -14,8 +14,8 @@ from uav_collect.learner import Learner
 from uav_collect.minibatch import Algorithm
 from uav_collect.revision import git_revision
 from uav_collect.scenario.load import fingerprint, from_yaml, Scenario
-from uav_collect.training_config import TrainingConfig
-from uav_collect.training_progress import Budget, Pace, Progress, Validation
+from uav_collect.training.config import TrainingConfig
+from uav_collect.training.progress import Budget, Pace, Progress, Validation
 from uav_collect.uav import policy_network
 from uav_collect.uav.observation import observation_size
 from uav_collect.uav.policy import LearnedPolicy

@@ -9,10 +9,10 @@ from uav_collect import files
 from uav_collect.checkpoint import CheckpointError
 from uav_collect.course import Source
 from uav_collect.trainer import Trainer
-from uav_collect.training_folder import BEST_POLICY, CHECKPOINT, LAST_POLICY, RunFolder
-from uav_collect.training_log import TrainingRunError
-from uav_collect.training_progress import Budget, Progress
-from uav_collect.training_run import PlannedRun
+from uav_collect.training.folder import BEST_POLICY, CHECKPOINT, LAST_POLICY, RunFolder
+from uav_collect.training.planned_run import PlannedRun
+from uav_collect.training.progress import Budget, Progress
+from uav_collect.training.run_record import TrainingRunError
 from uav_collect.uav.policy_network import PolicyMismatchError
 
 

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from uav_collect import files
-from uav_collect.training_log import AXES, Axis, Measure, MEASURES
+from uav_collect.training.run_record import AXES, Axis, Measure, MEASURES
 
 if TYPE_CHECKING:  # loaded when drawing, so that --help answers at once
-    from uav_collect.learning_curves import LearningCurve
+    from uav_collect.training.curves import LearningCurve
 
 _DESCRIPTION = """
 Reads the run folders of train and draws what their policies achieved in the validation missions
@@ -58,7 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Draw the curves; the exit status."""
-    from uav_collect.learning_curves import learning_curves
+    from uav_collect.training.curves import learning_curves
 
     for path in filter(None, (arguments.output, arguments.csv)):
         files.check_writable(path)
@@ -90,7 +90,7 @@ def write(
     Raises:
         OSError: naming the file.
     """
-    from uav_collect.learning_curves import draw, to_csv
+    from uav_collect.training.curves import draw, to_csv
 
     drawn = io.BytesIO()
     draw(curves, measure, axis, drawn, references, title)

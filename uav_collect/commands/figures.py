@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from uav_collect import files
 from uav_collect.commands import options, progress
 from uav_collect.commands.interruption import Interruption, noted
-from uav_collect.training_log import TrainingRunError
+from uav_collect.training.run_record import TrainingRunError
 
 if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
     from uav_collect.commands.figures_plan import Plan

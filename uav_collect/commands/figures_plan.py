@@ -20,7 +20,7 @@ from uav_collect.studies.requests import Requests
 from uav_collect.studies.scale import load_scale, ScaleConfig
 from uav_collect.studies.store import Store
 from uav_collect.studies.warming import kernels_of
-from uav_collect.training_log import TrainingRunError
+from uav_collect.training.run_record import TrainingRunError
 
 _SPARE_BYTES = 200e6  # to be left on the disk
 

@@ -9,7 +9,7 @@ from uav_collect.commands.interruption import noted
 from uav_collect.commands.training_plan import ALGORITHMS, planned, Training
 from uav_collect.limits import MAX_SEED
 from uav_collect.memory import keep_freed_memory
-from uav_collect.training_log import TrainingRunError
+from uav_collect.training.run_record import TrainingRunError
 
 _DESCRIPTION = """
 Learns the policy of a fleet's UAVs by flying missions of a scenario, or of several in turn, and

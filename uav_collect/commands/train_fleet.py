@@ -85,7 +85,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Train; the exit status."""
     from uav_collect.scenario.load import parse_override
-    from uav_collect.training_config import load_preset
+    from uav_collect.training.config import load_preset
 
     options.check_torch('train-fleet')
     scenario = options.scenario_of(arguments)

@@ -9,12 +9,12 @@ import sys
 from typing import TYPE_CHECKING
 
 from uav_collect.commands import options
-from uav_collect.training_log import read_run, RUN_FILE, RunRecord, TrainingRunError
-from uav_collect.training_run import new_record, PlannedRun, stored_run
+from uav_collect.training.planned_run import new_record, PlannedRun, stored_run
+from uav_collect.training.run_record import read_run, RUN_FILE, RunRecord, TrainingRunError
 
 if TYPE_CHECKING:  # loaded when training, so that --help answers at once
     from uav_collect.scenario.load import Scenario
-    from uav_collect.training_config import TrainingConfig
+    from uav_collect.training.config import TrainingConfig
     from uav_collect.uav.policy_network import FrozenPolicy
 
 ALGORITHMS = ('aqmix', 'qmix', 'aiql')
@@ -45,7 +45,7 @@ def planned(arguments: argparse.Namespace) -> Training:
 
 def _new(arguments: argparse.Namespace) -> Training:
     from uav_collect.scenario.load import parse_override
-    from uav_collect.training_config import load_preset
+    from uav_collect.training.config import load_preset
     from uav_collect.uav.policy import frozen_policy
 
     scenarios = options.scenarios_of(arguments)

@@ -39,9 +39,9 @@ from uav_collect.recording.bag_reader import BagError, messages
 from uav_collect.replay import replay_bytes
 from uav_collect.scenario.load import ConfigError
 from uav_collect.scenario.site import build_site
-from uav_collect.training_display import showing
-from uav_collect.training_log import TrainingRunError
-from uav_collect.training_run import PlannedRun
+from uav_collect.training.display import showing
+from uav_collect.training.planned_run import PlannedRun
+from uav_collect.training.run_record import TrainingRunError
 from uav_collect.uav.briefing import brief
 from uav_collect.uav.policy_file import policy_bytes
 from uav_collect.uav.policy_network import PolicyMismatchError

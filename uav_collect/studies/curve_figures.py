@@ -3,7 +3,6 @@
 from matplotlib.axes import Axes
 from matplotlib.ticker import EngFormatter
 from uav_collect.analysis.trajectories import COLOURS
-from uav_collect.learning_curves import LearningCurve
 from uav_collect.studies.drawing import (
     COLOUR,
     counted,
@@ -22,6 +21,7 @@ from uav_collect.studies.records import (
     PLAN,
     REWARD,
 )
+from uav_collect.training.curves import LearningCurve
 
 _SIZE_IN = (4.2, 3.9)
 _OVER = 'decisions in training [1]'

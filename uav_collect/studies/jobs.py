@@ -13,7 +13,7 @@ import uav_collect
 from uav_collect.config import layers
 from uav_collect.config.rules import validated
 from uav_collect.scenario.load import Scenario
-from uav_collect.training_config import TrainingConfig
+from uav_collect.training.config import TrainingConfig
 
 # Raised when a job's result means something else than before, though its fields are the same.
 _FORMATS = {'training': 1, 'flights': 1, 'plans': 1}

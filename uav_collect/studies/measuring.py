@@ -6,7 +6,7 @@ from uav_collect.scenario.load import from_yaml
 from uav_collect.studies.costs import Rates, units_of
 from uav_collect.studies.jobs import settings_of, TrainingJob
 from uav_collect.trainer import Trainer
-from uav_collect.training_progress import Budget
+from uav_collect.training.progress import Budget
 
 _NEVER = 10**9  # updates
 _SETTLED_SHARE = 0.3  # of the time: until then there may be nothing to learn from

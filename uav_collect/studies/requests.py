@@ -13,7 +13,7 @@ from uav_collect.studies.jobs import (
 )
 from uav_collect.studies.records import LEARNED, PLAN, RULES, Tested, Trained
 from uav_collect.studies.scale import ScaleConfig
-from uav_collect.training_config import load_preset
+from uav_collect.training.config import load_preset
 
 
 @dataclass

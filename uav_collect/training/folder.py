@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any, TextIO, TYPE_CHECKING
 
 from uav_collect import files
-from uav_collect.training_log import (
+from uav_collect.training.planned_run import CONFIG_FILE, INITIAL_POLICY, PlannedRun
+from uav_collect.training.run_record import (
     PROGRESS_COLUMNS,
     PROGRESS_FILE,
     RUN_FILE,
@@ -19,11 +20,10 @@ from uav_collect.training_log import (
     VALIDATION_COLUMNS,
     VALIDATION_FILE,
 )
-from uav_collect.training_run import CONFIG_FILE, INITIAL_POLICY, PlannedRun
 
 if TYPE_CHECKING:  # loaded when training, so that --help answers at once
-    from uav_collect.scalar_events import ScalarEvents
-    from uav_collect.training_progress import Progress
+    from uav_collect.training.progress import Progress
+    from uav_collect.training.tensorboard import ScalarEvents
     from uav_collect.uav.policy_network import FrozenPolicy
 
 CHECKPOINT = 'checkpoint'
@@ -101,7 +101,7 @@ def opened(run: PlannedRun, n_decisions: int) -> Iterator[RunFolder]:
         TrainingRunError: another process trains in the folder.
         OSError: naming what cannot be written.
     """
-    from uav_collect.scalar_events import scalar_events
+    from uav_collect.training.tensorboard import scalar_events
 
     run.folder.mkdir(parents=True, exist_ok=True)
     with ExitStack() as stack:

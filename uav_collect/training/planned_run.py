@@ -11,11 +11,11 @@ import shlex
 import sys
 from typing import Any, TYPE_CHECKING
 
-from uav_collect.training_log import RunRecord, TrainingRunError
+from uav_collect.training.run_record import RunRecord, TrainingRunError
 
 if TYPE_CHECKING:  # loaded when training, so that --help answers at once
     from uav_collect.scenario.load import Scenario
-    from uav_collect.training_config import TrainingConfig
+    from uav_collect.training.config import TrainingConfig
     from uav_collect.uav.policy_network import FrozenPolicy
 
 CONFIG_FILE = 'training.yaml'  # of a run folder: the preset, resolved
@@ -79,7 +79,7 @@ def stored_run(folder: Path, record: RunRecord) -> PlannedRun:
         TrainingRunError: a file of it cannot be read.
     """
     from uav_collect.scenario.load import from_yaml
-    from uav_collect.training_config import load_preset
+    from uav_collect.training.config import load_preset
     from uav_collect.uav.policy_file import load_policy
 
     scenarios = []

@@ -20,7 +20,7 @@ from matplotlib.ticker import EngFormatter
 import numpy as np
 from uav_collect.analysis.trajectories import COLOURS, DPI
 from uav_collect.kernels.arrays import Floats
-from uav_collect.training_log import (
+from uav_collect.training.run_record import (
     Axis,
     Measure,
     read_columns,

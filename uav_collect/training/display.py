@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:  # loaded when training, so that --help answers at once
     from rich.console import RenderableType
-    from uav_collect.training_progress import Progress, Validation
+    from uav_collect.training.progress import Progress, Validation
 
 _LINE_EVERY_S = 5.0
 _BAR_WIDTH = 40

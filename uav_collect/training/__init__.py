@@ -1,0 +1,1 @@
+"""A training run on disk: its settings, folder, record and curves; without torch."""
