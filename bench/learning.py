@@ -20,13 +20,13 @@ from rich.console import Console
 from rich.table import Table
 import torch
 from torch import nn, Tensor
-from uav_collect.collector import Collector
-from uav_collect.learner import Learner, Networks
-from uav_collect.memory import keep_freed_memory
-from uav_collect.minibatch import Algorithm, Minibatch, minibatch, NOBODY
+from uav_collect.learning.collector import Collector
+from uav_collect.learning.learner import Learner, Networks
+from uav_collect.learning.memory import keep_freed_memory
+from uav_collect.learning.minibatch import Algorithm, Minibatch, minibatch, NOBODY
+from uav_collect.learning.network import Drqn
 from uav_collect.missions.experience import Episode
 from uav_collect.missions.vector_env import Flights, Stepping
-from uav_collect.network import Drqn
 from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.training.config import load_preset, TrainingConfig

@@ -9,7 +9,7 @@ import pytest
 from tiny import HOVER_W, MOVE_5_J, MOVE_10_J, rate_bps, Script, tiny, TOTAL_BIT, uav
 from uav_collect.kernels.arrays import Floats
 from uav_collect.kernels.compile import kernels_are_compiled
-from uav_collect.minibatch import Algorithm
+from uav_collect.learning.minibatch import Algorithm
 from uav_collect.missions.experience import Episode
 from uav_collect.missions.rollout import fly
 from uav_collect.missions.vector_env import Decisions, Flights, Stepping
@@ -20,8 +20,8 @@ from uav_collect.uav.actions import FORWARD, HOME, HOVER, NONE, RIGHT
 from uav_collect.world.reward import Reward
 
 torch = single_threaded_torch()
-from uav_collect.collector import Collector  # noqa: E402
-from uav_collect.network import Drqn  # noqa: E402
+from uav_collect.learning.collector import Collector
+from uav_collect.learning.network import Drqn
 
 # Little energy, so that UAVs that fly about at random come home soon.
 FLEET = uav(5.0, energy_budget_kj=25.0), uav(10.0, energy_budget_kj=12.0)

@@ -17,9 +17,9 @@ from uav_collect.training.config import TrainingConfig
 from uav_collect.uav.observation import Layout
 
 torch = single_threaded_torch()
-from uav_collect.intake import Intake  # noqa: E402
-from uav_collect.network import Drqn  # noqa: E402
-from uav_collect.trainer import Trainer  # noqa: E402
+from uav_collect.learning.fleet_source import Intake
+from uav_collect.learning.network import Drqn
+from uav_collect.learning.trainer import Trainer
 from uav_collect.training.progress import Budget
 
 FLEET = uav(5.0, energy_budget_kj=9.0), uav(10.0, energy_budget_kj=5.0)

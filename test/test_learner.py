@@ -7,12 +7,12 @@ from lessons import batch_of, drawn_episode, single_threaded_torch, small
 import numpy as np
 import pytest
 from tiny import tiny, uav
-from uav_collect.minibatch import Algorithm, Minibatch
+from uav_collect.learning.minibatch import Algorithm, Minibatch
 from uav_collect.scenario.load import Scenario
 from uav_collect.uav.briefing import brief
 
 torch = single_threaded_torch()
-from uav_collect.learner import Learner, Networks, scan  # noqa: E402
+from uav_collect.learning.learner import Learner, Networks, scan
 
 from bench.learning import padded, plain_loss, values_by_step  # noqa: E402
 

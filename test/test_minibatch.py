@@ -4,7 +4,7 @@ from lessons import batch_of, drawn_episode, flown, small, Told, told_episode
 import numpy as np
 import pytest
 from tiny import tiny, uav
-from uav_collect.minibatch import Algorithm, Minibatch, NOBODY
+from uav_collect.learning.minibatch import Algorithm, Minibatch, NOBODY
 from uav_collect.missions.experience import Episode
 from uav_collect.scenario.load import load, Scenario
 from uav_collect.uav.briefing import brief

@@ -5,7 +5,7 @@ import pytest
 from tiny import tiny
 
 torch = single_threaded_torch()
-from uav_collect.mixer import Mixer, pooling_windows  # noqa: E402
+from uav_collect.learning.mixer import Mixer, pooling_windows
 from uav_collect.uav.actions import N_ACTIONS
 from uav_collect.uav.briefing import brief
 

@@ -5,7 +5,7 @@ import numpy as np
 
 torch = single_threaded_torch()
 from torch import nn  # noqa: E402
-from uav_collect.network import Drqn  # noqa: E402
+from uav_collect.learning.network import Drqn
 from uav_collect.uav.actions import N_ACTIONS
 
 OBSERVATION_SIZE, HIDDEN_SIZE = 7, 12

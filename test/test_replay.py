@@ -6,8 +6,8 @@ from lessons import drawn_episode
 import numpy as np
 import pytest
 from tiny import tiny
+from uav_collect.learning.replay import Replay, replay_bytes
 from uav_collect.missions.experience import Episode, new_records, record_bytes, Records
-from uav_collect.replay import Replay, replay_bytes
 from uav_collect.scenario.load import load
 from uav_collect.uav.briefing import brief
 

@@ -11,7 +11,7 @@ from lessons import batch_of, single_threaded_torch, small, Told, told_episode
 import numpy as np
 import pytest
 from tiny import tiny, uav
-from uav_collect.minibatch import Algorithm, Minibatch
+from uav_collect.learning.minibatch import Algorithm, Minibatch
 from uav_collect.missions.experience import Episode
 from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import build_site
@@ -19,8 +19,8 @@ from uav_collect.training.config import TrainingConfig
 from uav_collect.uav.briefing import brief
 
 torch = single_threaded_torch()
-from uav_collect.collector import Collector  # noqa: E402
-from uav_collect.learner import Learner, Networks  # noqa: E402
+from uav_collect.learning.collector import Collector
+from uav_collect.learning.learner import Learner, Networks
 
 AQMIX, QMIX, AIQL = Algorithm.AQMIX, Algorithm.QMIX, Algorithm.AIQL
 ONLINE, TARGET = (5.0, 4.0, 3.0, 2.0, 1.0), (1.0, 2.0, 3.0, 4.0, 5.0)

@@ -24,7 +24,7 @@ from uav_collect.training.run_record import PROGRESS_COLUMNS, read_run, VALIDATI
 from uav_collect.uav.policy_file import load_policy
 
 pytest.importorskip('torch', reason='training needs torch')
-from uav_collect.learner import Learner
+from uav_collect.learning.learner import Learner
 
 ROOT = Path(__file__).parents[1]
 ENVIRONMENT = {'PYTHONPATH': str(ROOT)}

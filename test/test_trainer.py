@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from tiny import tiny, uav
 from uav_collect.kernels.compile import kernels_are_compiled
-from uav_collect.minibatch import Algorithm
+from uav_collect.learning.minibatch import Algorithm
+from uav_collect.learning.replay import replay_bytes
 from uav_collect.missions.rollout import fly
-from uav_collect.replay import replay_bytes
 from uav_collect.scenario.load import ConfigError, Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.training.config import TrainingConfig
@@ -19,8 +19,8 @@ from uav_collect.uav.policy import LearnedPolicy
 from uav_collect.uav.policy_network import PolicyMismatchError
 
 torch = single_threaded_torch()
-from uav_collect.checkpoint import CheckpointError  # noqa: E402
-from uav_collect.trainer import Trainer  # noqa: E402
+from uav_collect.learning.checkpoint import CheckpointError
+from uav_collect.learning.trainer import Trainer
 from uav_collect.training.progress import Budget, Progress
 from uav_collect.uav.briefing import brief
 

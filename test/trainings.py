@@ -10,11 +10,11 @@ from fleets import Fleet, parameters
 from processes import executable, Processes, RunningProcess
 from telling import Course
 from tiny import tiny, uav
-from uav_collect.checkpoint import read_checkpoint
 from uav_collect.ingest.join import Joined
-from uav_collect.intake import Intake
+from uav_collect.learning.checkpoint import read_checkpoint
+from uav_collect.learning.fleet_source import Intake
+from uav_collect.learning.trainer import Trainer
 from uav_collect.missions.experience import Episode
-from uav_collect.trainer import Trainer
 from uav_collect.training.config import load_preset, TrainingConfig
 from uav_collect.training.progress import Budget
 

@@ -7,8 +7,8 @@ import sys
 from uav_collect.commands import options, progress
 from uav_collect.commands.interruption import noted
 from uav_collect.commands.training_plan import ALGORITHMS, planned, Training
+from uav_collect.learning.memory import keep_freed_memory
 from uav_collect.limits import MAX_SEED
-from uav_collect.memory import keep_freed_memory
 from uav_collect.training.run_record import TrainingRunError
 
 _DESCRIPTION = """
@@ -106,7 +106,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _train_all(training: Training, checkpoint_s: float) -> int:
     from uav_collect.commands.training_session import train_and_tell
-    from uav_collect.training_loop import DivergedError, InterruptedRunError
+    from uav_collect.learning.loop import DivergedError, InterruptedRunError
 
     status = 0
     with noted() as interruption:

@@ -8,13 +8,13 @@ from uav_collect.analysis.metrics import percent
 from uav_collect.commands import curves
 from uav_collect.commands.interruption import Interruption
 from uav_collect.commands.training_plan import resume_command
+from uav_collect.learning.loop import InterruptedRunError, is_saved, train, trainer_of
 from uav_collect.training.curves import learning_curves
 from uav_collect.training.display import clock, showing
 from uav_collect.training.folder import BEST_POLICY, CURVE, opened
 from uav_collect.training.planned_run import PlannedRun
 from uav_collect.training.progress import Progress
 from uav_collect.training.run_record import AXES, MEASURES
-from uav_collect.training_loop import InterruptedRunError, is_saved, train, trainer_of
 
 
 def train_and_tell(run: PlannedRun, checkpoint_s: float, interruption: Interruption) -> None:

@@ -21,11 +21,12 @@ from uav_collect.ingest.join import Assembly, Cause, Fate, Tally
 from uav_collect.ingest.rebuild import Retracer
 from uav_collect.ingest.reports import RefusedError, terms_of, Told
 from uav_collect.kernels.compile import kernels_are_cached, kernels_are_compiled
-from uav_collect.memory import keep_freed_memory
+from uav_collect.learning.background import Flown, Learning
+from uav_collect.learning.memory import keep_freed_memory
+from uav_collect.learning.replay import replay_bytes
 from uav_collect.missions import vector_env
 from uav_collect.nodes import topics
 from uav_collect.nodes.incidents import Incidents
-from uav_collect.nodes.learning import Flown, Learning
 from uav_collect.nodes.parameters import help_text
 from uav_collect.nodes.spin import (
     MISUSED,
@@ -36,7 +37,6 @@ from uav_collect.nodes.spin import (
 )
 from uav_collect.nodes.trainer_settings import PARAMETERS, planned_run, read_settings
 from uav_collect.recording.bag_reader import BagError, messages
-from uav_collect.replay import replay_bytes
 from uav_collect.scenario.load import ConfigError
 from uav_collect.scenario.site import build_site
 from uav_collect.training.display import showing

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 
-from uav_collect.replay import replay_bytes
+from uav_collect.learning.replay import replay_bytes
 from uav_collect.scenario.load import from_yaml
 from uav_collect.studies.jobs import FlightsJob, Job, kind_of, settings_of, TrainingJob
 from uav_collect.studies.store import Store

@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 import torch
 from uav_collect.kernels.arrays import Ints
-from uav_collect.minibatch import Algorithm
+from uav_collect.learning.minibatch import Algorithm
+from uav_collect.learning.network import Drqn
 from uav_collect.missions.experience import Episode
 from uav_collect.missions.vector_env import Decisions, Flights, Stepping
-from uav_collect.network import Drqn
 from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import Site
 from uav_collect.training.config import TrainingConfig

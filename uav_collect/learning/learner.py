@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 import torch
 from torch import nn, Tensor
-from uav_collect.minibatch import Algorithm, Minibatch
+from uav_collect.learning.minibatch import Algorithm, Minibatch
+from uav_collect.learning.mixer import Mixer
+from uav_collect.learning.network import Drqn
 from uav_collect.missions.experience import N_UAV_SCALARS
-from uav_collect.mixer import Mixer
-from uav_collect.network import Drqn
 from uav_collect.training.config import TrainingConfig
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.observation import observation_size

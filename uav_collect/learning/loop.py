@@ -6,9 +6,9 @@ from pathlib import Path
 from time import monotonic
 
 from uav_collect import files
-from uav_collect.checkpoint import CheckpointError
-from uav_collect.course import Source
-from uav_collect.trainer import Trainer
+from uav_collect.learning.checkpoint import CheckpointError
+from uav_collect.learning.task import Source
+from uav_collect.learning.trainer import Trainer
 from uav_collect.training.folder import BEST_POLICY, CHECKPOINT, LAST_POLICY, RunFolder
 from uav_collect.training.planned_run import PlannedRun
 from uav_collect.training.progress import Budget, Progress

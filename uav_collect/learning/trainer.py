@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from uav_collect.analysis.metrics import figures
 from uav_collect.analysis.statistics import mission_seeds
-from uav_collect.checkpoint import CheckpointError, read_checkpoint, write_checkpoint
-from uav_collect.course import new_courses, Source
-from uav_collect.learner import Learner
-from uav_collect.minibatch import Algorithm
+from uav_collect.learning.checkpoint import CheckpointError, read_checkpoint, write_checkpoint
+from uav_collect.learning.learner import Learner
+from uav_collect.learning.minibatch import Algorithm
+from uav_collect.learning.task import new_courses, Source
 from uav_collect.revision import git_revision
 from uav_collect.scenario.load import fingerprint, from_yaml, Scenario
 from uav_collect.training.config import TrainingConfig

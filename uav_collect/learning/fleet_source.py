@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 from uav_collect.ingest.join import Joined
+from uav_collect.learning.network import Drqn
 from uav_collect.missions.experience import Episode
-from uav_collect.network import Drqn
 from uav_collect.training.progress import RecentMissions
 
 _N_REMEMBERED = 4096  # missions, so that none is learned from twice
@@ -22,7 +22,7 @@ def _leave(epsilon: float) -> None:
 
 
 class Intake:
-    """Where the learner waits for missions; a source of a `course.Course`."""
+    """Where the learner waits for missions; a source of a `task.Course`."""
 
     def __init__(self, most_waiting: int, fly: Callable[[float], None] = _leave) -> None:
         """Wait for the first mission.

@@ -1,0 +1,1 @@
+"""Learning, with torch: networks, replay, updates, and where missions come from."""
