@@ -55,8 +55,8 @@ class Flight(NamedTuple):
 def fly_timed() -> None:
     """Run a world that writes when it asked and was answered to standard output, as JSON."""
     interpret_kernels()
-    from uav_collect.nodes.spin import run_node
-    from uav_collect.nodes.world_sim import WorldNode
+    from uav_collect.nodes.process import run_node
+    from uav_collect.nodes.world.node import WorldNode
 
     asked_s: list[float] = []
     answered_s: list[float] = []
@@ -81,7 +81,7 @@ def echo() -> None:
     """Send back what comes, until told to stop."""
     from rclpy.node import Node
     from std_msgs.msg import UInt32
-    from uav_collect.nodes.spin import ProcessNode, run_node
+    from uav_collect.nodes.process import ProcessNode, run_node
 
     class Echo(ProcessNode):
         def __init__(self) -> None:
@@ -97,7 +97,7 @@ def ping() -> None:
     import rclpy
     from std_msgs.msg import UInt32
     from uav_collect.nodes.middleware import find_each_other_quickly
-    from uav_collect.nodes.spin import make_executor
+    from uav_collect.nodes.process import make_executor
 
     find_each_other_quickly()
     rclpy.init()

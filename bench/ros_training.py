@@ -189,7 +189,7 @@ def swap_ms(scenario: Scenario) -> tuple[list[float], float]:
     import rclpy
     from uav_collect.nodes import topics
     from uav_collect.nodes.middleware import find_each_other_quickly
-    from uav_collect.nodes.spin import make_executor
+    from uav_collect.nodes.process import make_executor
     from uav_collect.nodes.topics import publisher, subscription
     from uav_collect_msgs.msg import Policy
 

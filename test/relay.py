@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 from uav_collect.nodes import topics
-from uav_collect.nodes.spin import ProcessNode, run_node
+from uav_collect.nodes.process import ProcessNode, run_node
 from uav_collect.nodes.topics import publisher, subscription, Topic
 
 _DROPPED, _DOUBLED, _HELD = 0.05, 0.1, 0.1

@@ -218,7 +218,7 @@ def _both(first: Callable[[Any], None], second: Callable[[Any], None]) -> Callab
 @contextmanager
 def stand_in() -> Iterator[StandIn]:
     """A node in the ROS domain of the test."""
-    from uav_collect.nodes.spin import make_executor
+    from uav_collect.nodes.process import make_executor
 
     find_each_other_quickly()
     rclpy.init()

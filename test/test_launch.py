@@ -193,7 +193,7 @@ def test_rviz_shows_the_topics_of_the_world_as_they_are_published(display: str, 
 
 
 def test_rviz_can_switch_every_kind_of_marker() -> None:
-    viewers = pytest.importorskip('uav_collect.nodes.viewers', reason='needs rclpy')
+    viewers = pytest.importorskip('uav_collect.nodes.world.markers', reason='needs rclpy')
     scenario = load('paper_8x8')
     site = build_site(scenario)
     drawn = viewers.Viewers(scenario, site)

@@ -13,10 +13,11 @@ from fleets import scenario_of, wait_until  # noqa: E402
 from processes import Processes, RunningProcess  # noqa: E402
 from rclpy.duration import Duration  # noqa: E402
 from stand_in import stand_in, StandIn  # noqa: E402
-from uav_collect.nodes import topics, world_sim  # noqa: E402
+from uav_collect.nodes import topics
 from uav_collect.nodes.identity import Identity, scenario_msg  # noqa: E402
-from uav_collect.nodes.spin import FAILED, make_executor  # noqa: E402
+from uav_collect.nodes.process import FAILED, make_executor
 from uav_collect.nodes.topics import publisher  # noqa: E402
+from uav_collect.nodes.world import node
 from uav_collect.scenario.site import build_site
 from uav_collect_msgs.msg import Scenario  # noqa: E402
 from uav_collect_msgs.srv import Join  # noqa: E402
@@ -125,7 +126,7 @@ def test_who_takes_late_hears_each_of_two_worlds(ears: StandIn) -> None:
 def test_a_world_gives_way_to_an_earlier_one_that_it_hears_while_it_opens(
     ears: StandIn, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    earlier, make_display = publisher(ears.node, topics.SCENARIO), world_sim.Display
+    earlier, make_display = publisher(ears.node, topics.SCENARIO), node.Display
 
     def display_of_a_busy_world(*arguments: Any) -> Any:  # noqa: ANN401
         earlier.publish(Scenario(world_instance='earlier'))
@@ -133,7 +134,7 @@ def test_a_world_gives_way_to_an_earlier_one_that_it_hears_while_it_opens(
 
     monkeypatch.setattr(world_sim, 'Display', display_of_a_busy_world)
     monkeypatch.setattr(world_sim, 'check_can_start', lambda *_: None)  # compiles for long
-    world, executor = world_sim.WorldNode(), make_executor()
+    world, executor = node.WorldNode(), make_executor()
     executor.add_node(world)
 
     def has_ended() -> bool:

@@ -24,7 +24,7 @@ from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile  # noqa: E4
 from rclpy.serialization import deserialize_message  # noqa: E402
 from rosgraph_msgs.msg import Clock  # noqa: E402
 from std_msgs.msg import Int32, String  # noqa: E402
-from uav_collect.nodes import middleware, spin  # noqa: E402
+from uav_collect.nodes import middleware, process
 from uav_collect_msgs.srv import ControlMission  # noqa: E402
 
 pytestmark = pytest.mark.ros
@@ -123,7 +123,7 @@ class Spinner:
 
     def __init__(self) -> None:
         rclpy.init()
-        self.executor = spin.make_executor()
+        self.executor = process.make_executor()
         self.node = Node('tested')
         self.executor.add_node(self.node)
 
@@ -305,7 +305,7 @@ def test_an_events_executor_that_does_nothing_is_not_used(
 ) -> None:
     rclpy.init()
     monkeypatch.setattr(experimental, 'EventsExecutor', _DoesNothing)
-    assert isinstance(spin.make_executor(), SingleThreadedExecutor)
+    assert isinstance(process.make_executor(), SingleThreadedExecutor)
     rclpy.try_shutdown()
 
 
@@ -314,7 +314,7 @@ def test_a_release_without_the_events_executor_gets_the_usual_one(
 ) -> None:
     rclpy.init()
     monkeypatch.setitem(sys.modules, 'rclpy.experimental', None)
-    assert isinstance(spin.make_executor(), SingleThreadedExecutor)
+    assert isinstance(process.make_executor(), SingleThreadedExecutor)
     rclpy.try_shutdown()
 
 

@@ -28,11 +28,7 @@ from trainings import (  # noqa: E402
     start_trainer,
     TRAINED_S,
 )
-from uav_collect.nodes.trainer_settings import (  # noqa: E402
-    PARAMETERS,
-    planned_run,
-    TrainerSettings,
-)
+from uav_collect.nodes.trainer.settings import PARAMETERS, planned_run, TrainerSettings
 from uav_collect.training.folder import opened
 from uav_collect.training.progress import Budget
 

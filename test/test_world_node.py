@@ -17,9 +17,10 @@ from processes import own_domain, Processes, ros_environment  # noqa: E402
 from stand_in import stand_in, StandIn  # noqa: E402
 from uav_collect.analysis.metrics import figures
 from uav_collect.limits import MAX_SEED  # noqa: E402
-from uav_collect.nodes import topics, viewers  # noqa: E402
+from uav_collect.nodes import topics
 from uav_collect.nodes.convert import uav_ids, unpacked  # noqa: E402
 from uav_collect.nodes.topics import publisher  # noqa: E402
+from uav_collect.nodes.world import markers
 from uav_collect.recording.mission_log import EVENT_DTYPE, header_from_line, MissionLog, read
 from uav_collect.scenario.load import from_yaml
 from uav_collect_msgs.msg import Command, Epoch, Mission, Scenario, UavFigures  # noqa: E402
@@ -399,7 +400,7 @@ def test_viewers_are_shown_the_mission_to_its_end(flown: Flown) -> None:
     pictures, grids = (flown.heard[t.name] for t in (topics.MARKERS, topics.COMPLETED_CELLS))
     maps = np.reshape(flown.epochs[-1].uav_complete, (2, -1))
     known = np.any([unpacked(one, flown.scenario.n_cells) for one in maps], axis=0)
-    assert [value == viewers.COMPLETE for value in grids[-1].data] == known.tolist()
-    assert {marker.header.frame_id for marker in pictures[-1].markers} == {viewers.FRAME}
+    assert [value == markers.COMPLETE for value in grids[-1].data] == known.tolist()
+    assert {marker.header.frame_id for marker in pictures[-1].markers} == {markers.FRAME}
     paths = [marker for marker in pictures[-1].markers if marker.ns == 'paths']
     assert [len(path.points) > 10 for path in paths] == [True, True]

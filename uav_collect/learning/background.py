@@ -9,7 +9,7 @@ from uav_collect.kernels.compile import kernels_are_compiled
 from uav_collect.learning.fleet_source import Intake
 from uav_collect.learning.loop import DivergedError, InterruptedRunError, train, trainer_of
 from uav_collect.learning.trainer import Trainer
-from uav_collect.nodes.spin import FAILED
+from uav_collect.nodes.process import FAILED
 from uav_collect.training.folder import BEST_POLICY, opened
 from uav_collect.training.planned_run import PlannedRun
 from uav_collect.training.progress import Budget, Progress

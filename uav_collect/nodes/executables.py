@@ -16,7 +16,7 @@ from uav_collect.kernels.compile import interpret_kernels
 def world_sim() -> int:
     """Simulate the world of a mission."""
     with _loading():
-        from uav_collect.nodes.world_sim import main
+        from uav_collect.nodes.world.node import main
 
     return main(sys.argv[1:])
 
@@ -24,7 +24,7 @@ def world_sim() -> int:
 def uav_agent() -> int:
     """Fly one UAV."""
     with _loading():
-        from uav_collect.nodes.uav_agent import main
+        from uav_collect.nodes.agent.node import main
 
     return main(sys.argv[1:])
 
@@ -32,7 +32,7 @@ def uav_agent() -> int:
 def recorder() -> int:
     """Record every topic of a mission."""
     with _loading():
-        from uav_collect.nodes.recorder import main
+        from uav_collect.nodes.recorder.node import main
 
     return main(sys.argv[1:])
 
@@ -40,7 +40,7 @@ def recorder() -> int:
 def trainer() -> int:
     """Learn from what fleets fly; its kernels are compiled, for it flies missions to validate."""
     with _loading(interprets=False):
-        from uav_collect.nodes.trainer import main
+        from uav_collect.nodes.trainer.node import main
 
     return main(sys.argv[1:])
 

@@ -6,7 +6,7 @@ from rclpy.node import Node
 from uav_collect.missions.simulation import Event, Simulation
 from uav_collect.nodes import convert
 from uav_collect.nodes.topics import publisher, WorldTopics
-from uav_collect.nodes.viewers import Viewers
+from uav_collect.nodes.world.markers import Viewers
 from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import Site
 from uav_collect.uav.agent import Decision

@@ -28,14 +28,8 @@ from uav_collect.missions import vector_env
 from uav_collect.nodes import topics
 from uav_collect.nodes.incidents import Incidents
 from uav_collect.nodes.parameters import help_text
-from uav_collect.nodes.spin import (
-    MISUSED,
-    NodeError,
-    parse_arguments,
-    ProcessNode,
-    run_node,
-)
-from uav_collect.nodes.trainer_settings import PARAMETERS, planned_run, read_settings
+from uav_collect.nodes.process import MISUSED, NodeError, parse_arguments, ProcessNode, run_node
+from uav_collect.nodes.trainer.settings import PARAMETERS, planned_run, read_settings
 from uav_collect.recording.bag_reader import BagError, messages
 from uav_collect.scenario.load import ConfigError
 from uav_collect.scenario.site import build_site

@@ -9,7 +9,7 @@ from typing import Any
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.subscription import Subscription
 from uav_collect.nodes.identity import identity_of, NO_WORLD
-from uav_collect.nodes.spin import ProcessNode
+from uav_collect.nodes.process import ProcessNode
 from uav_collect.nodes.topics import subscription, Topic
 
 _GIVES_WAY_S = 10.0  # a later world is gone by then, or else it is the earlier one that is gone

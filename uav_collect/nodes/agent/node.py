@@ -17,12 +17,12 @@ from uav_collect.limits import ALLOCATOR_NAMES, MAX_UAVS
 from uav_collect.lockstep.inbox import Cockpit
 from uav_collect.lockstep.published_policy import Follower, Shelf
 from uav_collect.nodes import convert, topics
-from uav_collect.nodes.following import follow_trainers
+from uav_collect.nodes.agent.transitions import Reporter
+from uav_collect.nodes.agent.world_choice import WorldChoice
 from uav_collect.nodes.parameters import add_world_option, declare, help_text, Parameter
-from uav_collect.nodes.reporter import Reporter
-from uav_collect.nodes.spin import MISUSED, NodeError, ProcessNode, run_node
+from uav_collect.nodes.process import MISUSED, NodeError, ProcessNode, run_node
 from uav_collect.nodes.topics import publisher, subscription
-from uav_collect.nodes.world_choice import WorldChoice
+from uav_collect.nodes.trainer_listener import follow_trainers
 from uav_collect.scenario.load import ConfigError, fingerprint, from_yaml, Scenario
 from uav_collect.uav.agent import Agent, allocator_named
 from uav_collect.uav.briefing import brief, Briefing

@@ -5,9 +5,9 @@ import time
 from rclpy.node import Node
 from uav_collect.lockstep.roster import Roster
 from uav_collect.nodes import topics
-from uav_collect.nodes.flight import Flight
 from uav_collect.nodes.incidents import Incidents, world_diagnostics
 from uav_collect.nodes.topics import publisher
+from uav_collect.nodes.world.mission import Flight
 
 _PERIOD_S = 1.0
 

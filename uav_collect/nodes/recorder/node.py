@@ -26,7 +26,7 @@ from rosbags.interfaces import (
     QosTime,
 )
 from uav_collect.nodes.parameters import add_world_option, declare, help_text, Parameter
-from uav_collect.nodes.spin import (
+from uav_collect.nodes.process import (
     FAILED,
     MISUSED,
     NodeError,

@@ -14,16 +14,16 @@ from uav_collect.lockstep.roster import Roster
 from uav_collect.lockstep.schedule import Pace, Schedule
 from uav_collect.missions.simulation import Event
 from uav_collect.nodes import convert, topics
-from uav_collect.nodes.display import Display
-from uav_collect.nodes.flight import FAILSAFE, Flight, mission_msg, summary
-from uav_collect.nodes.following import follow_trainers
 from uav_collect.nodes.identity import Identity, identity_of, rivalry, scenario_msg
 from uav_collect.nodes.parameters import add_world_option, help_text
-from uav_collect.nodes.reports import Reports
-from uav_collect.nodes.spin import FAILED, NodeError, parse_arguments, ProcessNode, run_node
+from uav_collect.nodes.process import FAILED, NodeError, parse_arguments, ProcessNode, run_node
 from uav_collect.nodes.topics import subscription
-from uav_collect.nodes.voice import Voice
-from uav_collect.nodes.world_settings import PARAMETERS, read_settings
+from uav_collect.nodes.trainer_listener import follow_trainers
+from uav_collect.nodes.world.diagnostics import Reports
+from uav_collect.nodes.world.display import Display
+from uav_collect.nodes.world.mission import FAILSAFE, Flight, mission_msg, summary
+from uav_collect.nodes.world.publishers import Voice
+from uav_collect.nodes.world.settings import PARAMETERS, read_settings
 from uav_collect.recording.mission_folder import RunFolder
 from uav_collect.scenario.load import ConfigError, load, Scenario
 from uav_collect.scenario.site import build_site, Site

@@ -1,0 +1,1 @@
+"""The recorder node: writes what is published to a bag."""

@@ -1,0 +1,1 @@
+"""The trainer node: learns from what the fleet reports."""

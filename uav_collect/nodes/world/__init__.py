@@ -1,0 +1,1 @@
+"""The world node: flies the missions, tells the fleet and viewers."""
