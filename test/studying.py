@@ -9,10 +9,10 @@ from lessons import small
 import pytest
 from tiny import tiny, uav
 from uav_collect.kernels.compile import kernels_are_compiled
-from uav_collect.studies.jobs import digest_of, FlightsJob, Job, training_job
-from uav_collect.studies.schedule import Engine, have_done, Standing
-from uav_collect.studies.store import Store
-from uav_collect.studies.tasks import Began, Report, Saved, Task
+from uav_collect.studies.jobs.jobs import digest_of, FlightsJob, Job, training_job
+from uav_collect.studies.jobs.schedule import Engine, have_done, Standing
+from uav_collect.studies.jobs.store import Store
+from uav_collect.studies.jobs.worker_messages import Began, Report, Saved, Task
 
 FLEET = uav(5.0, energy_budget_kj=25.0), uav(10.0, energy_budget_kj=12.0)
 FIELD = tiny(*FLEET)

@@ -14,13 +14,13 @@ from studying import (
     Saboteur,
     training,
 )
-from uav_collect.studies.jobs import Job
-from uav_collect.studies.processes import Processes
-from uav_collect.studies.store import Store
+from uav_collect.studies.jobs.jobs import Job
+from uav_collect.studies.jobs.processes import Processes
+from uav_collect.studies.jobs.store import Store
 
 pytest.importorskip('ray', reason='needs what requirements/cluster.txt lists')
 single_threaded_torch()
-from uav_collect.studies.cluster import Cluster  # noqa: E402
+from uav_collect.studies.jobs.cluster import Cluster
 
 pytestmark = needs_compiled_kernels
 

@@ -17,15 +17,15 @@ from matplotlib.image import imread
 import pytest
 from uav_collect.__main__ import main
 from uav_collect.studies import catalogue
-from uav_collect.studies.claims import CLAIMS
-from uav_collect.studies.drawing import Drawn
-from uav_collect.studies.figures import draw
+from uav_collect.studies.claims.claims import CLAIMS
+from uav_collect.studies.claims.judging import Verdict
 from uav_collect.studies.findings import Findings
-from uav_collect.studies.judging import Verdict
-from uav_collect.studies.records import CurvesStudy, LinesStudy, Study
+from uav_collect.studies.jobs.store import Store
+from uav_collect.studies.pictures.draw import draw
+from uav_collect.studies.pictures.drawing import Drawn
 from uav_collect.studies.requests import Requests
 from uav_collect.studies.scale import load_scale
-from uav_collect.studies.store import Store
+from uav_collect.studies.study import CurvesStudy, LinesStudy, Study
 
 ROOT = Path(__file__).parent.parent
 NAMES = catalogue.names()

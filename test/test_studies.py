@@ -18,17 +18,16 @@ from studying import (
     training,
 )
 from uav_collect.scenario.load import load, with_uavs
-from uav_collect.studies import catalogue, judging, variants
-from uav_collect.studies.costs import disk_bytes, rates_of, spent
-from uav_collect.studies.flights import MISSIONS
-from uav_collect.studies.jobs import digest_of, FlightsJob, Job, PlansJob
-from uav_collect.studies.judging import Samples, Verdict
-from uav_collect.studies.learning_files import POLICY
-from uav_collect.studies.processes import Processes
-from uav_collect.studies.requests import Requests
-from uav_collect.studies.scale import load_scale, scale_names
-from uav_collect.studies.store import Store, StoreError
-from uav_collect.studies.tasks import (
+from uav_collect.studies import catalogue, variants
+from uav_collect.studies.claims import judging
+from uav_collect.studies.claims.judging import Samples, Verdict
+from uav_collect.studies.jobs.costs import disk_bytes, rates_of, spent
+from uav_collect.studies.jobs.flights import MISSIONS
+from uav_collect.studies.jobs.jobs import digest_of, FlightsJob, Job, PlansJob
+from uav_collect.studies.jobs.learning_files import POLICY
+from uav_collect.studies.jobs.processes import Processes
+from uav_collect.studies.jobs.store import Store, StoreError
+from uav_collect.studies.jobs.worker_messages import (
     Cost,
     Failed,
     Finished,
@@ -39,6 +38,8 @@ from uav_collect.studies.tasks import (
     Saved,
     Task,
 )
+from uav_collect.studies.requests import Requests
+from uav_collect.studies.scale import load_scale, scale_names
 
 
 @dataclass

@@ -162,7 +162,7 @@ def _is_the_users(error: Exception) -> bool:
         return True
     from uav_collect.physics.bandwidth import AllocationError
     from uav_collect.scenario.load import ConfigError
-    from uav_collect.studies.store import StoreError
+    from uav_collect.studies.jobs.store import StoreError
     from uav_collect.training.run_record import TrainingRunError
     from uav_collect.uav.policy_network import PolicyMismatchError
 

@@ -15,7 +15,7 @@ from uav_collect.training.run_record import TrainingRunError
 
 if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
     from uav_collect.commands.figures_plan import Plan
-    from uav_collect.studies.schedule import Engine, Standing
+    from uav_collect.studies.jobs.schedule import Engine, Standing
 
 _DESCRIPTION = """
 Draws the figures of the paper's evaluation as PNG and PDF, writes their numbers as CSV, and judges
@@ -105,7 +105,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _have_done(arguments: argparse.Namespace, plan: 'Plan') -> int:
     from uav_collect.commands.figures_display import showing
-    from uav_collect.studies.schedule import have_done
+    from uav_collect.studies.jobs.schedule import have_done
 
     if arguments.engine == 'local':
         progress.say_if_compiling(plan.kernels())
@@ -143,21 +143,21 @@ def _engine(arguments: argparse.Namespace) -> 'Engine':
                     '--engine ray needs ray: "make figures ENGINE=ray" installs what'
                     ' requirements/cluster.txt lists'
                 )
-            from uav_collect.studies.cluster import Cluster
+            from uav_collect.studies.jobs.cluster import Cluster
 
             return Cluster(arguments.address, arguments.workers)
         case _:
-            from uav_collect.studies.processes import Processes
+            from uav_collect.studies.jobs.processes import Processes
 
             return Processes(arguments.workers or len(os.sched_getaffinity(0)))
 
 
 def _draw(arguments: argparse.Namespace, plan: 'Plan') -> None:
     """Draw what can be drawn, and judge what can be judged."""
-    from uav_collect.studies.claims import judge
-    from uav_collect.studies.costs import spent
-    from uav_collect.studies.figures import draw
+    from uav_collect.studies.claims.claims import judge
     from uav_collect.studies.findings import Findings
+    from uav_collect.studies.jobs.costs import spent
+    from uav_collect.studies.pictures.draw import draw
     from uav_collect.studies.results_text import results_text
 
     findings, folder = Findings(plan.store), arguments.output / plan.scale.name

@@ -6,7 +6,7 @@ from time import monotonic
 from typing import TYPE_CHECKING
 
 from uav_collect.commands.figures_plan import Plan
-from uav_collect.studies.schedule import Standing
+from uav_collect.studies.jobs.schedule import Standing
 
 if TYPE_CHECKING:
     from rich.console import RenderableType

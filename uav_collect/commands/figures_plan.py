@@ -13,13 +13,13 @@ import sys
 from uav_collect.config.yaml_text import ConfigError
 from uav_collect.scenario.load import from_yaml
 from uav_collect.studies import catalogue
-from uav_collect.studies.costs import disk_bytes, GUESSED, Rates, rates_of, spent
-from uav_collect.studies.jobs import FlightsJob, Job, kind_of, PlansJob, TrainingJob
-from uav_collect.studies.records import Study
+from uav_collect.studies.jobs.costs import disk_bytes, GUESSED, Rates, rates_of, spent
+from uav_collect.studies.jobs.jobs import FlightsJob, Job, kind_of, PlansJob, TrainingJob
+from uav_collect.studies.jobs.store import Store
+from uav_collect.studies.jobs.warming import kernels_of
 from uav_collect.studies.requests import Requests
 from uav_collect.studies.scale import load_scale, ScaleConfig
-from uav_collect.studies.store import Store
-from uav_collect.studies.warming import kernels_of
+from uav_collect.studies.study import Study
 from uav_collect.training.run_record import TrainingRunError
 
 _SPARE_BYTES = 200e6  # to be left on the disk
@@ -186,7 +186,7 @@ def _rates(
     if first is None or scale.measured_s == 0.0 or not importlib.util.find_spec('torch'):
         return GUESSED
     sys.stderr.write(f'measuring what a decision takes: {scale.measured_s:.0f} s\n')
-    from uav_collect.studies.measuring import measured
+    from uav_collect.studies.jobs.measuring import measured
 
     return measured(_usual(scale, trainings, first), scale.measured_s)
 

@@ -14,7 +14,9 @@ from uav_collect.studies.comparisons import (
     tested_with_both_bandwidths,
     usual_trained,
 )
-from uav_collect.studies.records import (
+from uav_collect.studies.requests import Requests
+from uav_collect.studies.scale import FieldConfig
+from uav_collect.studies.study import (
     AQMIX,
     COLLECTED,
     COLLECTING,
@@ -28,8 +30,6 @@ from uav_collect.studies.records import (
     Trained,
     TrajectoriesStudy,
 )
-from uav_collect.studies.requests import Requests
-from uav_collect.studies.scale import FieldConfig
 
 _Make = Callable[[Requests], Study]
 

@@ -4,7 +4,9 @@ from collections.abc import Mapping, Sequence
 
 from uav_collect.scenario.load import Scenario, with_uavs
 from uav_collect.studies import variants
-from uav_collect.studies.records import (
+from uav_collect.studies.requests import Requests
+from uav_collect.studies.scale import FieldConfig
+from uav_collect.studies.study import (
     AQMIX,
     CurvesPanel,
     LEARNED,
@@ -14,8 +16,6 @@ from uav_collect.studies.records import (
     Tested,
     Trained,
 )
-from uav_collect.studies.requests import Requests
-from uav_collect.studies.scale import FieldConfig
 
 
 def all_trained(

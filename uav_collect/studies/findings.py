@@ -7,10 +7,10 @@ import io
 import numpy as np
 from uav_collect.analysis.statistics import column_estimates, Estimate
 from uav_collect.kernels.arrays import Floats
-from uav_collect.studies.flights import MISSIONS
-from uav_collect.studies.learning_files import CURVE, POLICY
-from uav_collect.studies.records import Measure, Tested, Trained
-from uav_collect.studies.store import Store
+from uav_collect.studies.jobs.flights import MISSIONS
+from uav_collect.studies.jobs.learning_files import CURVE, POLICY
+from uav_collect.studies.jobs.store import Store
+from uav_collect.studies.study import Measure, Tested, Trained
 from uav_collect.training.curves import LearningCurve, mean_curve
 
 _TAIL_SHARE = 0.2  # of a training: its end, over which a curve is averaged

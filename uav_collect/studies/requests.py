@@ -4,15 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 from uav_collect.scenario.load import Scenario
-from uav_collect.studies.jobs import (
-    digest_of,
-    FlightsJob,
-    Job,
-    PlansJob,
-    training_job,
-)
-from uav_collect.studies.records import LEARNED, PLAN, RULES, Tested, Trained
+from uav_collect.studies.jobs.jobs import digest_of, FlightsJob, Job, PlansJob, training_job
 from uav_collect.studies.scale import ScaleConfig
+from uav_collect.studies.study import LEARNED, PLAN, RULES, Tested, Trained
 from uav_collect.training.config import load_preset
 
 

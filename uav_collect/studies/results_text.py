@@ -4,11 +4,11 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 
 from uav_collect.analysis.statistics import LEVEL
-from uav_collect.studies.claims import Judged
-from uav_collect.studies.costs import Spent
-from uav_collect.studies.judging import Evidence, MIN_SEEDS, Verdict
-from uav_collect.studies.records import Study
+from uav_collect.studies.claims.claims import Judged
+from uav_collect.studies.claims.judging import Evidence, MIN_SEEDS, Verdict
+from uav_collect.studies.jobs.costs import Spent
 from uav_collect.studies.scale import ScaleConfig
+from uav_collect.studies.study import Study
 
 _ORDER = (Verdict.HOLDS, Verdict.FAILS, Verdict.OPEN, Verdict.NOT_RUN)
 _FEW = 3  # pieces of evidence that the first table has room for

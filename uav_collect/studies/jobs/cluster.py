@@ -21,8 +21,17 @@ from ray.exceptions import (
 )
 import uav_collect
 from uav_collect.kernels.compile import sources_digest
-from uav_collect.studies.tasks import Began, Event, Failed, Finished, Left, Lost, Report, Task
-from uav_collect.studies.work import perform
+from uav_collect.studies.jobs.work import perform
+from uav_collect.studies.jobs.worker_messages import (
+    Began,
+    Event,
+    Failed,
+    Finished,
+    Left,
+    Lost,
+    Report,
+    Task,
+)
 
 _LOSSES = (
     WorkerCrashedError, NodeDiedError, ObjectLostError, OutOfMemoryError, GetTimeoutError,

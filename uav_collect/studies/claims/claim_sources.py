@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from uav_collect.studies.claims.judging import Samples
 from uav_collect.studies.findings import Findings
-from uav_collect.studies.judging import Samples
-from uav_collect.studies.records import (
+from uav_collect.studies.study import (
     CurvesPanel,
     CurvesStudy,
     LinesStudy,

@@ -7,10 +7,10 @@ from uav_collect.kernels.arrays import Floats
 from uav_collect.recording.mission_log import ACTION_NAMES, from_jsonl, MissionLog
 from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import build_site, Site
-from uav_collect.studies.drawing import csv_of, Drawn, finish, panels
 from uav_collect.studies.findings import Findings
-from uav_collect.studies.flights import log_name
-from uav_collect.studies.records import TopologyStudy, TrajectoriesStudy
+from uav_collect.studies.jobs.flights import log_name
+from uav_collect.studies.pictures.drawing import csv_of, Drawn, finish, panels
+from uav_collect.studies.study import TopologyStudy, TrajectoriesStudy
 from uav_collect.world.sensor_field import draw_demand, lay_out
 
 _SIDE_IN = 4.6

@@ -4,8 +4,8 @@ from time import process_time
 
 from uav_collect.learning.trainer import Trainer
 from uav_collect.scenario.load import from_yaml
-from uav_collect.studies.costs import Rates, units_of
-from uav_collect.studies.jobs import settings_of, TrainingJob
+from uav_collect.studies.jobs.costs import Rates, units_of
+from uav_collect.studies.jobs.jobs import settings_of, TrainingJob
 from uav_collect.training.progress import Budget
 
 _NEVER = 10**9  # updates

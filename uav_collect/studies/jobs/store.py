@@ -15,8 +15,8 @@ from pathlib import Path
 import shutil
 
 from uav_collect import files
-from uav_collect.studies.jobs import digest_of, Job, to_json
-from uav_collect.studies.tasks import Cost
+from uav_collect.studies.jobs.jobs import digest_of, Job, to_json
+from uav_collect.studies.jobs.worker_messages import Cost
 
 _JOB = 'job.json'
 _COST = 'cost.json'

@@ -10,7 +10,7 @@ import signal
 from time import monotonic
 from traceback import format_exc
 
-from uav_collect.studies.tasks import Failed, Finished, Left, Lost, Report, Task
+from uav_collect.studies.jobs.worker_messages import Failed, Finished, Left, Lost, Report, Task
 
 _STOP = 'stop'
 _END_S = 5.0  # until a process that was told to end is killed
@@ -117,7 +117,7 @@ def _work(connection: Connection) -> None:
 
 
 def _do(task: Task, connection: Connection) -> None:
-    from uav_collect.studies.work import perform
+    from uav_collect.studies.jobs.work import perform
 
     asked = False
 

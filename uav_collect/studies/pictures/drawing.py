@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from uav_collect.analysis.trajectories import COLOURS, DPI
-from uav_collect.studies.records import AIQL, AQMIX, HERT, PLAN, QMIX, SWEEP
+from uav_collect.studies.study import AIQL, AQMIX, HERT, PLAN, QMIX, SWEEP
 
 COLOUR = {
     AQMIX: COLOURS[0], QMIX: COLOURS[1], AIQL: COLOURS[2], HERT: '#555555', SWEEP: '#009E73',

@@ -3,9 +3,15 @@
 from collections.abc import Iterator
 
 import numpy as np
-from uav_collect.studies.claim_sources import Sources
-from uav_collect.studies.judging import changed_percent, Evidence, is_above, is_within, Samples
-from uav_collect.studies.records import AIQL, AQMIX, CurvesPanel, EFFICIENCY, QMIX, REWARD
+from uav_collect.studies.claims.claim_sources import Sources
+from uav_collect.studies.claims.judging import (
+    changed_percent,
+    Evidence,
+    is_above,
+    is_within,
+    Samples,
+)
+from uav_collect.studies.study import AIQL, AQMIX, CurvesPanel, EFFICIENCY, QMIX, REWARD
 
 _ALIKE_PERCENT = 5.0
 _REGION = '3x3'  # what a UAV sees

@@ -3,7 +3,8 @@
 from matplotlib.axes import Axes
 import numpy as np
 from uav_collect.analysis.statistics import Estimate, LEVEL
-from uav_collect.studies.drawing import (
+from uav_collect.studies.findings import estimated, Findings
+from uav_collect.studies.pictures.drawing import (
     COLOUR,
     counted,
     csv_of,
@@ -14,8 +15,7 @@ from uav_collect.studies.drawing import (
     STYLE,
     THIN,
 )
-from uav_collect.studies.findings import estimated, Findings
-from uav_collect.studies.records import Line, LinesStudy, Measure, PLAN
+from uav_collect.studies.study import Line, LinesStudy, Measure, PLAN
 
 _SIZE_IN = (4.6, 4.6)
 _PLAN_LABELS = {

@@ -15,10 +15,18 @@ from time import monotonic, process_time
 import uav_collect
 from uav_collect.kernels.compile import sources_digest
 from uav_collect.revision import git_revision
-from uav_collect.studies.flights import flights, plans
-from uav_collect.studies.jobs import FlightsJob, PlansJob, TrainingJob
-from uav_collect.studies.tasks import Began, Cost, Event, Finished, Looked, Saved, Task
-from uav_collect.studies.warming import in_turn
+from uav_collect.studies.jobs.flights import flights, plans
+from uav_collect.studies.jobs.jobs import FlightsJob, PlansJob, TrainingJob
+from uav_collect.studies.jobs.warming import in_turn
+from uav_collect.studies.jobs.worker_messages import (
+    Began,
+    Cost,
+    Event,
+    Finished,
+    Looked,
+    Saved,
+    Task,
+)
 
 _PACKAGES = ('numpy', 'numba', 'torch')
 
@@ -67,7 +75,7 @@ def _perform(task: Task, is_stopping: Callable[[], bool]) -> Iterator[Event]:
     meter = _Meter(before)
     match task.job:
         case TrainingJob() as job:
-            from uav_collect.studies.learning import learn
+            from uav_collect.studies.jobs.learning import learn
 
             steps = learn(job, state, task.checkpoint_s, is_stopping)
         case FlightsJob() as job:

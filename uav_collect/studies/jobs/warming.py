@@ -7,8 +7,8 @@ import fcntl
 from uav_collect.kernels.compile import cache_folder, kernels_are_cached, kernels_are_compiled
 from uav_collect.missions import rollout, vector_env
 from uav_collect.planning import bound
-from uav_collect.studies.jobs import FlightsJob, Job, PlansJob, TrainingJob
-from uav_collect.studies.tasks import Began, Event
+from uav_collect.studies.jobs.jobs import FlightsJob, Job, PlansJob, TrainingJob
+from uav_collect.studies.jobs.worker_messages import Began, Event
 
 
 def in_turn(job: Job, events: Iterator[Event]) -> Iterator[Event]:

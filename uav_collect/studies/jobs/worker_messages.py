@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from uav_collect.studies.jobs import Job
+from uav_collect.studies.jobs.jobs import Job
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,8 +16,8 @@ from uav_collect.learning.memory import keep_freed_memory
 from uav_collect.learning.trainer import Trainer
 from uav_collect.revision import UNKNOWN
 from uav_collect.scenario.load import from_yaml
-from uav_collect.studies.jobs import settings_of, TrainingJob
-from uav_collect.studies.learning_files import CURVE, CURVE_COLUMNS, POLICY, SUMMARY
+from uav_collect.studies.jobs.jobs import settings_of, TrainingJob
+from uav_collect.studies.jobs.learning_files import CURVE, CURVE_COLUMNS, POLICY, SUMMARY
 from uav_collect.training.progress import Budget, Progress
 from uav_collect.uav.policy_file import policy_bytes
 from uav_collect.uav.policy_network import FrozenPolicy, PolicyMismatchError

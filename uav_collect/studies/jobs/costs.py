@@ -7,8 +7,8 @@ from functools import cache
 
 from uav_collect.learning.replay import replay_bytes
 from uav_collect.scenario.load import from_yaml
-from uav_collect.studies.jobs import FlightsJob, Job, kind_of, settings_of, TrainingJob
-from uav_collect.studies.store import Store
+from uav_collect.studies.jobs.jobs import FlightsJob, Job, kind_of, settings_of, TrainingJob
+from uav_collect.studies.jobs.store import Store
 from uav_collect.uav.briefing import brief
 from uav_collect.uav.observation import observation_size
 from uav_collect.uav.policy_network import weight_shapes

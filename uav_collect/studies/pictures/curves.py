@@ -3,7 +3,8 @@
 from matplotlib.axes import Axes
 from matplotlib.ticker import EngFormatter
 from uav_collect.analysis.trajectories import COLOURS
-from uav_collect.studies.drawing import (
+from uav_collect.studies.findings import estimated, Findings
+from uav_collect.studies.pictures.drawing import (
     COLOUR,
     counted,
     csv_of,
@@ -12,15 +13,7 @@ from uav_collect.studies.drawing import (
     panels,
     STYLE,
 )
-from uav_collect.studies.findings import estimated, Findings
-from uav_collect.studies.records import (
-    CurvesPanel,
-    CurvesStudy,
-    EFFICIENCY,
-    Measure,
-    PLAN,
-    REWARD,
-)
+from uav_collect.studies.study import CurvesPanel, CurvesStudy, EFFICIENCY, Measure, PLAN, REWARD
 from uav_collect.training.curves import LearningCurve
 
 _SIZE_IN = (4.2, 3.9)

@@ -1,9 +1,9 @@
 """Draws a study from what was found for it, and from nothing else."""
 
-from uav_collect.studies import curve_figures, line_figures, mission_figures
-from uav_collect.studies.drawing import Drawn
 from uav_collect.studies.findings import Findings
-from uav_collect.studies.records import (
+from uav_collect.studies.pictures import curves, lines, missions
+from uav_collect.studies.pictures.drawing import Drawn
+from uav_collect.studies.study import (
     CurvesStudy,
     LinesStudy,
     Study,
@@ -20,10 +20,10 @@ def draw(study: Study, findings: Findings) -> Drawn:
     """
     match study:
         case LinesStudy():
-            return line_figures.draw(study, findings)
+            return lines.draw(study, findings)
         case CurvesStudy():
-            return curve_figures.draw(study, findings)
+            return curves.draw(study, findings)
         case TopologyStudy():
-            return mission_figures.draw_topology(study)
+            return missions.draw_topology(study)
         case TrajectoriesStudy():
-            return mission_figures.draw_trajectories(study, findings)
+            return missions.draw_trajectories(study, findings)

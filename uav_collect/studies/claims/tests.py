@@ -3,15 +3,15 @@
 from collections.abc import Iterator
 
 import numpy as np
-from uav_collect.studies.claim_sources import Sources
-from uav_collect.studies.judging import (
+from uav_collect.studies.claims.claim_sources import Sources
+from uav_collect.studies.claims.judging import (
     changed_percent,
     Evidence,
     is_above,
     is_within,
     Samples,
 )
-from uav_collect.studies.records import (
+from uav_collect.studies.study import (
     AIQL,
     AQMIX,
     COLLECTED,

@@ -1,0 +1,1 @@
+"""What the paper and the project claim, judged by what was measured."""

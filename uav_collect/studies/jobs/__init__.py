@@ -1,0 +1,1 @@
+"""Jobs of a study, and who does them: processes of this machine or a cluster."""
