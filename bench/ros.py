@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from rich.console import Console
 from rich.table import Table
-from uav_collect.commands.fleet import Fleet
+from uav_collect.commands.ros_processes import Fleet
 from uav_collect.kernels.compile import interpret_kernels
 from uav_collect.scenario.load import load, Scenario, with_uavs
 

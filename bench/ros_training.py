@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from rich.console import Console
 from rich.table import Table
-from uav_collect.commands.fleet import Fleet, FleetProcess, ros_parameters
+from uav_collect.commands.ros_processes import Fleet, FleetProcess, ros_parameters
 from uav_collect.commands.train_fleet import first_seed, world_names
 from uav_collect.scenario.load import load, Scenario
 from uav_collect.training.config import load_preset

@@ -9,7 +9,7 @@ from processes import Processes, RunningProcess
 import pytest
 from tiny import tiny
 from uav_collect.commands import train_fleet
-from uav_collect.commands.fleet import ros_parameters
+from uav_collect.commands.ros_processes import ros_parameters
 from uav_collect.recording.bag_reader import read_missions
 from uav_collect.training.run_record import read_run
 from uav_collect.uav.policy_file import load_policy

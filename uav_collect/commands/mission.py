@@ -9,7 +9,7 @@ import time
 from typing import TYPE_CHECKING
 
 from uav_collect.commands import options, report
-from uav_collect.commands.fleet import (
+from uav_collect.commands.ros_processes import (
     Fleet,
     FleetError,
     FleetProcess,
