@@ -123,11 +123,11 @@ curves: $(INSTALLED)  ## draw the learning curves of RUNS, into learning_curves.
 figures: $(INSTALLED) $(LEARNS) $(if $(filter ray,$(ENGINE)),$(CLUSTERS))  ## the figures of the paper's evaluation, as SCALE=smoke
 	@$(VENV)/bin/python -m uav_collect figures $(FIGURES_OPTIONS)
 
-test: $(BUILT) $(DEVELOPED) $(LEARNS) $(CLUSTERS)  ## run all tests; TESTS=test/test_radio.py runs a part
+test: $(BUILT) $(DEVELOPED) $(LEARNS) $(CLUSTERS)  ## run all tests; TESTS=test/physics runs a part
 	@. install/setup.sh && $(VENV)/bin/python -m pytest -n $(WORKERS) $(TESTS) $(ARGS)
 
 golden: $(INSTALLED)  ## write the digests of mission logs anew; their diff is a change of behaviour
-	@PYTHONPATH=.:test $(VENV)/bin/python test/golden_logs.py
+	@PYTHONPATH=.:test/helpers $(VENV)/bin/python test/helpers/golden_logs.py
 
 check: $(DEVELOPED) $(LEARNS)  ## ruff and mypy, as CI does
 	@$(VENV)/bin/ruff check

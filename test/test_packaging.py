@@ -184,9 +184,9 @@ def test_an_executable_says_what_it_does(name: str, processes: Processes) -> Non
 @pytest.mark.ros
 def test_an_agent_needs_neither_learning_nor_compiling_nor_drawing_libraries() -> None:
     script = """
-from uav_collect.compiled import interpret_kernels
+from uav_collect.kernels.compile import interpret_kernels
 interpret_kernels()
-import uav_collect.nodes.uav_agent, sys
+import uav_collect.nodes.agent.node, sys
 print(*sys.modules)
 """
     loaded = subprocess.run(

@@ -9,7 +9,7 @@ import numpy as np
 from pettingzoo import AECEnv
 from pettingzoo.test import api_test, seed_test
 import pytest
-from tiny import tiny, uav
+from tiny_world import tiny, uav
 from uav_collect.analysis.metrics import check_log, figures
 from uav_collect.kernels.arrays import Ints
 from uav_collect.missions.rollout import fly

@@ -245,7 +245,7 @@ def _write_world(
     records.fleet[:, 3::N_UAV_SCALARS] = phase[at] == ACTIVE
 
 
-def _joined(contents: Any, kind: Any, n_rows: int) -> NDArray[Any]:  # noqa: ANN401 - bytes, dtype
+def _joined(contents: Any, kind: Any, n_rows: int) -> NDArray[Any]:
     return np.frombuffer(b''.join(contents), kind).reshape(n_rows, -1).copy()
 
 

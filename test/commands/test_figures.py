@@ -1,0 +1,256 @@
+"""The command figures at the smallest scale, whole: from the first job to the claims."""
+
+from collections.abc import Iterator
+import csv
+from dataclasses import dataclass
+import fcntl
+import io
+import os
+from pathlib import Path
+import re
+import subprocess
+import sys
+
+from episodes import single_threaded_torch
+from matplotlib.axes import Axes
+from matplotlib.image import imread
+import pytest
+from uav_collect.__main__ import main
+from uav_collect.studies import catalogue
+from uav_collect.studies.claims.claims import CLAIMS
+from uav_collect.studies.claims.judging import Verdict
+from uav_collect.studies.findings import Findings
+from uav_collect.studies.jobs.store import Store
+from uav_collect.studies.pictures.draw import draw
+from uav_collect.studies.pictures.drawing import Drawn
+from uav_collect.studies.requests import Requests
+from uav_collect.studies.scale import load_scale
+from uav_collect.studies.study import CurvesStudy, LinesStudy, Study
+
+ROOT = Path(__file__).parents[2]
+NAMES = catalogue.names()
+UNIT = re.compile(r'.* \[[^\]]+\]$')
+LEARNED = {'AQMIX', 'QMIX', 'AIQL'}
+PLANS = {'shortest clairvoyant plan', 'thriftiest clairvoyant plan'}
+
+
+@dataclass(frozen=True)
+class Smoke:
+    """What one call of the command left."""
+
+    output: Path
+    done: subprocess.CompletedProcess[str]
+
+    @property
+    def folder(self) -> Path:
+        """The figures."""
+        return self.output / 'smoke'
+
+    def study(self, name: str) -> Study:
+        return catalogue.study(name, Requests(load_scale('smoke')))
+
+    def drawn(self, name: str) -> Drawn:
+        return draw(self.study(name), Findings(Store(self.output)))
+
+    def rows(self, name: str) -> list[dict[str, str]]:
+        text = (self.folder / f'{name}.csv').read_text()
+        return [*csv.DictReader(io.StringIO(text))]
+
+
+@pytest.fixture(scope='module')
+def smoke(tmp_path_factory: pytest.TempPathFactory) -> Smoke:
+    """All studies at the smallest scale, done by two processes, once for all that test at once."""
+    single_threaded_torch()
+    base = tmp_path_factory.getbasetemp()
+    shared = base.parent if 'PYTEST_XDIST_WORKER' in os.environ else base
+    output = shared / 'studies'
+    with (shared / 'studies.lock').open('w') as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        options = ('--scale', 'smoke', '--output', str(output), '--workers', '2')
+        return Smoke(output, figures(*options))
+
+
+@pytest.fixture
+def copy(smoke: Smoke, tmp_path: Path) -> Smoke:
+    """What was found, without any figure."""
+    (tmp_path / 'jobs').symlink_to(smoke.output / 'jobs')
+    return Smoke(tmp_path, smoke.done)
+
+
+def figures(*arguments: str) -> subprocess.CompletedProcess[str]:
+    command = (sys.executable, '-m', 'uav_collect', 'figures', *arguments)
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+
+
+def labels_of(axes: Axes) -> set[str]:
+    """The names in a panel's legend, without what they count."""
+    legend = axes.get_legend()
+    assert legend is not None, axes.get_ylabel()
+    return {re.sub(r' \(.*\)$', '', text.get_text()) for text in legend.get_texts()}
+
+
+def panels(drawn: Drawn) -> Iterator[Axes]:
+    """The axes that are no colour bar."""
+    return (axes for axes in drawn.figure.axes if axes.get_label() != '<colorbar>')
+
+
+def test_everything_is_done_and_said(smoke: Smoke) -> None:
+    assert smoke.done.returncode == 0, smoke.done.stderr
+    assert all(f'{name}.png' in smoke.done.stdout for name in NAMES)
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_a_figure_is_a_picture_of_something_twice_and_a_table(smoke: Smoke, name: str) -> None:
+    picture = imread(smoke.folder / f'{name}.png')
+    assert min(picture.shape[:2]) > 300
+    assert (picture[..., :3] < 0.5).mean() > 1e-3  # ink
+    printed = (smoke.folder / f'{name}.pdf').read_bytes()
+    assert printed.startswith(b'%PDF')
+    assert len(printed) > 5000
+    assert len(smoke.rows(name)) > 5
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_a_table_says_how_many_and_in_which_unit(smoke: Smoke, name: str) -> None:
+    rows = smoke.rows(name)
+    columns = set(rows[0])
+    if isinstance(smoke.study(name), LinesStudy | CurvesStudy):
+        assert {'n_missions', 'mean', 'low', 'high', 'unit', 'line'} <= columns
+        assert all(row['unit'] for row in rows)
+        known = [row for row in rows if row['low']]
+        assert known
+        spans = [[float(row[key]) for key in ('low', 'mean', 'high')] for row in known]
+        assert all(low <= mean <= high for low, mean, high in spans)
+        assert all(int(row['n_missions']) >= 1 for row in known)
+    else:
+        assert {'x_m', 'y_m'} <= columns
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_every_axis_has_a_unit_and_every_panel_a_legend(smoke: Smoke, name: str) -> None:
+    for axes in panels(smoke.drawn(name)):
+        assert UNIT.match(axes.get_xlabel()), axes.get_xlabel()
+        assert UNIT.match(axes.get_ylabel()), axes.get_ylabel()
+        assert labels_of(axes)
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_every_legend_is_in_the_picture_whole(smoke: Smoke, name: str) -> None:
+    drawn = smoke.drawn(name)
+    drawn.picture('png')
+    page = drawn.figure.bbox
+    for axes in panels(drawn):
+        legend = axes.get_legend()
+        assert legend is not None
+        box = legend.get_window_extent()
+        assert box.x0 >= page.x0 - 1, name
+        assert box.x1 <= page.x1 + 1, name
+        assert box.y0 >= page.y0 - 1, name
+        assert box.y1 <= page.y1 + 1, name
+
+
+def series_of(study: Study) -> set[str]:
+    """What must be seen in each panel: the plans where they have what it shows."""
+    match study:
+        case LinesStudy(lines=lines):
+            return {line.label for line in lines if line.policy != 'plan'}
+        case CurvesStudy(panels=curves):
+            return {curve.label for panel in curves for curve in panel.curves}
+        case _:
+            return set()
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_every_panel_has_all_its_series(smoke: Smoke, name: str) -> None:
+    study, drawn = smoke.study(name), smoke.drawn(name)
+    shown = [labels_of(axes) for axes in panels(drawn)]
+    assert all(series_of(study) <= labels for labels in shown)
+    match study:
+        case LinesStudy():
+            assert {'HERT', 'sweep'} <= set.intersection(*shown)
+            assert PLANS & set.union(*shown)
+        case CurvesStudy():
+            assert any({'HERT', 'sweep', 'thriftiest clairvoyant plan'} <= it for it in shown)
+        case _:
+            assert all(shown)
+
+
+@pytest.mark.parametrize('name', ['learning-areas', 'learning-uavs', 'energy', 'density', 'range'])
+def test_the_three_algorithms_are_compared(smoke: Smoke, name: str) -> None:
+    assert set(series_of(smoke.study(name))) >= LEARNED
+
+
+def test_the_rows_of_a_line_are_the_values_that_were_tested(smoke: Smoke) -> None:
+    scale = load_scale('smoke')
+    rows = [row for row in smoke.rows('density') if row['line'] == 'AQMIX']
+    assert [float(row['density_share']) for row in rows] == [*scale.densities] * 2
+    assert {int(row['n_missions']) for row in rows} == {scale.tests.missions}
+
+
+def test_figures_come_back_as_they_were_without_any_work(smoke: Smoke, copy: Smoke) -> None:
+    names = ('topology', 'learning-uavs', 'density', 'trajectories')
+    files = [f'{name}.{kind}' for name in names for kind in ('png', 'pdf', 'csv')]
+    jobs = {path: path.stat().st_mtime_ns for path in (smoke.output / 'jobs').rglob('*')}
+    again = ['figures', '--scale', 'smoke', '--output', str(copy.output), '--only', *names]
+    assert main(again) == 0
+    drawn = {name: (copy.folder / name).read_bytes() for name in files}
+    assert drawn == {name: (smoke.folder / name).read_bytes() for name in files}
+    assert {path: path.stat().st_mtime_ns for path in (smoke.output / 'jobs').rglob('*')} == jobs
+
+
+def test_every_claim_is_judged_by_numbers_with_their_count(smoke: Smoke) -> None:
+    text = (smoke.folder / 'results.md').read_text()
+    rows = re.findall(r'^\| (\d+) \| (\d+) \| (.*?) \| (.*) \| (.*?) \|$', text, re.MULTILINE)
+    assert [statement for _, _, statement, _, _ in rows] == [it.statement for it in CLAIMS]
+    verdicts = {str(it) for it in Verdict if it is not Verdict.NOT_RUN}
+    assert {verdict for *_, verdict in rows} <= verdicts
+    details = re.findall(r'^\| .* \| (\d+) (?:missions?|seeds?) \| .* \|$', text, re.MULTILINE)
+    assert len(details) > 100
+    assert all(int(n) >= 1 for n in details)
+
+
+def test_what_is_not_asked_for_is_not_judged(
+    copy: Smoke, capsys: pytest.CaptureFixture[str]
+) -> None:
+    results = copy.output / 'some.md'
+    asked = ('--only', 'csi', '--output', str(copy.output), '--results', str(results))
+    assert main(['figures', '--scale', 'smoke', *asked]) == 0
+    text = results.read_text()
+    assert re.search(r'^- Not run: .*topology.*trajectories\.$', text, re.MULTILINE)
+    assert f'{len(CLAIMS) - 2} {Verdict.NOT_RUN}' in text
+    assert str(results) in capsys.readouterr().out
+
+
+def test_what_it_takes_is_said_beforehand(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = ['--scale', 'smoke', '--dry-run', '--output', str(tmp_path / 'o')]
+    assert main(['figures', *options]) == 0
+    told = capsys.readouterr().out
+    assert re.search(r'scale smoke: (\d+) jobs.* \1 missing: 32 of training', told)
+    assert re.search(r'disk: \d+ MB of results, up to \d+ MB of checkpoints', told)
+    assert not (tmp_path / 'o').exists()
+
+
+def test_the_list_names_every_study_and_does_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(['figures', '--list', '--scale', 'laptop', '--output', str(tmp_path / 'o')]) == 0
+    listed = capsys.readouterr().out
+    assert all(name in listed for name in NAMES)
+    assert not (tmp_path / 'o').exists()
+
+
+def test_an_unknown_study_is_refused_in_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(['figures', '--only', 'densities', '--list']) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: --only is 'densities': must be of topology, ")
+    assert error.count('\n') == 1
+
+
+def test_a_value_of_a_scale_that_cannot_be_is_named(tmp_path: Path) -> None:
+    scale = tmp_path / 'mine.yaml'
+    scale.write_text('extends: smoke\ndensities: [0.3, 0.1]\n')
+    done = figures('--scale', str(scale), '--list')
+    assert done.returncode == 2
+    assert done.stderr == f'error: {scale}: densities is [0.3, 0.1]: must rise\n'

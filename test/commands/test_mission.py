@@ -1,0 +1,161 @@
+"""The command that flies one mission: which policy, what it is compared with, what it refuses."""
+
+from pathlib import Path
+import sys
+
+from processes import Processes, RunningProcess
+import pytest
+from random_policies import header, saved
+from scripted_logs import fly, uav
+from scripted_logs import header as log_header
+from uav_collect.commands import mission
+from uav_collect.missions import rollout
+from uav_collect.recording.mission_log import MissionLog
+from uav_collect.scenario.load import load, Scenario
+from uav_collect.scenario.site import build_site
+from uav_collect.uav import policy as policy_module
+from uav_collect.uav.policy_network import PolicyMismatchError
+
+TIGHT = 'fleet.default.energy_budget_kj=60'  # random weights fly until it is used up
+SEED = 2
+PLANS = ['shortest', 'thriftiest']
+
+
+@pytest.fixture
+def scenario() -> Scenario:
+    return load('paper_10x10', {'fleet.default.energy_budget_kj': 60.0})
+
+
+def command(processes: Processes, *arguments: str, **environment: str) -> RunningProcess:
+    words = ['-m', 'uav_collect', 'mission', '--seed', str(SEED), '--set', TIGHT, *arguments]
+    return processes.run('mission', sys.executable, *words, **environment)
+
+
+def text(scenario: Scenario, policy: str) -> bytes:
+    [log] = rollout.fly(scenario, build_site(scenario), [SEED], policy)
+    return log.to_jsonl()
+
+
+def policies_in(output: str) -> list[str]:
+    """The policies of the comparison, in order, and the plans after them."""
+    _, _, table = output.partition('the same mission by')
+    _, _, rows = table.rpartition('──')
+    return [line.split()[0] for line in rows.splitlines() if line.strip()]
+
+
+# Over ROS
+
+
+@pytest.mark.ros
+def test_a_mission_flies_a_policy_file_and_shows_what_rules_make_of_the_same_mission(
+    processes: Processes, scenario: Scenario, tmp_path: Path
+) -> None:
+    path, run = saved(tmp_path, 'mine', header(), seed=1), tmp_path / 'run'
+    flown = command(processes, '--policy', str(path), '--output', str(run))
+    assert flown.wait_for_exit() == 0
+    assert (run / f'mission_{SEED}.jsonl').read_bytes() == text(scenario, str(path))
+    assert policies_in(flown.output) == ['mine', 'hert', 'sweep', *PLANS]
+
+
+@pytest.mark.ros
+def test_the_policy_shipped_for_the_scenario_flies_unless_another_is_named(
+    processes: Processes, scenario: Scenario, tmp_path: Path
+) -> None:
+    run = tmp_path / 'run'
+    flown = command(processes, '--output', str(run))
+    assert flown.wait_for_exit() == 0
+    assert (run / f'mission_{SEED}.jsonl').read_bytes() == text(scenario, 'paper_10x10_n2_aqmix')
+    assert policies_in(flown.output) == ['paper_10x10_n2_aqmix', 'hert', 'sweep', *PLANS]
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize('kind', ['unfit', 'broken', 'missing'])
+def test_a_policy_that_cannot_fly_the_mission_is_refused_before_anything_starts(
+    kind: str, processes: Processes, tmp_path: Path
+) -> None:
+    path = saved(tmp_path, 'mine', header(n_uavs=3 if kind == 'unfit' else 2))
+    if kind == 'broken':
+        path.write_bytes(path.read_bytes()[:-1])
+    if kind == 'missing':
+        path.unlink()
+    flown = command(processes, '--policy', str(path), '--output', str(tmp_path / 'run'))
+    assert flown.wait_for_exit() == 2
+    assert flown.output.startswith('error: ')
+    assert flown.output.count('\n') == 1
+    assert 'mine' in flown.output
+    assert not (tmp_path / 'run').exists()
+
+
+# Which policy
+
+
+def test_without_a_shipped_policy_that_fits_the_sweep_flies_and_a_line_says_why(
+    scenario: Scenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    monkeypatch.setattr(policy_module, 'shared_folders', lambda kind: (tmp_path,))
+    assert mission._checked_policy(None, scenario) == 'sweep'
+    shown = capsys.readouterr().err
+    assert shown.startswith('no learned policy is shipped for paper_10x10 with 2 UAVs')
+    assert shown.endswith('sweep flies\n')
+    saved(tmp_path, 'paper_10x10_n2_aqmix', header(n_uavs=3))
+    assert mission._checked_policy(None, scenario) == 'sweep'
+    assert 'paper_10x10_n2_aqmix: n_uavs is 2: must be 3' in capsys.readouterr().err
+    saved(tmp_path, 'paper_10x10_n2_aqmix', header())
+    assert mission._checked_policy(None, scenario) == 'strong'
+    assert capsys.readouterr().err == ''
+
+
+def test_a_named_policy_flies_or_nothing(
+    scenario: Scenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(policy_module, 'shared_folders', lambda kind: (tmp_path,))
+    assert mission._checked_policy('hert', scenario) == 'hert'
+    with pytest.raises(PolicyMismatchError, match='no learned policy is shipped'):
+        mission._checked_policy('strong', scenario)
+
+
+# The comparison
+
+
+def logged(folder: Path) -> Path:
+    log = fly(log_header([uav(1)]), [['hover 2.0 0.5', 'home']])
+    path = folder / 'mission_0.jsonl'
+    path.write_bytes(MissionLog(header=log.header, events=log.events).to_jsonl())
+    return path
+
+
+@pytest.mark.parametrize('failure', [ValueError('it broke'), RuntimeError('it broke')])
+def test_a_comparison_that_fails_is_one_line_and_no_more(
+    failure: Exception, scenario: Scenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    def broken(*_: object) -> list[MissionLog]:
+        raise failure
+
+    monkeypatch.setattr(rollout, 'fly', broken)
+    mission._compare(logged(tmp_path), scenario, 'exact')
+    shown = capsys.readouterr()
+    assert shown.err == 'the mission could not be compared with rules: it broke\n'
+    assert shown.out == ''
+
+
+def test_a_comparison_that_is_interrupted_is_left_out(
+    scenario: Scenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    def interrupted(*_: object) -> list[MissionLog]:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(rollout, 'fly', interrupted)
+    mission._compare(logged(tmp_path), scenario, 'exact')
+    assert 'not compared' in capsys.readouterr().err
+
+
+def test_a_policy_is_not_compared_with_itself(
+    scenario: Scenario, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / 'mission.jsonl'
+    path.write_bytes(text(scenario, 'sweep'))
+    mission._compare(path, scenario, 'exact')
+    assert policies_in(capsys.readouterr().out) == ['sweep', 'hert', *PLANS]

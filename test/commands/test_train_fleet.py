@@ -1,0 +1,141 @@
+"""The command that lets a fleet learn over ROS: all its processes, from the start to the end."""
+
+import os
+from pathlib import Path
+import signal
+import sys
+
+from processes import Processes, RunningProcess
+import pytest
+from tiny_world import tiny
+from uav_collect.commands import train_fleet
+from uav_collect.commands.ros_processes import ros_parameters
+from uav_collect.recording.bag_reader import read_missions
+from uav_collect.training.run_record import read_run
+from uav_collect.uav.policy_file import load_policy
+
+pytest.importorskip('torch', reason='training needs torch')
+
+TRAINED_S = 300.0  # for what takes ten seconds where nothing else runs
+
+# Every 20 decisions an update; a mission of the tiny world has some 30.
+PRESET = """extends: strong
+network: {hidden_size: 8}
+mixer: {embedding_size: 4, hypernetwork_size: 4}
+rollout: {missions_at_once: 4, max_decisions_per_cell: 2.5, decisions_per_update: 20}
+replay: {decisions: 2000, missions_per_batch: 4}
+validation: {missions: 2, every_updates: 50}
+"""
+
+
+def started(processes: Processes, folder: Path, *arguments: str) -> RunningProcess:
+    """A training of a tiny world in a folder `run`; a compiler would take minutes."""
+    field, quick = folder / 'field.yaml', folder / 'quick.yaml'
+    field.write_text(tiny(name='field').to_yaml())
+    quick.write_text(PRESET)
+    words = ['--scenario', str(field), '--preset', str(quick), '--output', str(folder / 'run')]
+    command = [sys.executable, '-m', 'uav_collect', 'train-fleet', *words, *arguments]
+    return processes.run('train_fleet', *command, UAV_COLLECT_KERNELS='interpreted')
+
+
+def pids(processes: Processes, executable: str, *arguments: str) -> list[int]:
+    """The running processes of an executable with arguments next to each other."""
+    wanted = b'\0'.join(word.encode() for word in arguments)
+    found = []
+    for pid in processes.survivors():
+        words = Path(f'/proc/{pid}/cmdline').read_bytes()
+        if f'/{executable}\0'.encode() in words and wanted in words:
+            found.append(pid)
+    return found
+
+
+@pytest.mark.ros
+def test_two_worlds_teach_one_trainer_until_its_time_is_up_and_all_ends(
+    processes: Processes, tmp_path: Path
+) -> None:
+    command = started(processes, tmp_path, '--worlds', '2', '--decisions', '800', '--record')
+    assert command.wait_for_exit(TRAINED_S) == 0
+    assert processes.survivors() == []
+    run = tmp_path / 'run'
+    assert read_run(run).is_done
+    assert load_policy(run / 'policy.safetensors').header.decisions > 0
+    said = run / 'processes' / '1'
+    seeds = []
+    for world in ('a', 'b'):
+        missions = read_missions(said / f'bag_{world}')
+        assert len(missions) > 2
+        seeds += [mission.log.header.mission_seed for mission in missions]
+        for uav in (1, 2):
+            assert (
+                f'UAV {uav} flies, policy topic' in (said / f'uav_{uav}_{world}.log').read_text()
+            )
+    assert len({*seeds}) == len(seeds)
+
+
+@pytest.mark.ros
+def test_what_is_killed_is_started_again_and_ctrl_c_saves_so_that_the_command_goes_on(
+    processes: Processes, tmp_path: Path
+) -> None:
+    command = started(processes, tmp_path, '--minutes', '1000')
+    run = tmp_path / 'run'
+    command.wait_for(r'loss \d', TRAINED_S)
+    for name, words in (
+        ('uav_1', ('uav_agent', '--id', '1')),
+        ('world_sim', ('world_sim',)),
+        ('trainer', ('trainer',)),
+    ):
+        [pid] = pids(processes, *words)
+        os.kill(pid, signal.SIGKILL)
+        command.wait_for(f'{name} was killed and is started again')
+    command.wait_for(r'loss \d', TRAINED_S)
+    command.send(signal.SIGINT)
+    assert command.wait_for_exit(TRAINED_S) == 130
+    assert f'interrupted; the same command goes on with {run}' in command.output
+    assert processes.survivors() == []
+    before = n_decisions(run)
+    assert before > 0
+    again = started(processes, tmp_path, '--decisions', str(before + 100))
+    assert again.wait_for_exit(TRAINED_S) == 0
+    assert n_decisions(run) >= before + 100
+    assert (run / 'processes' / '2').is_dir()
+
+
+def n_decisions(run: Path) -> int:
+    """Decisions that a run has learned from."""
+    return int((run / 'progress.csv').read_text().splitlines()[-1].split(',')[0])
+
+
+@pytest.mark.ros
+def test_a_trainer_that_cannot_start_ends_all_with_its_reason(
+    processes: Processes, tmp_path: Path
+) -> None:
+    (tmp_path / 'run').mkdir()
+    (tmp_path / 'run' / 'run.json').write_text('{}')
+    command = started(processes, tmp_path, '--decisions', '100')
+    assert command.wait_for_exit(TRAINED_S) == 1
+    assert 'run.json' in command.output
+    assert 'Traceback' not in command.output
+    assert processes.survivors() == []
+
+
+def test_no_two_worlds_runs_or_starts_fly_the_same_missions() -> None:
+    firsts = [
+        train_fleet.first_seed(run, world, start)
+        for run in (0, 1, 2**28 - 1)
+        for world in (0, 15)
+        for start in (1, 2, 255)
+    ]
+    assert len({*firsts}) == len(firsts)
+    gaps = [
+        later - first for first, later in zip(sorted(firsts), sorted(firsts)[1:], strict=False)
+    ]
+    assert min(gaps) >= 2**20
+    assert max(firsts) < 2**62
+
+
+def test_texts_stay_texts_as_ros_parameters() -> None:
+    words = ros_parameters(folder=Path('2024'), names=["a'b", ''], minutes=2.0, seed=3)
+    assert words == [
+        '--ros-args', '-p', "folder:='2024'", '-p', "names:=['a''b', '']",
+        '-p', 'minutes:=2.0', '-p', 'seed:=3',
+    ]  # fmt: skip

@@ -1,0 +1,133 @@
+"""Bags made by hand, without ROS: the messages of missions flown in this process."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rosbags.interfaces import (
+    Connection,
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
+from rosbags.typesys import get_types_from_msg, get_typestore, Stores
+from uav_collect.recording.bag_writer import BagWriter, MessageTypes
+from uav_collect.recording.mission_log import header_line, MissionLog
+from uav_collect.scenario.load import fingerprint, Scenario
+from uav_collect.scenario.site import Site
+
+STARTED, ENDED, ABORTED = 0, 1, 2
+QOS = Qos(
+    history=QosHistory.KEEP_LAST,
+    depth=1000,
+    reliability=QosReliability.RELIABLE,
+    durability=QosDurability.TRANSIENT_LOCAL,
+    deadline=QosTime(0, 0),
+    lifespan=QosTime(0, 0),
+    liveliness=QosLiveliness.AUTOMATIC,
+    liveliness_lease_duration=QosTime(2, 0),
+    avoid_ros_namespace_conventions=False,
+)
+_MESSAGES = Path(__file__).parents[2] / 'msg_defs' / 'msg'
+_TIME = 'builtin_interfaces/msg/Time'
+_ZEROS: Mapping[str, object] = {'bool': False, 'string': '', 'float64': 0.0, 'float32': 0.0}
+
+
+def definition_text(type_name: str) -> str:
+    """The .msg file of a type."""
+    if type_name == _TIME:
+        return 'int32 sec\nuint32 nanosec\n'
+    package, _, name = type_name.split('/')
+    assert package == 'uav_collect_msgs'
+    return (_MESSAGES / f'{name}.msg').read_text()
+
+
+class HandMadeBag:
+    """A bag that is written message by message; the time of reception counts up."""
+
+    def __init__(self, folder: Path, *, chunk_byte: int = 1_000_000) -> None:
+        self.writer = BagWriter(folder, MessageTypes(definition_text), chunk_byte=chunk_byte)
+        self._types = get_typestore(Stores.EMPTY)
+        for type_name in (_TIME, *(f'uav_collect_msgs/msg/{p.stem}' for p in _MESSAGES.iterdir())):
+            self._types.register(get_types_from_msg(definition_text(type_name), type_name))
+        self._topics: dict[str, Connection] = {}
+        self._n_written = 0
+
+    def add(self, topic: str, name: str, **fields: object) -> None:
+        """Write a message of uav_collect_msgs; fields not named are zero."""
+        type_name = f'uav_collect_msgs/msg/{name}'
+        if topic not in self._topics:
+            self._topics[topic] = self.writer.add_topic(topic, type_name, QOS)
+        content = self._types.serialize_cdr(self._message(type_name, fields), type_name)
+        self._n_written += 1
+        self.writer.write(self._topics[topic], self._n_written, bytes(content))
+
+    def add_scenario(self, scenario: Scenario, site: Site, world: str = 'world') -> None:
+        """Write what a world says first."""
+        self.add(
+            '/world/scenario',
+            'Scenario',
+            world_instance=world,
+            yaml=scenario.to_yaml(),
+            fingerprint=fingerprint(scenario),
+            sensor_id=list(site.sensor_ids),
+            sensor_x_m=site.position_m[:, 0].copy(),
+            sensor_y_m=site.position_m[:, 1].copy(),
+        )
+
+    def add_mission(
+        self,
+        log: MissionLog,
+        mission_id: str,
+        *,
+        world: str = 'world',
+        phases: Iterable[int] = (STARTED, ENDED),
+        leave_out: Iterable[int] = (),
+        n_radio_messages: int = 0,
+        demand_bit: Sequence[float] = (),
+    ) -> None:
+        """Write a mission: its start, its events but those left out, its end."""
+        told = {
+            'mission_id': mission_id,
+            'world_instance': world,
+            'log_header': header_line(log.header),
+            'demand_bit': np.array(demand_bit, dtype=np.float64),
+        }
+        if STARTED in phases:
+            self.add('/world/mission', 'Mission', phase=STARTED, **told)
+        for number, event in enumerate(log.events):
+            if number not in leave_out:
+                self._add_epoch(event, mission_id, terminal=number == len(log.events) - 1)
+        for _ in range(n_radio_messages):
+            self.add('/uav_1/radio_rx', 'RadioMessage', mission_id=mission_id)
+        for phase in phases:
+            if phase != STARTED:
+                self.add('/world/mission', 'Mission', phase=phase, **told)
+
+    def _add_epoch(self, event: np.void, mission_id: str, *, terminal: bool) -> None:
+        fields = {name: event[name].item() for name in event.dtype.names}
+        mask = fields['heard']
+        fields['heard'] = np.array([i + 1 for i in range(64) if mask >> i & 1], dtype=np.uint8)
+        self.add('/world/epoch', 'Epoch', mission_id=mission_id, terminal=terminal, **fields)
+
+    def _message(self, type_name: str, fields: Mapping[str, object]) -> object:
+        _, types = self._types.fielddefs[type_name]
+        values = {name: self._value(field, fields.get(name)) for name, field in types}
+        return self._types.types[type_name](**values)
+
+    def _value(self, field: tuple[Any, Any], given: Any) -> object:  # noqa: ANN401 - any field
+        kind, what = field
+        if kind.name == 'NAME':
+            return self._message(what, given or {})
+        if given is not None:
+            return given
+        if kind.name == 'BASE':
+            return _ZEROS.get(what[0], 0)
+        (element, name), length = what
+        if element.name == 'NAME' or name[0] == 'string':
+            return []
+        return np.zeros(length, dtype=name[0])

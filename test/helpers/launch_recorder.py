@@ -1,0 +1,76 @@
+"""Stand-ins for `launch`, which is not to be had from PyPI: they record what a file asks for."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+import runpy
+import sys
+from types import ModuleType
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+NODES_FILE = ROOT / 'config' / 'nodes.yaml'
+LAUNCH_MODULES = (
+    *('launch', 'launch.actions', 'launch.conditions', 'launch.event_handlers', 'launch.events'),
+    *('launch.substitutions', 'launch_ros', 'launch_ros.actions'),
+    'launch_ros.parameter_descriptions',
+)
+
+
+@dataclass
+class Made:
+    """Something of `launch` as it was constructed."""
+
+    kind: str
+    args: tuple
+    options: dict = field(default_factory=dict)
+
+    def perform(self, context: dict[str, str]) -> str:
+        """The value, if this is a LaunchConfiguration."""
+        return context[self.args[0]]
+
+
+class StandIn(ModuleType):
+    """A module of which every name constructs a record."""
+
+    def __getattr__(self, name: str) -> object:
+        if name.startswith('__'):
+            raise AttributeError(name)
+        return lambda *args, **options: Made(name, args, options)
+
+
+def described_by(file: Path, monkeypatch: pytest.MonkeyPatch) -> Made:
+    """What a launch file describes."""
+    for name in LAUNCH_MODULES:
+        monkeypatch.setitem(sys.modules, name, StandIn(name))
+    made: Made = runpy.run_path(str(file))['generate_launch_description']()
+    return made
+
+
+def entities(description: Made, kind: str) -> Iterator[Made]:
+    return (entity for entity in description.args[0] if entity.kind == kind)
+
+
+def defaults(description: Made) -> dict[str, str]:
+    declared = entities(description, 'DeclareLaunchArgument')
+    return {argument.args[0]: argument.options['default_value'] for argument in declared}
+
+
+def started(description: Made, **chosen: str) -> list[Made]:
+    (start,) = entities(description, 'OpaqueFunction')
+    made: list[Made] = start.options['function']({**defaults(description), **chosen})
+    return made
+
+
+def nodes(description: Made, executable: str, **chosen: str) -> list[Made]:
+    made = [part for part in started(description, **chosen) if part.kind == 'Node']
+    return [node for node in made if node.options['executable'] == executable]
+
+
+def given(node: Made, name: str) -> tuple[object, type]:
+    """What a node is given for a parameter, and as which type."""
+    value = node.options['parameters'][-1][name]
+    of = value.args[0]
+    shown = of.args[0] if isinstance(of, Made) else of
+    return shown, value.options['value_type']

@@ -1,0 +1,273 @@
+"""What nodes tell of missions, without ROS: flown agent by agent in this process.
+
+Beside it the same missions as the training's rollout flies and records them.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from random_policies import header as policy_header
+from random_policies import random_policy
+from uav_collect.ingest.join import Assembly, Joined
+from uav_collect.ingest.rebuild import Retracer
+from uav_collect.ingest.reports import (
+    EventTold,
+    FLOAT32,
+    FLOAT64,
+    MissionTold,
+    RefusedError,
+    terms_of,
+    Told,
+    TransitionTold,
+)
+from uav_collect.kernels.arrays import Row
+from uav_collect.kernels.rows import new_row
+from uav_collect.missions.experience import Episode
+from uav_collect.missions.simulation import Event, Simulation
+from uav_collect.missions.vector_env import Flights, Stepping
+from uav_collect.scenario.load import fingerprint, Scenario
+from uav_collect.scenario.site import build_site
+from uav_collect.uav.actions import HOME, NONE
+from uav_collect.uav.agent import Agent, allocator_named
+from uav_collect.uav.belief import Belief
+from uav_collect.uav.briefing import Briefing
+from uav_collect.uav.exploration import explore
+from uav_collect.uav.observation import encode, Layout, observation_size
+from uav_collect.uav.policy import LearnedPolicy
+from uav_collect.uav.policy_network import best_actions, FrozenPolicy
+from uav_collect.world.reward import Reward
+from uav_collect.world.state import LocalView
+
+
+@dataclass(frozen=True, kw_only=True)
+class Course:
+    """What is flown, and how it is learned from."""
+
+    scenario: Scenario
+    layout: Layout = Layout.EGOCENTRIC
+    reward: Reward = Reward.ENERGY
+    discount_per_s: float = 0.997
+    max_decisions: int = 10**6
+    epsilon: float = 0.3
+    hover_share: float = 0.6
+    flown: FrozenPolicy | None = None  # random weights otherwise
+
+    @property
+    def policy(self) -> FrozenPolicy:
+        """What flies."""
+        if self.flown is not None:
+            return self.flown
+        side, n_uavs = self.scenario.area.cells_per_side, self.scenario.n_uavs
+        return random_policy(policy_header(self.layout, side, n_uavs), seed=1)
+
+    def assembly(self, **values: object) -> Assembly:
+        """What joins the messages of its missions."""
+        site = build_site(self.scenario)
+        retracer = Retracer(self.scenario, site, self.layout, self.reward, self.discount_per_s)
+        retracer.warm_up()
+        terms = terms_of(self.scenario, self.layout, site.n_sensors)
+        settings = {'max_decisions': self.max_decisions, **values}
+        return Assembly(terms, retracer, **settings)  # type: ignore[arg-type]
+
+    def episodes(self, seeds: Sequence[int]) -> list[Episode]:
+        """Missions as the training's rollout records them."""
+        flights = Flights(
+            self.scenario.with_discount(self.discount_per_s),
+            build_site(self.scenario),
+            seeds,
+            Stepping(layout=self.layout, reward=self.reward, max_decisions=self.max_decisions),
+        )
+        policy, n_uavs = self.policy, self.scenario.n_uavs
+        hidden, decisions = policy.new_hidden(len(seeds) * n_uavs), flights.decisions
+        ended: dict[int, Episode] = {}
+        while len(ended) < len(seeds):
+            flying = np.flatnonzero(decisions.uav != NONE)
+            rows = flying * n_uavs + decisions.uav[flying]
+            values, hidden[rows] = policy.step(decisions.observation[flying], hidden[rows])
+            chosen = np.zeros(len(seeds), dtype=np.int64)
+            chosen[flying] = best_actions(values, decisions.legal[flying])
+            explored = flights.explore(self.epsilon, self.hover_share)
+            decisions = flights.step(np.where(explored == NONE, chosen, explored))
+            is_over = (decisions.uav == NONE) | (flights.n_recorded > self.max_decisions)
+            for world in np.flatnonzero(is_over).tolist():
+                ended.setdefault(world, flights.episode(world))
+        return [ended[world] for world in range(len(seeds))]
+
+
+@dataclass
+class _Explorer(LearnedPolicy):
+    """Flies the policy, and now and then at random."""
+
+    epsilon: float = 0.0
+    hover_share: float = 0.0
+    mission_seed: int = 0
+    uav: int = 0
+    decision: int = 0
+
+    def begin(self, briefing: Briefing, uav: int) -> None:
+        super().begin(briefing, uav)
+        self.uav, self.decision = uav, 0
+
+    def choose(self, belief: Belief, view: LocalView, legal: Row[int]) -> int:
+        chosen = super().choose(belief, view, legal)
+        explored = explore(
+            self.mission_seed, self.uav, self.decision, self.epsilon, self.hover_share, legal
+        )
+        self.decision += 1
+        return chosen if explored == NONE else explored
+
+
+class Teller:
+    """One mission, told message by message as it is flown."""
+
+    def __init__(self, course: Course, seed: int, mission_id: str = '') -> None:
+        self._course = course
+        self._simulation = Simulation(course.scenario, build_site(course.scenario), seed)
+        self._fingerprint = fingerprint(course.scenario)
+        self._briefing = self._simulation.briefing
+        self._seed, self._id = seed, mission_id or f'world-{seed}'
+        policy = course.policy
+        self._agents = [
+            Agent(
+                self._briefing,
+                uav,
+                _Explorer('it', policy, course.epsilon, course.hover_share, seed),
+                allocator_named('equal'),
+            )
+            for uav in range(self._briefing.n_uavs)
+        ]
+
+    def messages(self) -> Iterator[Told]:
+        """All messages, in the order in which they come about."""
+        yield self._mission()
+        simulation = self._simulation
+        while (event := simulation.next_event()) is not None:
+            if simulation.n_events > 0:
+                yield self._event()
+            agent = self._agents[event.uav]
+            for message in event.heard:
+                agent.hear(message)
+            agent.observe(event.view)
+            for hearer in simulation.transmit(event.uav, agent.belief.complete):
+                self._agents[hearer].hear(simulation.radio(event.uav))
+            decision = agent.decide(event.view)
+            yield self._transition(event, decision.action)
+            assert simulation.refusal(event, decision) is None
+            simulation.start(event, decision)
+        yield self._event()
+        yield self._mission()
+
+    def _mission(self) -> MissionTold:
+        return MissionTold(
+            mission_id=self._id,
+            scenario_fingerprint=self._fingerprint,
+            mission_seed=self._seed,
+            demand_bit=_floats(self._simulation.demand_bit),
+        )
+
+    def _transition(self, event: Event, action: int) -> TransitionTold:
+        agent, briefing, view = self._agents[event.uav], self._briefing, event.view
+        layout, belief = self._course.layout, agent.belief
+        size = observation_size(layout, briefing.cells_per_side, briefing.n_uavs)
+        encoded = new_row(size, 0.0)
+        encode(layout, briefing, event.uav, belief, view, encoded)
+        return TransitionTold(
+            mission_id=self._id,
+            event=event.index,
+            uav=event.uav,
+            decision=event.decision,
+            layout=layout.label,
+            scenario_fingerprint=self._fingerprint,
+            observation=np.array(encoded, dtype=FLOAT32).tobytes(),
+            legal=sum(int(flag) << place for place, flag in enumerate(agent.legal)),
+            action=action,
+            time_s=float(view.time_s),
+            energy_left_j=float(view.energy_left_j),
+            cell=int(view.cell),
+            previous_action=int(view.previous_action),
+            complete=_bits(belief.complete),
+            seen=_bits([bit > 0.0 for bit in belief.seen_bit]),
+            peer_x_m=_floats(belief.peer_x_m),
+            peer_y_m=_floats(belief.peer_y_m),
+            peer_s=_floats(belief.peer_s),
+        )
+
+    def _event(self) -> EventTold:
+        simulation, uavs = self._simulation, range(self._briefing.n_uavs)
+        (logged,) = simulation.last_event()
+        time_s = logged['time_s'].item()
+        places_m = [simulation.position_m(uav, time_s) for uav in uavs]
+        told = {
+            name: logged[name].item()
+            for name in (
+                'event', 'decision', 'time_s', 'x_m', 'y_m', 'action', 'reason', 'duration_s',
+                'energy_left_j', 'energy_j', 'collected_bit', 'reward',
+            )
+        }  # fmt: skip
+        return EventTold(
+            mission_id=self._id,
+            uav=logged['uav'].item() - 1,
+            is_last=simulation.is_over,
+            uav_x_m=_floats([x_m for x_m, _ in places_m]),
+            uav_y_m=_floats([y_m for _, y_m in places_m]),
+            uav_energy_left_j=_floats([simulation.energy_left_j(uav) for uav in uavs]),
+            uav_phase=bytes(simulation.phase(uav, time_s) for uav in uavs),
+            uav_complete=b''.join(_bits(simulation.known_complete(uav)) for uav in uavs),
+            true_complete=_bits([bit <= 0.0 for bit in simulation.waiting_bit()]),
+            **told,
+        )
+
+
+def messages_of(course: Course, seeds: Sequence[int]) -> list[Told]:
+    """All messages of missions, in order."""
+    return [told for seed in seeds for told in Teller(course, seed).messages()]
+
+
+def joined(
+    assembly: Assembly, messages: Sequence[Told], on_refusal: Callable[[str], None] | None = None
+) -> list[Joined]:
+    """The missions that an assembly makes of messages."""
+    found: list[Joined] = []
+    for told in messages:
+        try:
+            one = assembly.take(told)
+        except RefusedError as error:
+            if on_refusal is None:
+                raise
+            on_refusal(str(error))
+            continue
+        if one is not None:
+            found.append(one)
+    return found
+
+
+def is_decision(told: Told) -> bool:
+    """Whether a transition is of a UAV that goes on."""
+    return isinstance(told, TransitionTold) and told.action != HOME
+
+
+def same(one: Episode, other: Episode) -> list[str]:
+    """What differs between two episodes, to the byte."""
+    pairs = zip(one.records._fields, one.records, other.records, strict=True)
+    found = [name for name, mine, theirs in pairs if _content(mine) != _content(theirs)]
+    if one.demand_bit.tobytes() != other.demand_bit.tobytes():
+        found.append('demand_bit')
+    for name in ('mission_seed', 'is_whole'):
+        if getattr(one, name) != getattr(other, name):
+            found.append(name)
+    return found
+
+
+def _content(table: NDArray[Any]) -> tuple[object, ...]:
+    return table.dtype, table.shape, table.tobytes()
+
+
+def _floats(values: Sequence[float] | Row[float]) -> bytes:
+    return np.array(values, dtype=FLOAT64).tobytes()
+
+
+def _bits(flags: Sequence[bool] | Row[int]) -> bytes:
+    return np.packbits(np.array(flags, dtype=bool), bitorder='little').tobytes()

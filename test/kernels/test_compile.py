@@ -1,0 +1,66 @@
+"""Compiled kernels are kept for as long as no source changes, and are found by what they are."""
+
+from collections.abc import Callable
+from pathlib import Path
+import subprocess
+import sys
+
+import pytest
+import uav_collect
+from uav_collect.ingest import rebuild
+from uav_collect.kernels.compile import kernels_are_cached, sources_digest
+from uav_collect.missions import rollout, simulation, vector_env
+from uav_collect.planning import bound
+
+CHANGED = {
+    'edited': lambda package: (package / 'studies' / 'flights.py').write_text('x = 2\n'),
+    'added': lambda package: (package / 'studies' / 'more.py').write_text(''),
+    'moved': lambda package: (package / 'studies' / 'flights.py').rename(package / 'flights.py'),
+    'removed': lambda package: (package / 'studies' / 'flights.py').unlink(),
+}
+
+
+@pytest.mark.parametrize('change', CHANGED.values(), ids=CHANGED)
+def test_a_source_of_a_sub_package_counts_for_the_digest(
+    change: Callable[[Path], object], tmp_path: Path
+) -> None:
+    (tmp_path / 'studies').mkdir()
+    (tmp_path / 'world.py').write_text('y = 1\n')
+    (tmp_path / 'studies' / 'flights.py').write_text('x = 1\n')
+    before = sources_digest.__wrapped__(tmp_path)
+    change(tmp_path)
+    assert sources_digest.__wrapped__(tmp_path) != before
+
+
+def test_the_digest_is_that_of_the_whole_package() -> None:
+    package = Path(uav_collect.__file__).parent
+    assert sources_digest() == sources_digest.__wrapped__(package)
+    assert (package / 'studies' / 'flights.py').is_file()
+
+
+def test_kernels_count_as_cached_once_they_were_compiled(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
+    assert not kernels_are_cached(simulation.KERNELS)
+    script = """
+from uav_collect.scenario.load import load
+from uav_collect.missions.simulation import Simulation
+from uav_collect.scenario.site import build_site
+scenario = load('paper_8x8')
+simulation = Simulation(scenario, build_site(scenario), 0)
+event = simulation.next_event()
+"""
+    subprocess.run([sys.executable, '-c', script], check=True)
+    look, start_action = simulation.KERNELS
+    assert kernels_are_cached([look])
+    assert not kernels_are_cached([look, start_action])
+
+
+MODULES = (bound, rebuild, rollout, simulation, vector_env)
+
+
+@pytest.mark.parametrize('module', MODULES, ids=lambda it: it.__name__)
+def test_what_a_module_lists_are_kernels(module: object) -> None:
+    for kernel in module.KERNELS:
+        assert hasattr(kernel, 'py_func')

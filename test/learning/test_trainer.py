@@ -1,0 +1,279 @@
+"""Training as a whole: the same run every time, stopped half way or not."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from episodes import single_threaded_torch, small
+import numpy as np
+import pytest
+from tiny_world import tiny, uav
+from uav_collect.kernels.compile import kernels_are_compiled
+from uav_collect.learning.minibatch import Algorithm
+from uav_collect.learning.replay import replay_bytes
+from uav_collect.missions.rollout import fly
+from uav_collect.scenario.load import ConfigError, Scenario
+from uav_collect.scenario.site import build_site
+from uav_collect.training.config import TrainingConfig
+from uav_collect.uav.policy import LearnedPolicy
+from uav_collect.uav.policy_network import PolicyMismatchError
+
+torch = single_threaded_torch()
+from uav_collect.learning.checkpoint import CheckpointError
+from uav_collect.learning.trainer import Trainer
+from uav_collect.training.progress import Budget, Progress
+from uav_collect.uav.briefing import brief
+
+DECISIONS = 1000
+BUDGET = Budget(decisions=DECISIONS)
+FLEET = uav(5.0, energy_budget_kj=25.0), uav(10.0, energy_budget_kj=12.0)
+
+needs_compiled_kernels = pytest.mark.skipif(
+    not kernels_are_compiled(), reason='a checkpoint of lists cannot be set back'
+)
+
+
+def trainer_of(
+    algorithm: str = 'aqmix',
+    seed: int = 0,
+    scenarios: Sequence[Scenario] | None = None,
+    config: TrainingConfig | None = None,
+) -> Trainer:
+    scenarios = scenarios or [tiny(*FLEET)]
+    return Trainer(scenarios, config or small('strong'), algorithm, seed)
+
+
+def trained(trainer: Trainer, budget: Budget = BUDGET) -> list[Progress]:
+    return list(trainer.run(budget))
+
+
+def state_of(trainer: Trainer, folder: Path) -> dict[str, Any]:
+    """All that a trainer holds, but for the time that it took."""
+    trainer.save(folder)
+    state: dict[str, Any] = torch.load(folder / 'state.pt', weights_only=False)
+    for name in ('validation', 'best'):
+        state[name]['wall_s'] = 0.0
+    state['trained_s'] = 0.0
+    return state
+
+
+def differences(one: object, other: object, path: str = '') -> list[str]:
+    """Where two states differ, to the bit."""
+    if isinstance(one, dict) and isinstance(other, dict):
+        keys = sorted({*one, *other}, key=str)
+        pairs = [(key, one.get(key), other.get(key)) for key in keys]
+    elif isinstance(one, list | tuple) and isinstance(other, list | tuple):
+        if len(one) != len(other):
+            return [f'{path}: {len(one)} and {len(other)}']
+        pairs = [(index, *pair) for index, pair in enumerate(zip(one, other, strict=True))]
+    elif isinstance(one, torch.Tensor | np.ndarray):
+        return [] if np.asarray(one).tobytes() == np.asarray(other).tobytes() else [path]
+    else:
+        return [] if one == other else [f'{path}: {one} and {other}']
+    return [it for key, mine, theirs in pairs for it in differences(mine, theirs, f'{path}/{key}')]
+
+
+@needs_compiled_kernels
+@pytest.mark.parametrize('algorithm', [it.value for it in Algorithm])
+def test_a_run_that_stopped_half_way_ends_as_the_one_that_went_on(
+    algorithm: str, tmp_path: Path
+) -> None:
+    straight = trainer_of(algorithm)
+    trained(straight)
+    stopped = trainer_of(algorithm)
+    for progress in stopped.run(BUDGET):
+        if progress.n_decisions >= DECISIONS // 2:
+            break
+    assert stopped.n_decisions < DECISIONS
+    assert stopped.n_updates > 0
+    stopped.save(tmp_path / 'half')
+    resumed = Trainer.resume(tmp_path / 'half')
+    trained(resumed)
+    one, other = state_of(straight, tmp_path / 'one'), state_of(resumed, tmp_path / 'other')
+    assert differences(one, other) == []
+    assert one['learner']['n_updates'] > stopped.n_updates
+
+
+@needs_compiled_kernels
+def test_a_run_over_several_areas_and_fleets_is_resumed_alike(tmp_path: Path) -> None:
+    scenarios = tiny(*FLEET), tiny(*FLEET, uav(7.5, energy_budget_kj=20.0), area__cells_per_side=5)
+    straight = trainer_of(scenarios=scenarios)
+    trained(straight)
+    stopped = trainer_of(scenarios=scenarios)
+    next(it for it in stopped.run(BUDGET) if it.n_decisions >= DECISIONS // 2)
+    stopped.save(tmp_path / 'half')
+    resumed = Trainer.resume(tmp_path / 'half')
+    trained(resumed)
+    one, other = state_of(straight, tmp_path / 'one'), state_of(resumed, tmp_path / 'other')
+    assert differences(one, other) == []
+
+
+@needs_compiled_kernels
+def test_saving_changes_nothing_and_a_checkpoint_is_saved_again_alike(tmp_path: Path) -> None:
+    trainer = trainer_of()
+    trained(trainer)
+    first, second = (state_of(trainer, tmp_path / name) for name in ('first', 'second'))
+    again = state_of(Trainer.resume(tmp_path / 'first'), tmp_path / 'again')
+    assert differences(first, second) == []
+    assert differences(first, again) == []
+
+
+@needs_compiled_kernels
+def test_a_resumed_run_has_its_best_policy(tmp_path: Path) -> None:
+    trainer = trainer_of()
+    trained(trainer)
+    trainer.save(tmp_path)
+    before, after = trainer.best_policy(), Trainer.resume(tmp_path).best_policy()
+    assert before is not None
+    assert after is not None
+    assert after.header == before.header
+    assert differences(dict(before.weights), dict(after.weights)) == []
+
+
+def test_the_same_seed_trains_the_same_policy_and_another_seed_another_one() -> None:
+    versions = []
+    for seed in (0, 0, 1):
+        trainer = trainer_of(seed=seed)
+        trained(trainer)
+        versions.append(trainer.policy().header.version.split('-')[-1])
+    assert versions[0] == versions[1] != versions[2]
+
+
+def test_it_trains_for_the_decisions_of_its_budget_and_learns_after_each_so_many() -> None:
+    trainer, config = trainer_of(), small('strong')
+    progress = trained(trainer)
+    assert DECISIONS <= trainer.n_decisions < DECISIONS + config.rollout.missions_at_once
+    assert progress[-1].share_done == 1.0
+    assert 0 < trainer.n_updates <= DECISIONS / config.rollout.decisions_per_update
+    assert trained(trainer) == []  # the budget is spent
+
+
+def test_it_validates_every_so_many_updates_and_at_the_end() -> None:
+    trainer = trainer_of()
+    validated = [it.n_updates for it in trained(trainer) if it.validation is not None]
+    assert validated[:-1] == list(range(4, validated[-1], 4))
+    assert validated[-1] == trainer.n_updates
+
+
+def test_a_validation_tells_how_the_policy_flies_its_missions() -> None:
+    trainer = trainer_of()
+    progress = trained(trainer)[-1]
+    policy, scenario = trainer.policy(), tiny(*FLEET)
+    assert progress.validation is not None
+    assert policy.header.validation.missions == 2
+    seeds = [2**60, 2**60 + 1]
+    logs = fly(scenario, build_site(scenario), seeds, lambda: LearnedPolicy('it', policy), 'equal')
+    efficiencies = [
+        log.events['collected_bit'].sum() / log.events['energy_j'].sum() / 1e3 for log in logs
+    ]
+    told = progress.validation.efficiency_kbit_per_j
+    assert told == policy.header.validation.efficiency_kbit_per_j
+    assert told == pytest.approx(np.mean(efficiencies))
+
+
+def test_the_best_policy_is_the_one_that_validated_best() -> None:
+    trainer = trainer_of()
+    validations = [it.validation for it in trained(trainer) if it.validation is not None]
+    best = max(
+        validations,
+        key=lambda it: (
+            min(it.complete_share, it.safe_share, 0.99),
+            it.efficiency_kbit_per_j,
+            -it.n_updates,
+        ),
+    )
+    policy = trainer.best_policy()
+    assert policy is not None
+    assert policy.header.updates == best.n_updates
+    assert policy.header.validation.efficiency_kbit_per_j == best.efficiency_kbit_per_j
+
+
+def test_there_is_no_best_policy_before_the_first_validation() -> None:
+    assert trainer_of().best_policy() is None
+
+
+def test_it_learns_with_the_discount_of_its_settings_and_flies_the_scenario_as_it_is() -> None:
+    scenario = tiny(*FLEET)
+    trainer = trainer_of(scenarios=[scenario])
+    assert trainer.scenarios[0].reward.discount_per_s == scenario.reward.discount_per_s == 0.99
+    assert trainer.config.reward.discount_per_s == 0.999
+
+
+def test_the_replays_bytes_are_announced() -> None:
+    trainer = trainer_of()
+    assert trainer.replay_bytes == replay_bytes(2000, brief(tiny(*FLEET)))
+
+
+def test_a_paper_observation_of_several_areas_is_refused() -> None:
+    scenarios = tiny(*FLEET), tiny(*FLEET, area__cells_per_side=5)
+    with pytest.raises(ConfigError, match="observation is 'paper': must be egocentric"):
+        trainer_of(scenarios=scenarios, config=small('paper'))
+
+
+def test_a_policy_of_another_network_is_no_start() -> None:
+    # The paper's observation is as long as the area has cells.
+    policy = Trainer([tiny(*FLEET)], small(), 'aqmix', 0).policy()
+    larger = tiny(*FLEET, area__cells_per_side=5)
+    with pytest.raises(PolicyMismatchError, match=r'observation size is 35: must be 44'):
+        Trainer([larger], small(), 'aqmix', 0, initial=policy)
+    wider = small(network__hidden_size=9)
+    with pytest.raises(PolicyMismatchError, match=r'hidden size is 8: must be 9'):
+        Trainer([tiny(*FLEET)], wider, 'aqmix', 0, initial=policy)
+
+
+def test_a_folder_without_a_checkpoint_is_named(tmp_path: Path) -> None:
+    with pytest.raises(CheckpointError, match=r'state\.pt: cannot be read: No such file'):
+        Trainer.resume(tmp_path)
+
+
+@pytest.mark.parametrize('share', [0.0, 0.1, 0.5, 0.999])
+def test_a_truncated_checkpoint_is_named(share: float, tmp_path: Path) -> None:
+    trainer = trainer_of()
+    trained(trainer, Budget(decisions=200))
+    trainer.save(tmp_path)
+    path = tmp_path / 'state.pt'
+    whole = path.read_bytes()
+    path.write_bytes(whole[: int(share * len(whole))])
+    with pytest.raises(
+        CheckpointError, match=r'state\.pt: (is no whole checkpoint|cannot be read)'
+    ):
+        Trainer.resume(tmp_path)
+
+
+@pytest.mark.parametrize('thing', [{'weights': 1}, ['a list'], 3])
+def test_a_file_that_is_something_else_is_named(thing: object, tmp_path: Path) -> None:
+    torch.save(thing, tmp_path / 'state.pt')
+    with pytest.raises(CheckpointError, match='is no checkpoint of this version'):
+        Trainer.resume(tmp_path)
+
+
+@needs_compiled_kernels
+@pytest.mark.parametrize('name', ['config', 'learner', 'replays', 'rng', 'turn'])
+def test_a_checkpoint_that_lacks_something_is_named(name: str, tmp_path: Path) -> None:
+    trainer = trainer_of()
+    trained(trainer, Budget(decisions=200))
+    trainer.save(tmp_path)
+    state = torch.load(tmp_path / 'state.pt', weights_only=False)
+    del state[name]
+    torch.save(state, tmp_path / 'state.pt')
+    with pytest.raises(CheckpointError, match=rf'{tmp_path}: is no checkpoint.*{name}'):
+        Trainer.resume(tmp_path)
+
+
+def test_a_checkpoint_takes_the_place_of_the_one_before_whole_or_not_at_all(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    trainer = trainer_of()
+    trained(trainer, Budget(decisions=200))
+    trainer.save(tmp_path)
+    before = (tmp_path / 'state.pt').read_bytes()
+
+    def full(state: object, file: Any) -> None:  # noqa: ANN401 - a binary file
+        file.write(b'half')
+        raise OSError(28, 'No space left on device')
+
+    monkeypatch.setattr(torch, 'save', full)
+    with pytest.raises(OSError, match='No space left'):
+        trainer.save(tmp_path)
+    assert (tmp_path / 'state.pt').read_bytes() == before
+    assert [path.name for path in tmp_path.iterdir()] == ['state.pt']

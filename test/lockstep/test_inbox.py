@@ -1,0 +1,206 @@
+"""An agent takes its messages in the order in which the world meant them."""
+
+from types import SimpleNamespace
+from typing import Any
+
+from fleets import Pilots
+import pytest
+from tiny_world import tiny, uav
+from uav_collect.scenario.load import Scenario
+from uav_collect.uav.agent import Agent, allocator_named, Decision
+from uav_collect.uav.briefing import brief
+from uav_collect.uav.policy import policy_named
+
+pytest.importorskip('rclpy')
+pytest.importorskip('uav_collect_msgs')
+
+from uav_collect.lockstep.inbox import Cockpit
+from uav_collect.nodes import convert
+
+pytestmark = pytest.mark.ros
+
+WORLD = '0123456789abcdef'
+N_EVENTS = 12
+
+
+def mission(number: int) -> str:
+    return f'{WORLD[:8]}-{number}'
+
+
+@pytest.fixture(scope='module')
+def scenario() -> Scenario:
+    return tiny(uav(5.0), uav(10.0))
+
+
+class History:
+    """What the first UAV is told in the first events of a mission, and what it decides."""
+
+    def __init__(self, scenario: Scenario, number: int = 0) -> None:
+        self.observations: list[Any] = []
+        self.decisions: list[Decision] = []
+        pilots = Pilots(scenario, number, 'sweep')
+        for _ in range(N_EVENTS):
+            event = pilots.simulation.next_event()
+            assert event is not None
+            n_delivered = len(pilots.radio[0]) + len(event.heard)
+            decision = pilots.decide(event)
+            if event.uav == 0:
+                told = convert.observation_msg(event, mission(number), n_delivered)
+                self.observations.append(told)
+                self.decisions.append(decision)
+            pilots.simulation.start(event, decision)
+        self.radio = [
+            convert.radio_msg(message, mission(number), sequence=0, delivery=delivery)
+            for delivery, message in enumerate(pilots.radio[0], start=1)
+        ]
+
+    def answer(
+        self, n_observations: int, *, pending: bool = False, number: int = 0
+    ) -> SimpleNamespace:
+        """What the world tells an agent that joins when it was told so many observations."""
+        told = self.observations[:n_observations]
+        n_delivered = told[-1].n_radio_delivered if told else 0
+        return SimpleNamespace(
+            mission_id=mission(number),
+            observations=told,
+            radio=self.radio[:n_delivered],
+            decision_pending=pending,
+        )
+
+
+@pytest.fixture(scope='module')
+def history(scenario: Scenario) -> History:
+    return History(scenario)
+
+
+@pytest.fixture(scope='module')
+def next_history(scenario: Scenario) -> History:
+    return History(scenario, 1)
+
+
+@pytest.fixture
+def cockpit(scenario: Scenario) -> Cockpit:
+    agent = Agent(brief(scenario), 0, policy_named('sweep'), allocator_named('exact'))
+    return Cockpit(agent, scenario.n_cells, WORLD)
+
+
+def decide(cockpit: Cockpit) -> list[Decision]:
+    """The decisions that can be taken now."""
+    decisions = []
+    while (observation := cockpit.next_observation()) is not None:
+        decisions.append(cockpit.agent.decide(cockpit.take_in(observation)))
+    return decisions
+
+
+def test_the_history_of_these_tests_holds_radio_messages_before_and_between(
+    history: History,
+) -> None:
+    delivered = [observation.n_radio_delivered for observation in history.observations]
+    assert len(set(delivered)) > 2
+    assert len(history.observations) > 2
+
+
+def test_all_radio_messages_before_all_observations_and_the_other_way_round(
+    history: History, cockpit: Cockpit, scenario: Scenario
+) -> None:
+    for message in history.radio:
+        cockpit.note_radio(message)
+    for observation in history.observations:
+        cockpit.note_observation(observation)
+    assert decide(cockpit) == history.decisions
+    cockpit = Cockpit(cockpit.agent, scenario.n_cells, WORLD)
+    for observation in history.observations:
+        cockpit.note_observation(observation)
+    for message in reversed(history.radio):
+        cockpit.note_radio(message)
+    assert decide(cockpit) == history.decisions
+
+
+def test_an_observation_waits_for_every_radio_message_before_it(
+    history: History, cockpit: Cockpit
+) -> None:
+    cockpit.note_observation(history.observations[0])
+    for message in history.radio[1 : history.observations[1].n_radio_delivered]:
+        cockpit.note_radio(message)
+    cockpit.note_observation(history.observations[1])
+    waiting = decide(cockpit)
+    cockpit.note_radio(history.radio[0])
+    assert waiting == history.decisions[: len(waiting)]
+    assert len(waiting) < 2
+    assert waiting + decide(cockpit) == history.decisions[:2]
+
+
+def test_messages_heard_twice_count_once(history: History, cockpit: Cockpit) -> None:
+    for _ in range(2):
+        for message in history.radio:
+            cockpit.note_radio(message)
+        for observation in history.observations:
+            cockpit.note_observation(observation)
+        first = decide(cockpit)
+        assert first in (history.decisions, [])
+
+
+@pytest.mark.parametrize('pending', [True, False])
+def test_a_restarted_agent_goes_on_with_the_same_decisions(
+    pending: bool, history: History, cockpit: Cockpit
+) -> None:
+    cockpit.rebuild(history.answer(3, pending=pending))
+    for message in history.radio:
+        cockpit.note_radio(message)
+    for observation in history.observations[3:]:
+        cockpit.note_observation(observation)
+    assert decide(cockpit) == history.decisions[2 if pending else 3 :]
+
+
+def test_an_observation_that_overtakes_the_history_is_not_lost(
+    history: History, cockpit: Cockpit
+) -> None:
+    for message in history.radio:
+        cockpit.note_radio(message)
+    for observation in history.observations:  # latched from the first on, and one more
+        cockpit.note_observation(observation)
+    cockpit.rebuild(history.answer(2))
+    assert decide(cockpit) == history.decisions[2:]
+
+
+def test_a_mission_that_overtakes_the_history_of_the_one_before_is_flown(
+    history: History, next_history: History, cockpit: Cockpit
+) -> None:
+    for message in next_history.radio:
+        cockpit.note_radio(message)
+    for observation in next_history.observations:
+        cockpit.note_observation(observation)
+    cockpit.rebuild(history.answer(2))
+    assert decide(cockpit) == next_history.decisions
+
+
+def test_the_next_mission_begins_with_its_first_observation(
+    history: History, next_history: History, cockpit: Cockpit
+) -> None:
+    decisions = []
+    for flown in (history, next_history, history):  # the last one is past, and ignored
+        for message in flown.radio:
+            cockpit.note_radio(message)
+        for observation in flown.observations:
+            cockpit.note_observation(observation)
+        decisions += decide(cockpit)
+    assert decisions == history.decisions + next_history.decisions
+
+
+def test_what_another_world_said_is_ignored(
+    history: History, scenario: Scenario, cockpit: Cockpit
+) -> None:
+    stranger = Cockpit(cockpit.agent, scenario.n_cells, 'fedcba9876543210')
+    for message in history.radio:
+        stranger.note_radio(message)
+    for observation in history.observations:
+        stranger.note_observation(observation)
+    assert decide(stranger) == []
+
+
+def test_a_mission_that_is_over_for_the_uav_asks_for_no_decision(
+    history: History, cockpit: Cockpit
+) -> None:
+    last = convert.Observation(mission_id=mission(0), decision=0, terminated=True)
+    cockpit.note_observation(last)
+    assert decide(cockpit) == []

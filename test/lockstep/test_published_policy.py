@@ -1,0 +1,142 @@
+"""Which of the policies that trainers publish count, and how a UAV takes one up."""
+
+from types import SimpleNamespace
+from typing import Any
+
+from policy_publisher import HOVER_SHARE, policy_fields
+import pytest
+from random_policies import header, random_policy
+from uav_collect.kernels.rows import row_of
+from uav_collect.lockstep.published_policy import Follower, Shelf
+from uav_collect.scenario.load import load
+from uav_collect.uav.briefing import brief, Briefing
+from uav_collect.uav.exploration import explore
+from uav_collect.uav.policy import ExploringPolicy, LearnedPolicy
+
+FROZEN = random_policy(header())
+
+
+@pytest.fixture(scope='module')
+def briefing() -> Briefing:
+    return brief(load('paper_10x10'))
+
+
+def message(sequence: int, trainer: str = 'one', sec: int = 0, **values: object) -> Any:  # noqa: ANN401
+    """A Policy message as far as a shelf reads it."""
+    told = {'trainer_instance': trainer, 'stamp': SimpleNamespace(sec=sec, nanosec=0), **values}
+    return SimpleNamespace(**policy_fields(FROZEN, sequence, 0.25) | told)
+
+
+def latest(shelf: Shelf) -> tuple[str, int]:
+    assert shelf.latest is not None
+    return shelf.latest.key
+
+
+def test_of_one_trainer_the_highest_sequence_counts_however_they_arrive(
+    briefing: Briefing,
+) -> None:
+    shelf = Shelf(briefing)
+    for sequence in (2, 3, 1, 3):
+        assert shelf.note(message(sequence)) is None
+    assert latest(shelf) == ('one', 3)
+
+
+def test_of_two_trainers_the_later_stamp_counts(briefing: Briefing) -> None:
+    shelf = Shelf(briefing)
+    shelf.note(message(7, 'one', sec=100))
+    shelf.note(message(1, 'two', sec=200))
+    shelf.note(message(8, 'one', sec=150))
+    assert latest(shelf) == ('two', 1)
+
+
+def test_once_its_trainer_is_gone_the_next_one_counts_whatever_its_clock_says(
+    briefing: Briefing,
+) -> None:
+    shelf = Shelf(briefing)
+    shelf.note(message(7, 'one', sec=100))
+    shelf.abandon()
+    assert latest(shelf) == ('one', 7)
+    shelf.note(message(1, 'two', sec=50))
+    assert latest(shelf) == ('two', 1)
+    shelf.note(message(1, 'three', sec=40))
+    assert latest(shelf) == ('two', 1)
+
+
+def test_a_shelf_keeps_the_last_few(briefing: Briefing) -> None:
+    shelf = Shelf(briefing)
+    for sequence in range(1, 11):
+        shelf.note(message(sequence))
+    kept = [sequence for sequence in range(1, 11) if shelf.get(('one', sequence))]
+    assert kept == [7, 8, 9, 10]
+
+
+def test_what_is_refused_leaves_the_shelf_as_it_was(briefing: Briefing) -> None:
+    shelf = Shelf(briefing)
+    shelf.note(message(1))
+    refusal = shelf.note(message(2, sha256='0' * 64))
+    assert refusal is not None
+    assert refusal.startswith(f"policy '{FROZEN.header.version}' of the trainer is refused: ")
+    assert latest(shelf) == ('one', 1)
+    assert shelf.note(message(2)) is None
+
+
+def test_what_was_heard_is_judged_anew_for_another_fleet(briefing: Briefing) -> None:
+    other = brief(load('paper_8x8'))
+    shelf = Shelf(other)
+    (refusal,) = {shelf.note(message(1)), shelf.note(message(2))}
+    assert shelf.serve(briefing) == []
+    assert latest(shelf) == ('one', 2)
+    assert shelf.serve(other) == [refusal] * 2
+    assert (shelf.latest, shelf.get(('one', 2))) == (None, None)
+
+
+@pytest.mark.parametrize(
+    ('values', 'complaint'),
+    [
+        ({'epsilon': -0.1}, 'epsilon is -0.1'),
+        ({'epsilon': 1.1}, 'epsilon is 1.1'),
+        ({'hover_share': 1.5}, 'hover_share is 1.5'),
+        ({'hover_share': float('-inf')}, 'hover_share is -inf'),
+        ({'content': b''}, 'SHA-256'),
+    ],
+)
+def test_values_out_of_range_are_named(
+    values: dict[str, object], complaint: str, briefing: Briefing
+) -> None:
+    assert complaint in (Shelf(briefing).note(message(1, **values)) or '')
+
+
+def observation(decision: int, sequence: int = 1, key: int = 5) -> Any:  # noqa: ANN401
+    return SimpleNamespace(
+        decision=decision, policy_trainer='one', policy_sequence=sequence, exploration_key=key
+    )
+
+
+def test_a_mission_waits_for_the_policy_that_its_first_observation_names(
+    briefing: Briefing,
+) -> None:
+    shelf = Shelf(briefing)
+    follower = Follower(shelf)
+    follower.begin(briefing, 0)
+    shelf.note(message(1))
+    assert not follower.is_ready(observation(0, sequence=2))
+    shelf.note(message(2))
+    assert follower.is_ready(observation(0, sequence=2))
+    follower.take_up(observation(0, sequence=1))
+    assert follower.flown is not None
+    assert follower.version == f'{FROZEN.header.version} eps 0.25'
+    assert follower.is_ready(observation(3, sequence=9))  # what it flies stays
+
+
+def test_exploration_follows_the_mission_seed_the_uav_and_its_decisions(
+    briefing: Briefing, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(LearnedPolicy, 'choose', lambda *_: 4)
+    policy = ExploringPolicy(LearnedPolicy('mine', FROZEN), 0.5, HOVER_SHARE, mission_seed=5)
+    legal = row_of([1, 1, 0, 1, 1])
+    for _ in range(2):
+        policy.begin(briefing, 1)
+        chosen = [policy.choose(None, None, legal) for _ in range(50)]  # type: ignore[arg-type]
+        random = [explore(5, 1, it, 0.5, HOVER_SHARE, legal) for it in range(50)]
+        assert chosen == [4 if action < 0 else action for action in random]
+    assert len(set(chosen)) > 2

@@ -1,0 +1,83 @@
+"""Learned policies flown by processes: the same bytes, dead agents or not; misfits fly nowhere."""
+
+from pathlib import Path
+
+from fleets import Fleet, logs, scenario_of
+from processes import Processes
+import pytest
+from random_policies import header, saved
+from uav_collect.uav.observation import Layout
+
+pytestmark = pytest.mark.ros
+
+SEEDS = [3, 4, 5]
+ENOUGH_S = 100.0  # no failsafe, however busy the machine is
+
+
+@pytest.mark.parametrize(
+    ('layout', 'n_uavs', 'allocator'),
+    [(Layout.EGOCENTRIC, 2, 'exact'), (Layout.EGOCENTRIC, 3, 'equal'), (Layout.PAPER, 2, 'equal')],
+)
+def test_missions_over_ros_equal_those_flown_at_once_in_one_process(
+    layout: Layout, n_uavs: int, allocator: str, processes: Processes, tmp_path: Path
+) -> None:
+    scenario = scenario_of(n_uavs, fleet__default__energy_budget_kj=60.0)
+    policy = str(saved(tmp_path, 'mine', header(layout, n_uavs=n_uavs), seed=1))
+    fleet = Fleet(processes=processes, scenario=scenario, folder=tmp_path / 'run')
+    fleet.start_agents(policy, allocator)
+    world = fleet.start_world(seed=SEEDS[0], missions=len(SEEDS), decision_timeout_s=ENOUGH_S)
+    expected = logs(scenario, SEEDS, policy, allocator)
+    assert world.wait_for_exit() == 0
+    assert fleet.logs(SEEDS) == expected
+    assert b'"policy": "mine"' in expected[0]
+
+
+def test_a_restarted_agent_remembers_what_its_policy_did_before_it_died(
+    processes: Processes, tmp_path: Path
+) -> None:
+    scenario = scenario_of(2, fleet__default__energy_budget_kj=600.0)  # some 1500 events
+    policy = str(saved(tmp_path, 'mine', header(), seed=1))
+    (expected,) = logs(scenario, SEEDS[:1], policy)
+    n_events = expected.count(b'\n') - 1
+    fleet = Fleet(processes=processes, scenario=scenario, folder=tmp_path / 'run')
+    agents = fleet.start_agents(policy)
+    world = fleet.start_world(seed=SEEDS[0], decision_timeout_s=ENOUGH_S)
+    for event, uav in ((30, 1), (200, 2), (400, 1)):
+        fleet.wait_for_events(SEEDS[0], event)
+        agents[uav - 1].kill()
+        assert fleet.n_events(SEEDS[0]) < n_events
+        agents[uav - 1] = fleet.start_agent(uav, policy)
+        agents[uav - 1].wait_for(f'UAV {uav} flies, policy mine')
+    assert world.wait_for_exit() == 0
+    assert fleet.log(SEEDS[0]) == expected
+
+
+def test_an_agent_whose_file_is_broken_ends_at_once_with_one_line(
+    processes: Processes, tmp_path: Path
+) -> None:
+    path = saved(tmp_path, 'mine', header())
+    path.write_bytes(path.read_bytes()[:-10])
+    agent = processes.start('uav_agent', '--id', '1', '--policy', str(path))
+    assert agent.wait_for_exit() == 2
+    assert f'{path}: is not a whole safetensors file' in agent.output
+    assert 'Traceback' not in agent.output
+    assert agent.output.count('\n') == 1
+
+
+@pytest.mark.parametrize(
+    ('policy', 'words'),
+    [('mine', 'policy mine: n_uavs is 2: must be 3'), ('strong', 'no learned policy is shipped')],
+)
+def test_an_agent_whose_policy_does_not_fit_the_scenario_ends_before_anything_flies(
+    policy: str, words: str, processes: Processes, tmp_path: Path
+) -> None:
+    path = saved(tmp_path, 'mine', header(n_uavs=3))
+    scenario = scenario_of(2, name='elsewhere')
+    fleet = Fleet(processes=processes, scenario=scenario, folder=tmp_path / 'run')
+    world = fleet.start_world(seed=SEEDS[0])
+    agent = fleet.start_agent(1, str(path) if policy == 'mine' else policy)
+    assert agent.wait_for_exit() == 2
+    assert 'Traceback' not in agent.output
+    assert world.is_running
+    assert fleet.n_events(SEEDS[0]) == 0
+    assert words in agent.output

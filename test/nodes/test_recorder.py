@@ -1,0 +1,325 @@
+"""The recorder as a process: it misses nothing, whenever it starts and however it ends."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+import resource
+import signal
+import time
+from typing import Any
+
+from fleets import Fleet, scenario_of, wait_until
+from processes import DEADLINE_S, Processes, RunningProcess
+import pytest
+from rosbags.highlevel import AnyReader
+from uav_collect.recording.bag_reader import BagError, read_missions
+
+for needed in ('rclpy', 'uav_collect_msgs'):
+    pytest.importorskip(needed)
+
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.serialization import deserialize_message
+from uav_collect.nodes import topics
+from uav_collect.nodes.middleware import find_each_other_quickly
+from uav_collect_msgs.msg import Epoch, Mission
+
+pytestmark = pytest.mark.ros
+
+N_UAVS = 2
+find_each_other_quickly()
+
+
+class FakeFleet:
+    """Publishes on every topic of a mission, and remembers what."""
+
+    def __init__(self) -> None:
+        self.context = rclpy.Context()
+        rclpy.init(context=self.context)
+        self.node = rclpy.create_node('fleet', context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.topics = {topic.name: topic for topic in topics.fleet_topics(N_UAVS)}
+        self.publishers = {
+            name: topics.publisher(self.node, topic) for name, topic in self.topics.items()
+        }
+        self.sent: dict[str, list[Any]] = {name: [] for name in self.topics}
+
+    def send(self, name: str, message: Any) -> None:  # noqa: ANN401
+        self.sent[name].append(message)
+        self.publishers[name].publish(message)
+
+    def send_event(self, number: int, *, terminal: bool = False) -> None:
+        """One message on each topic of a decision."""
+        uav = number % N_UAVS + 1
+        for name in (f'/uav_{uav}/observation', f'/uav_{uav}/command', f'/uav_{uav}/radio_tx'):
+            message = self.topics[name].message()
+            message.stamp.sec = number
+            message.mission_id = 'm'
+            self.send(name, message)
+        epoch = Epoch(event=number, mission_id='m', uav_x_m=[1.0, 2.0], terminal=terminal)
+        epoch.stamp.sec = number
+        self.send('/world/epoch', epoch)
+
+    def send_phase(self, phase: int) -> None:
+        self.send('/world/mission', Mission(mission_id='m', phase=phase))
+
+    def wait_until(self, condition: Callable[[], bool]) -> None:
+        deadline_s = time.monotonic() + DEADLINE_S
+        while not condition():
+            assert time.monotonic() < deadline_s
+            self.executor.spin_once(timeout_sec=0.02)
+
+    def wait_for_recorder(self) -> None:
+        self.wait_until(
+            lambda: all(each.get_subscription_count() for each in self.publishers.values())
+        )
+
+    def close(self) -> None:
+        self.executor.shutdown()
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+
+@pytest.fixture
+def fleet(ros_domain: int) -> Iterator[FakeFleet]:
+    fleet = FakeFleet()
+    yield fleet
+    fleet.close()
+
+
+def start(processes: Processes, bag: Path, *parameters: str) -> RunningProcess:
+    assigned = [word for each in parameters for word in ('-p', each)]
+    recorder = processes.start('recorder', '--output', str(bag), '--ros-args', *assigned)
+    recorder.wait_for(f'recording 8 topics to {bag}')
+    return recorder
+
+
+def recorded(bag: Path) -> dict[str, list[Any]]:
+    """The messages of each topic that has any."""
+    types = {topic.name: topic.message for topic in topics.fleet_topics(N_UAVS)}
+    found: dict[str, list[Any]] = {}
+    with AnyReader([bag]) as reader:
+        for connection, _, content in reader.messages():
+            message = deserialize_message(content, types[connection.topic])
+            found.setdefault(connection.topic, []).append(message)
+    return found
+
+
+def sent_by(fleet: FakeFleet) -> dict[str, list[Any]]:
+    return {name: sent for name, sent in fleet.sent.items() if sent}
+
+
+def test_every_message_is_recorded_as_it_was_sent(
+    processes: Processes, fleet: FakeFleet, tmp_path: Path
+) -> None:
+    recorder = start(processes, tmp_path / 'bag')
+    fleet.wait_for_recorder()
+    for name, topic in fleet.topics.items():
+        fleet.send(name, topic.message())
+    for number in range(200):
+        fleet.send_event(number)
+    fleet.wait_until(lambda: all(p.wait_for_all_acked() for p in fleet.publishers.values()))
+    recorder.send(signal.SIGINT)
+    assert recorder.wait_for_exit() == 0
+    found = recorded(tmp_path / 'bag')
+    assert {**found, '/clock': []} == {**sent_by(fleet), '/clock': []}
+
+
+def test_types_are_recorded_with_the_hash_and_qos_of_the_running_system(
+    processes: Processes, fleet: FakeFleet, tmp_path: Path
+) -> None:
+    recorder = start(processes, tmp_path / 'bag')
+    fleet.wait_for_recorder()
+    recorder.send(signal.SIGINT)
+    assert recorder.wait_for_exit() == 0
+    with AnyReader([tmp_path / 'bag']) as reader:
+        connections = {connection.topic: connection for connection in reader.connections}
+        assert set(connections) == set(fleet.topics)
+        for name, connection in connections.items():
+            (live,) = fleet.node.get_publishers_info_by_topic(name)
+            assert connection.msgtype == live.topic_type
+            assert connection.digest == str(live.topic_type_hash)
+            (qos,) = connection.ext.offered_qos_profiles  # type: ignore[union-attr]
+            assert qos.durability.name == live.qos_profile.durability.name
+            assert qos.reliability.name == live.qos_profile.reliability.name
+
+
+def test_a_recorder_that_starts_late_gets_what_was_said_before(
+    processes: Processes, fleet: FakeFleet, tmp_path: Path
+) -> None:
+    fleet.send_phase(Mission.STARTED)
+    for number in range(500):
+        fleet.send_event(number, terminal=number == 499)
+    fleet.send_phase(Mission.ENDED)
+    recorder = start(processes, tmp_path / 'bag', 'stop_after_missions:=1')
+    assert recorder.wait_for_exit() == 0
+    assert recorded(tmp_path / 'bag') == sent_by(fleet)
+
+
+def test_a_recorder_stops_by_itself_when_the_missions_have_ended(
+    processes: Processes, fleet: FakeFleet, tmp_path: Path
+) -> None:
+    recorder = start(processes, tmp_path / 'bag', 'stop_after_missions:=2')
+    fleet.wait_for_recorder()
+    for phase in (Mission.STARTED, Mission.ABORTED, Mission.STARTED):
+        fleet.send_phase(phase)
+        fleet.send_event(phase)
+    assert recorder.is_running
+    fleet.send_phase(Mission.ENDED)
+    fleet.send_event(7, terminal=True)  # topics are not ordered against each other
+    assert recorder.wait_for_exit() == 0
+    assert recorded(tmp_path / 'bag') == sent_by(fleet)
+
+
+def test_a_recorder_whose_last_mission_was_aborted_awaits_no_event(
+    processes: Processes, fleet: FakeFleet, tmp_path: Path
+) -> None:
+    recorder = start(processes, tmp_path / 'bag', 'stop_after_missions:=1')
+    fleet.wait_for_recorder()
+    fleet.send_phase(Mission.ABORTED)
+    assert recorder.wait_for_exit() == 0
+    assert recorded(tmp_path / 'bag') == sent_by(fleet)
+
+
+@pytest.mark.parametrize(
+    'signals', [[signal.SIGINT], [signal.SIGINT, signal.SIGINT], [signal.SIGTERM]]
+)
+def test_a_signal_closes_the_bag(
+    processes: Processes, fleet: FakeFleet, tmp_path: Path, signals: list[signal.Signals]
+) -> None:
+    recorder = start(processes, tmp_path / 'bag')
+    fleet.wait_for_recorder()
+    for number in range(20):
+        fleet.send_event(number)
+    fleet.wait_until(lambda: all(p.wait_for_all_acked() for p in fleet.publishers.values()))
+    for number in signals:
+        recorder.send(number)
+    assert recorder.wait_for_exit() == 0
+    assert 'Traceback' not in recorder.output
+    recorder.wait_for(f'recorded 80 messages to {tmp_path / "bag"}')
+    assert recorded(tmp_path / 'bag') == sent_by(fleet)
+    assert processes.survivors() == []
+
+
+def test_a_killed_recorder_loses_only_what_it_had_not_flushed(
+    processes: Processes, fleet: FakeFleet, tmp_path: Path
+) -> None:
+    bag = tmp_path / 'bag'
+    recorder = start(processes, bag, 'flush_period_s:=0.05')
+    fleet.wait_for_recorder()
+    sizes_byte: set[int] = set()
+    number = 0
+    while len(sizes_byte) < 20:  # so many chunks, or parts of them, are in the file
+        fleet.send_event(number)
+        number += 1
+        fleet.executor.spin_once(timeout_sec=0.001)
+        sizes_byte.add((bag / 'bag.mcap').stat().st_size)
+    recorder.kill()
+    with pytest.raises(FileNotFoundError):
+        recorded(bag)
+    repair = processes.start('recorder', '--repair', str(bag))
+    assert repair.wait_for_exit() == 0
+    n_told = int(repair.wait_for(r'holds (\d+) messages up to [\d.]+ s of simulated time')[1])
+    found = recorded(bag)
+    assert sum(map(len, found.values())) == n_told
+    assert 1 < len(found['/world/epoch']) <= number
+    for name, contents in found.items():
+        assert contents == fleet.sent[name][: len(contents)]
+    again = processes.start('recorder', '--repair', str(bag))
+    assert again.wait_for_exit() == 0
+    again.wait_for('nothing to repair')
+    assert recorded(bag) == found
+
+
+def test_of_a_mission_a_killed_recorder_keeps_the_start_and_a_late_one_records_it_all(
+    processes: Processes, tmp_path: Path
+) -> None:
+    scenario = scenario_of(fleet__default__energy_budget_kj=2000.0)  # some two thousand events
+    fleet = Fleet(processes=processes, scenario=scenario, folder=tmp_path / 'run')
+    killed = fleet.start_recorder(flush_period_s=0.05)
+    agents = fleet.start_agents('random')
+    world = fleet.start_world(decision_timeout_s=1000.0)
+    fleet.wait_for_events(0, 300)
+    agents[0].kill()  # the mission waits for another one
+    killed.kill()
+    late = start(processes, tmp_path / 'late', 'stop_after_missions:=1')
+    wait_until(lambda: (tmp_path / 'late' / 'late.mcap').stat().st_size > 100_000)
+    fleet.start_agent(1, 'random')
+    assert world.wait_for_exit() == 0
+    assert late.wait_for_exit() == 0
+    with pytest.raises(BagError, match='recorder --repair'):
+        read_missions(fleet.bag)
+    assert processes.start('recorder', '--repair', str(fleet.bag)).wait_for_exit() == 0
+    (start_of_it,) = read_missions(fleet.bag)
+    assert not start_of_it.is_complete
+    assert len(start_of_it.log.events) > 0
+    assert fleet.log(0).startswith(start_of_it.log.to_jsonl())
+    (whole,) = read_missions(tmp_path / 'late')
+    assert whole.is_complete
+    assert whole.log.to_jsonl() == fleet.log(0)
+
+
+def test_a_full_disk_ends_the_recorder_alone_and_leaves_a_readable_bag(
+    processes: Processes, fleet: FakeFleet, tmp_path: Path
+) -> None:
+    bag = tmp_path / 'bag'
+    recorder = start(processes, bag, 'chunk_byte:=100000', 'flush_period_s:=60.0')
+    fleet.wait_for_recorder()
+    # No file may grow beyond this: three chunks of 140 kB fit, and the index.
+    resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE, (550_000, 550_000))
+    number = 0
+    while recorder.is_running:
+        fleet.send_event(number)
+        number += 1
+        fleet.executor.spin_once(timeout_sec=0.001)
+    assert recorder.wait_for_exit() == 1
+    assert recorder.output.count('ended early') == 1
+    assert 'Traceback' not in recorder.output
+    found = recorded(bag)
+    assert sum(map(len, found.values())) > 1000
+    for name, contents in found.items():
+        assert contents == fleet.sent[name][: len(contents)]
+
+
+def test_a_folder_that_exists_is_refused(processes: Processes, tmp_path: Path) -> None:
+    (tmp_path / 'bag').mkdir()
+    recorder = processes.start('recorder', '--output', str(tmp_path / 'bag'))
+    assert recorder.wait_for_exit() == 2
+    assert recorder.output == f'error: output folder {tmp_path / "bag"} exists already\n'
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'complaint'),
+    [
+        (['--ros-args', '-p', 'chunk_byte:=10'], 'chunk_byte out of range. Min: 1000'),
+        (['--ros-args', '-p', 'chunk_byte:=big'], "'chunk_byte' to 'big'"),
+        (['--ros-args', '-p', 'chunk_byte'], "override rule: '-p chunk_byte'"),
+        (['--output'], 'expected one argument'),
+        (['--repair', 'nowhere'], 'nowhere: no such bag'),
+    ],
+)
+def test_wrong_arguments_are_refused_in_one_line(
+    processes: Processes, arguments: list[str], complaint: str
+) -> None:
+    recorder = processes.start('recorder', *arguments)
+    assert recorder.wait_for_exit() == 2
+    assert complaint in recorder.output
+    assert 'Traceback' not in recorder.output
+
+
+def test_a_bag_that_is_being_recorded_is_not_repaired(
+    processes: Processes, tmp_path: Path
+) -> None:
+    recorder = start(processes, tmp_path / 'bag')
+    repair = processes.start('recorder', '--repair', str(tmp_path / 'bag'))
+    assert repair.wait_for_exit() == 2
+    repair.wait_for('still being recorded')
+    recorder.send(signal.SIGINT)
+    assert recorder.wait_for_exit() == 0
+
+
+def test_help_describes_every_parameter(processes: Processes) -> None:
+    recorder = processes.start('recorder', '--help')
+    assert recorder.wait_for_exit() == 0
+    for name in ('output_dir', 'stop_after_missions', 'flush_period_s', 'chunk_byte', '--repair'):
+        assert name in recorder.output

@@ -1,0 +1,187 @@
+"""Two worlds in one ROS domain: the later one gives way, the fleet flies for the earlier one."""
+
+from collections.abc import Iterator
+import sys
+from typing import Any
+
+import pytest
+
+for needed in ('rclpy', 'uav_collect_msgs'):
+    pytest.importorskip(needed)
+
+from fleets import scenario_of, wait_until
+from processes import Processes, RunningProcess
+from rclpy.duration import Duration
+from scripted_agent_node import stand_in, StandIn
+from uav_collect.nodes import topics
+from uav_collect.nodes.identity import Identity, scenario_msg
+from uav_collect.nodes.process import FAILED, make_executor
+from uav_collect.nodes.topics import publisher
+from uav_collect.nodes.world import node
+from uav_collect.scenario.site import build_site
+from uav_collect_msgs.msg import Scenario
+from uav_collect_msgs.srv import Join
+
+pytestmark = pytest.mark.ros
+
+DOUBTER = """
+import sys
+from uav_collect.nodes import topics
+from uav_collect.nodes.process import ProcessNode, run_node
+from uav_collect.nodes.topics import publisher
+from uav_collect.nodes.agent.world_choice import WorldChoice
+from uav_collect_msgs.msg import Scenario
+
+class Doubter(ProcessNode):
+    def __init__(self):
+        super().__init__('doubter')
+        self.world, self.heard = None, []
+        self.choice = WorldChoice(self, topics.SCENARIO, self.heard.append)
+        self.create_timer(0.01, self.tick)
+
+    def tick(self):
+        if self.world is None:
+            self.world = publisher(self, topics.SCENARIO)
+            while self.world.get_subscription_count() == 0:
+                pass
+            self.said = str(len(self.heard))
+            self.world.publish(Scenario(world_instance=self.said))
+            self.choice.tick()  # looks anew while what was just said waits to be heard
+        elif self.choice.instance == self.said:
+            self.destroy_publisher(self.world)
+            self.world = None
+        if len(self.heard) == 10:
+            self.end()
+
+sys.exit(run_node(Doubter, sys.argv[1:]))
+"""
+
+ENOUGH = Duration(seconds=60)
+
+
+@pytest.fixture
+def ears(ros_domain: int) -> Iterator[StandIn]:
+    with stand_in() as there:
+        yield there
+
+
+class FakeWorld:
+    """What agents meet of a world: its scenario, and answers to those who join."""
+
+    def __init__(self, ears: StandIn, instance: str, born_s: float, joined: list[str]) -> None:
+        self._node = ears.node
+        self._instance = instance
+        self._joined = joined  # instances of all worlds, as agents turned to them
+        self.n_others_asked = 0
+        self._scenarios = publisher(ears.node, topics.SCENARIO)
+        scenario = scenario_of(1)
+        identity = Identity(born_s=born_s, instance=instance)
+        self._scenarios.publish(scenario_msg(identity, scenario, build_site(scenario)))
+
+    def serve(self) -> 'FakeWorld':
+        """Answer agents from now on."""
+        self._node.create_service(Join, topics.JOIN_SERVICE, self._on_join)
+        return self
+
+    def wait_until_heard(self) -> None:
+        """Wait until the agents have the scenario."""
+        assert self._scenarios.wait_for_all_acked(ENOUGH)
+
+    def end(self) -> None:
+        """Be gone, as agents notice it."""
+        self._node.destroy_publisher(self._scenarios)
+
+    def _on_join(self, request: Any, response: Any) -> Any:  # noqa: ANN401
+        response.world_instance = self._instance
+        if request.world_instance == self._instance:
+            response.accepted = True
+            response.mission_id = f'{self._instance}-0'
+            if self._joined[-1:] != [self._instance]:  # it asks again if an answer was lost
+                self._joined.append(self._instance)
+        else:
+            response.reason = 'not this world'
+            self.n_others_asked += 1
+        return response
+
+
+def n_flown_for(agent: RunningProcess) -> int:
+    """How many worlds have let an agent fly."""
+    return agent.output.count('UAV 1 flies')
+
+
+def test_who_looks_anew_while_worlds_come_and_go_goes_on(processes: Processes) -> None:
+    process = processes.run('doubter', sys.executable, '-c', DOUBTER)
+    assert process.wait_for_exit() == 0, process.output
+
+
+def test_who_takes_late_hears_each_of_two_worlds(ears: StandIn) -> None:
+    voices = [publisher(ears.node, topics.SCENARIO) for _ in 'ab']
+    for instance, voice in zip('ab', voices, strict=True):
+        voice.publish(Scenario(world_instance=instance))
+    heard = ears.heard[topics.SCENARIO.name]
+    ears.wait_until(lambda: bool(heard) and heard[-1].world_instance == 'b')
+    assert [scenario.world_instance for scenario in heard] == ['a', 'b']
+
+
+def test_a_world_gives_way_to_an_earlier_one_that_it_hears_while_it_opens(
+    ears: StandIn, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    earlier, make_display = publisher(ears.node, topics.SCENARIO), node.Display
+
+    def display_of_a_busy_world(*arguments: Any) -> Any:  # noqa: ANN401
+        earlier.publish(Scenario(world_instance='earlier'))
+        return make_display(*arguments)
+
+    monkeypatch.setattr(node, 'Display', display_of_a_busy_world)
+    monkeypatch.setattr(node, 'check_can_start', lambda *_: None)  # compiles for long
+    world, executor = node.WorldNode(), make_executor()
+    executor.add_node(world)
+
+    def has_ended() -> bool:
+        executor.spin_once(timeout_sec=0.01)
+        return world.end_status is not None
+
+    wait_until(has_ended)
+    executor.shutdown()
+    world.destroy_node()
+    assert world.end_status == FAILED
+
+
+def test_an_agent_flies_for_the_earliest_world_that_it_hears(
+    ears: StandIn, processes: Processes
+) -> None:
+    joined: list[str] = []
+    agent = processes.start('uav_agent', '--id', '1')
+    FakeWorld(ears, 'middle', 2.0, joined).serve()
+    ears.wait_until(lambda: n_flown_for(agent) == 1)
+    late = FakeWorld(ears, 'late', 3.0, joined).serve()
+    late.wait_until_heard()
+    early = FakeWorld(ears, 'early', 1.0, joined).serve()
+    ears.wait_until(lambda: n_flown_for(agent) == 2)
+    assert joined[:2] == ['middle', 'early']
+    late.end()
+    early.end()
+    ears.wait_until(lambda: n_flown_for(agent) > 2 and joined[-1] == 'middle')
+
+
+def test_the_answer_of_a_world_that_was_not_asked_is_none(
+    ears: StandIn, processes: Processes
+) -> None:
+    joined: list[str] = []
+    early = FakeWorld(ears, 'early', 1.0, joined)
+    late = FakeWorld(ears, 'late', 2.0, joined).serve()
+    agent = processes.start('uav_agent', '--id', '1')
+    ears.wait_until(lambda: late.n_others_asked >= 2)
+    early.serve()
+    ears.wait_until(lambda: 'early' in joined and n_flown_for(agent) > 0)
+
+
+def test_a_world_accepts_nobody_who_asks_for_another_one(
+    ears: StandIn, processes: Processes
+) -> None:
+    processes.start('world_sim')
+    own = ears.scenario().world_instance
+    client = ears.node.create_client(Join, topics.JOIN_SERVICE)
+    answer = ears.call(client, Join.Request(world_instance='other', uav=1, agent_instance='x'))
+    assert (answer.accepted, answer.world_instance) == (False, own)
+    assert ears.ask_to_join(1).accepted  # the UAV is free

@@ -1,0 +1,241 @@
+"""The trainer node beside worlds and agents: what they fly is what it learns, whoever dies."""
+
+from collections.abc import Sequence
+from pathlib import Path
+import random
+import signal
+from typing import Any
+
+from episodes import single_threaded_torch
+from fleets import wait_until
+from processes import Processes
+import pytest
+from reports import same
+from uav_collect.scenario.load import ConfigError
+from uav_collect.training.run_record import read_columns, read_run, TrainingRunError
+from uav_collect.uav.policy_file import load_policy
+from uav_collect.uav.policy_network import PolicyMismatchError
+
+torch = single_threaded_torch()
+pytest.importorskip('rclpy')
+from trainings import (
+    fleet_of,
+    in_process,
+    NEVER,
+    replayed,
+    SCENARIO,
+    start_fleet,
+    start_trainer,
+    TRAINED_S,
+)
+from uav_collect.nodes.trainer.settings import PARAMETERS, planned_run, TrainerSettings
+from uav_collect.training.folder import opened
+from uav_collect.training.progress import Budget
+
+pytestmark = pytest.mark.ros
+
+N_KILLS = 20
+
+
+def test_what_is_learned_over_ros_and_from_a_bag_is_what_is_learned_in_one_process(
+    processes: Processes, tmp_path: Path
+) -> None:
+    # The first policy flies all missions, so that they can be flown again.
+    fleet = fleet_of(processes, tmp_path)
+    recorder = fleet.start_recorder()
+    live = start_trainer(processes, tmp_path / 'live', publish_every_updates=NEVER)
+    world = start_fleet(fleet, missions=200, seed=100)
+    assert live.wait_for_exit(TRAINED_S) == 0
+    episodes, state = replayed(tmp_path / 'live')
+    expected, trainer = in_process(range(100, 300), Budget(decisions=1000))
+    assert state['learner']['n_updates'] == trainer.n_updates >= 48
+    assert len(episodes) > 60
+    for one in episodes:
+        assert same(one, expected[one.mission_seed - 100]) == []
+    learned = load_policy(tmp_path / 'live' / 'last.safetensors')
+    assert learned.digest == trainer.snapshot().digest
+    assert '0 missing, 0 refused, 0 failsafe' in live.output
+    # As much as the trainer needs is in the bag when the world is done.
+    assert world.wait_for_exit(TRAINED_S) == 0
+    recorder.send(signal.SIGINT)
+    assert recorder.wait_for_exit() == 0
+    again = start_trainer(processes, tmp_path / 'again', '--from-bag', str(fleet.bag))
+    assert again.wait_for_exit(TRAINED_S) == 0
+    assert load_policy(tmp_path / 'again' / 'last.safetensors').digest == learned.digest
+
+
+def n_updates(folder: Path) -> int:
+    """How many updates a training has told of."""
+    file = folder / 'progress.csv'
+    found = read_columns(file, ('n_updates',))['n_updates'] if file.exists() else ()
+    return int(found[-1]) if len(found) else 0
+
+
+def wait_for_updates(folder: Path, n_wanted: int) -> None:
+    """Wait until a training has made so many updates."""
+    wait_until(lambda: n_updates(folder) >= n_wanted, TRAINED_S)
+
+
+def test_a_trainer_that_is_stopped_or_killed_goes_on_from_where_it_was_saved(
+    processes: Processes, tmp_path: Path
+) -> None:
+    fleet, folder = fleet_of(processes, tmp_path), tmp_path / 'run'
+    world = start_fleet(fleet)
+    n_decisions = 1000 * (N_KILLS + 2)
+    told: Any = {'decisions': n_decisions, 'checkpoint_period_s': 0.2}
+    saved, seen, rng = folder / 'checkpoint' / 'state.pt', 0, random.Random(0)
+    for turn in range(N_KILLS + 1):
+        trainer = start_trainer(processes, folder, **told)
+        wait_for_updates(folder, seen + rng.randint(1, 8))
+        if turn == 0:
+            trainer.send(signal.SIGINT)
+            assert trainer.wait_for_exit(TRAINED_S) == 0
+            assert 'decisions; saved; start it again to go on' in trainer.output
+        else:
+            wait_until(saved.exists)
+            trainer.kill()
+        world.wait_for('mission .* ended')  # the fleet flies on
+        _, state = replayed(folder)
+        assert state['learner']['n_updates'] >= seen
+        seen = state['learner']['n_updates']
+    trainer = start_trainer(processes, folder, **told)
+    assert trainer.wait_for_exit(TRAINED_S) == 0
+    assert read_run(folder).is_done
+    episodes, state = replayed(folder)
+    assert state['collectors'][0]['n_decisions'] >= n_decisions
+    seeds = [one.mission_seed for one in episodes]
+    assert len(seeds) == len(set(seeds))  # none was learned from twice
+    rows = read_columns(folder / 'progress.csv', ('n_decisions',))['n_decisions']
+    assert (rows[1:] >= rows[:-1]).all()
+    assert not [*folder.rglob('*.part')]
+
+
+def test_agents_and_worlds_that_die_cost_their_mission_and_no_more(
+    processes: Processes, tmp_path: Path
+) -> None:
+    fleet, folder = fleet_of(processes, tmp_path), tmp_path / 'run'
+    trainer = start_trainer(processes, folder, decisions=10**6)
+    agents = fleet.start_agents('topic', 'equal')
+    world = fleet.start_world(missions=-1, decision_timeout_s=100.0)
+    wait_for_updates(folder, 4)
+    agents[0].kill()
+    seen = n_updates(folder)
+    fleet.start_agent(1, 'topic', 'equal')
+    wait_for_updates(folder, seen + 4)
+    world.kill()
+    seen = n_updates(folder)
+    fleet.start_world(missions=-1, seed=10**6)
+    wait_for_updates(folder, seen + 10)
+    trainer.send(signal.SIGINT)
+    assert trainer.wait_for_exit(TRAINED_S) == 0
+    assert ' 0 refused' in trainer.output.splitlines()[-2]
+    episodes, _ = replayed(folder)
+    assert max(one.mission_seed for one in episodes) >= 10**6
+
+
+def test_two_worlds_make_the_experience_of_one_trainer(
+    processes: Processes, tmp_path: Path
+) -> None:
+    folder = tmp_path / 'run'
+    trainer = start_trainer(processes, folder, worlds='[a, b]')
+    for place, name in enumerate('ab'):
+        start_fleet(fleet_of(processes, tmp_path, name), seed=1000 * place)
+    assert trainer.wait_for_exit(TRAINED_S) == 0
+    episodes, _ = replayed(folder)
+    assert {one.mission_seed // 1000 for one in episodes} == {0, 1}
+
+
+def test_what_agents_encode_otherwise_is_refused_and_named(
+    processes: Processes, tmp_path: Path
+) -> None:
+    fleet = fleet_of(processes, tmp_path)
+    trainer = start_trainer(processes, tmp_path / 'run')
+    fleet.start_agents('random', observation_layout='paper')
+    fleet.start_world(missions=3)
+    trainer.wait_for(r"refused: .* layout is 'paper/1': must be 'egocentric/\d'; its mission")
+    trainer.send(signal.SIGINT)
+    assert trainer.wait_for_exit(TRAINED_S) == 0
+    assert 'stopped before a mission was flown' in trainer.output
+
+
+@pytest.mark.parametrize(
+    ('flags', 'values', 'words'),
+    [
+        ((), {'algorithm': 'qmix'}, "algorithm is 'qmix': must be aqmix or aiql"),
+        (('--from-bag', 'nowhere'), {}, 'nowhere: no such bag'),
+    ],
+)
+def test_what_cannot_be_trained_is_said_in_one_line(
+    flags: Sequence[str],
+    values: dict[str, Any],
+    words: str,
+    processes: Processes,
+    tmp_path: Path,
+) -> None:
+    trainer = start_trainer(processes, tmp_path / 'run', *flags, **values)
+    assert trainer.wait_for_exit() == 2
+    assert words in trainer.output.splitlines()[-1]
+    assert 'Traceback' not in trainer.output
+
+
+def settings_of(folder: Path, **values: object) -> TrainerSettings:
+    defaults = {parameter.name: parameter.default for parameter in PARAMETERS}
+    file = folder.parent / 'tiny.yaml'
+    file.write_text(SCENARIO.to_yaml())
+    given = {'scenario': str(file), 'output_dir': str(folder), **values}
+    return TrainerSettings(**{**defaults, **given})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ('values', 'words'),
+    [
+        ({'algorithm': 'vdn'}, "algorithm is 'vdn': must be aqmix or aiql"),
+        ({'output_dir': ''}, 'output_dir is missing: must be a folder for the run'),
+        ({'minutes': 3.0, 'decisions': 5}, 'minutes and decisions are given: must be one'),
+        ({'scenario': 'nowhere'}, "scenario is 'nowhere'"),
+        ({'overrides': ['target.trace=2']}, 'target.trace'),
+        ({'start_from': 'none.safetensors'}, 'none.safetensors: cannot be read'),
+    ],
+)
+def test_settings_that_make_no_run_are_refused_and_named(
+    values: dict[str, object], words: str, tmp_path: Path
+) -> None:
+    with pytest.raises((TrainingRunError, ConfigError, PolicyMismatchError), match=words):
+        planned_run(settings_of(tmp_path / 'run', **values))
+
+
+def test_a_run_is_gone_on_with_as_it_was_begun_and_for_as_long_as_is_asked(
+    tmp_path: Path,
+) -> None:
+    folder = tmp_path / 'run'
+    begun = planned_run(settings_of(folder, minutes=5.0))
+    with opened(begun, 0):
+        pass
+    again = planned_run(settings_of(folder, decisions=7))
+    assert (again.record.minutes, again.record.decisions) == (None, 7)
+    assert again.record.started == begun.record.started
+    for values, words in (
+        ({'seed': 1}, 'holds a run whose seed is 0: must be 1, or choose another output_dir'),
+        ({'decisions_per_update': 20}, 'holds a run whose training_fingerprint is'),
+        ({'algorithm': 'aiql'}, "holds a run whose algorithm is 'aqmix': must be 'aiql'"),
+    ):
+        with pytest.raises(TrainingRunError, match=words):
+            planned_run(settings_of(folder, **values))
+
+
+def test_a_folder_of_something_else_is_no_place_for_a_run(tmp_path: Path) -> None:
+    (tmp_path / 'run').mkdir()
+    (tmp_path / 'run' / 'thesis.tex').touch()
+    with pytest.raises(TrainingRunError, match='holds something else'):
+        planned_run(settings_of(tmp_path / 'run'))
+
+
+def test_a_disk_that_fills_up_ends_the_training_with_one_line(
+    processes: Processes, tmp_path: Path
+) -> None:
+    start_fleet(fleet_of(processes, tmp_path))
+    # No file may have more than 20 blocks: a checkpoint has.
+    limited = start_trainer(processes, tmp_path / 'run', checkpoint_period_s=0.1, n_blocks=20)
+    assert limited.wait_for_exit(TRAINED_S) == 1
+    assert f'{tmp_path}/run/checkpoint: File too large' in limited.output
+    assert 'Traceback' not in limited.output

@@ -1,0 +1,74 @@
+"""The launch file of a training, read by stand-ins for `launch`."""
+
+from launch_recorder import defaults, described_by, given, Made, nodes, NODES_FILE, ROOT, started
+import pytest
+from uav_collect.commands.train_fleet import first_seed
+from uav_collect.scenario.load import load
+from uav_collect.training.config import load_preset
+
+LAUNCH_FILE = ROOT / 'launch' / 'training.launch.py'
+
+
+@pytest.fixture
+def description(monkeypatch: pytest.MonkeyPatch) -> Made:
+    """What the launch file describes."""
+    return described_by(LAUNCH_FILE, monkeypatch)
+
+
+def test_it_declares_its_arguments_with_the_defaults_of_the_trainer(description: Made) -> None:
+    assert defaults(description) == {
+        'scenario': 'paper_10x10',
+        'algorithm': 'aqmix',
+        'preset': 'strong',
+        'seed': '0',
+        'minutes': '0.0',
+        'output_dir': '',
+        'worlds': '1',
+        'record': 'false',
+    }
+
+
+@pytest.mark.parametrize(('worlds', 'names'), [('1', ['']), ('3', ['a', 'b', 'c'])])
+def test_each_world_has_a_name_a_fleet_and_missions_of_its_own(
+    description: Made, worlds: str, names: list[str]
+) -> None:
+    made = nodes(description, 'world_sim', worlds=worlds, seed='5')
+    named = [['--world', name] if name else [] for name in names]
+    assert [world.options['arguments'] for world in made] == named
+    seeds = [world.options['parameters'][-1]['seed'] for world in made]
+    assert seeds == [first_seed(5, number, 0) for number in range(len(names))]
+    agents = nodes(description, 'uav_agent', worlds=worlds)
+    ids = [[*flags, '--id', uav] for flags in named for uav in ('1', '2')]
+    assert [agent.options['arguments'] for agent in agents] == ids
+
+
+def test_worlds_and_agents_fly_as_the_preset_trains(description: Made) -> None:
+    scenario, config = load('paper_8x8'), load_preset('strong')
+    (world,) = nodes(description, 'world_sim', scenario='paper_8x8')
+    values = world.options['parameters'][-1]
+    assert (values['missions'], values['viewer_rate_hz']) == (-1, 0.0)
+    assert values['max_decisions'] == config.max_decisions(scenario.n_cells)
+    for agent in nodes(description, 'uav_agent', scenario='paper_8x8'):
+        chosen = {'policy': 'topic', 'bandwidth': config.rollout.bandwidth}
+        assert agent.options['parameters'][-1] == chosen
+
+
+def test_the_trainer_hears_all_worlds_and_its_end_ends_all(description: Made) -> None:
+    (trainer,) = nodes(description, 'trainer', worlds='2', output_dir='2024')
+    assert trainer.options['parameters'][0] == str(NODES_FILE)
+    assert trainer.options['parameters'][-1]['worlds'] == ['a', 'b']
+    assert given(trainer, 'output_dir') == ('2024', str)
+    assert given(trainer, 'seed') == ('seed', int)
+    parts = started(description)
+    (trainer,) = (part for part in parts if part.options.get('executable') == 'trainer')
+    (handler,) = (part.args[0] for part in parts if part.kind == 'RegisterEventHandler')
+    assert handler.options['target_action'] is trainer
+    assert [action.options['event'].kind for action in handler.options['on_exit']] == ['Shutdown']
+
+
+def test_each_world_is_recorded_on_request(description: Made) -> None:
+    assert nodes(description, 'recorder') == []
+    made = nodes(description, 'recorder', record='true', worlds='2', output_dir='run')
+    assert [given(one, 'output_dir')[0] for one in made] == ['run_bag_a', 'run_bag_b']
+    (alone,) = nodes(description, 'recorder', record='true', output_dir='run')
+    assert given(alone, 'output_dir')[0] == 'run_bag'

@@ -1,0 +1,544 @@
+"""The clairvoyant bound: the world flies its plans, and no plan and no policy beats its limits."""
+
+import csv
+from functools import cache
+from itertools import permutations
+import json
+import math
+from pathlib import Path
+
+from interpreted import interpreted
+import numpy as np
+import pytest
+from tiny_world import CELL_A, CELL_B, fly_scripts, HOVER_W, MOVE_10_J, rate_bps, tiny, uav
+from uav_collect.__main__ import main
+from uav_collect.analysis.metrics import check_log, figures, MissionFigures
+from uav_collect.analysis.plan_shares import bound_numbers, mean_numbers, shares
+from uav_collect.analysis.tables import comparison_table, mission_tables
+from uav_collect.missions.rollout import fly
+from uav_collect.physics.radio import channel_draw
+from uav_collect.planning import bound as bound_module
+from uav_collect.planning.bound import (
+    Bound,
+    bound_of,
+    efficiency_share,
+    flight_actions,
+    Plan,
+    time_share,
+)
+from uav_collect.planning.problem import Errands, errands_of
+from uav_collect.planning.relaxation import least_completion_s, least_energy_j
+from uav_collect.scenario.load import load, Scenario
+from uav_collect.scenario.site import build_site
+from uav_collect.world.sensor_field import lay_out
+
+# Fading as it is: channels differ between UAVs.
+FADING = {'radio__rician_a1': 1.0, 'radio__rician_a2': 4.39, 'radio__los_b': 0.14}
+CELL_M = 50.0
+
+
+@pytest.fixture(autouse=True)
+def cache_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setattr(bound_module, 'cache_folder', lambda: tmp_path / 'cache')
+    return tmp_path / 'cache'
+
+
+def bound(scenario: Scenario, seed: int = 0, allocator: str = 'exact') -> Bound:
+    return bound_of(scenario, build_site(scenario), seed, allocator)
+
+
+def plans(found: Bound) -> tuple[Plan, Plan]:
+    assert found.shortest is not None
+    assert found.thriftiest is not None
+    return found.shortest, found.thriftiest
+
+
+def flown(
+    scenario: Scenario, plan: Plan, seed: int = 0, allocator: str = 'exact'
+) -> MissionFigures:
+    log = fly_scripts(scenario, *flight_actions(scenario, plan), seed=seed, allocator=allocator)
+    check_log(log)
+    return figures(log)
+
+
+def check_flies(scenario: Scenario, seed: int = 0, allocator: str = 'exact') -> None:
+    """The world flies both plans as they say."""
+    for plan in plans(bound(scenario, seed, allocator)):
+        mission = flown(scenario, plan, seed, allocator)
+        assert mission.is_complete
+        assert mission.is_safe
+        assert mission.completion_s == pytest.approx(plan.completion_s, rel=1e-9)
+        assert mission.energy_j == pytest.approx(plan.total_energy_j, rel=1e-9)
+        assert mission.uav_energy_j == pytest.approx(plan.energy_j, rel=1e-9)
+
+
+def random_world(seed: int) -> Scenario:
+    """One to seven data cells among 5 x 5, one or two UAVs, starts and homes anywhere."""
+    rng = np.random.default_rng(seed)
+    n_cells = int(rng.integers(1, 8))
+    sensors = [
+        (
+            CELL_M * (cell % 5 + rng.random()),
+            CELL_M * (cell // 5 + rng.random()),
+            rng.uniform(0, 8),
+        )
+        for cell in rng.choice(25, n_cells, replace=False)
+    ]
+    uavs = [
+        uav(
+            float(rng.choice([5.0, 8.0, 10.0, 15.0])),
+            rng.integers(0, 5, 2).tolist(),
+            rng.uniform(0.0, 5 * CELL_M, 2).tolist(),
+        )
+        for _ in range(int(rng.integers(1, 3)))
+    ]
+    return tiny(*uavs, sensors=sensors, area__cells_per_side=5, **FADING)
+
+
+def best_alone(scenario: Scenario, errands: Errands, index: int) -> list[tuple[float, float]]:
+    """The least time [s] and energy [J] of one UAV for each set of data cells, as bits."""
+    n_cells, side = errands.n_cells, errands.cells_per_side
+    config = scenario.uavs[index]
+    place_m = [
+        ((cell % side + 0.5) * CELL_M, (cell // side + 0.5) * CELL_M) for cell in errands.cell
+    ]
+
+    @cache
+    def shortest_m(here_m: tuple[float, float], left: int) -> float:
+        ways = [
+            abs(here_m[0] - place_m[cell][0])
+            + abs(here_m[1] - place_m[cell][1])
+            + shortest_m(place_m[cell], left & ~(1 << cell))
+            for cell in range(n_cells)
+            if left >> cell & 1
+        ]
+        return min(ways) if ways else math.dist(here_m, config.home_m)
+
+    best = []
+    for served in range(1 << n_cells):
+        flight_s = shortest_m(config.start_m, served) / config.speed_mps
+        hover_s = sum(
+            errands.hover_s[index * n_cells + cell]
+            for cell in range(n_cells)
+            if served >> cell & 1
+        )
+        flight_j = errands.flight_power_w[index] * flight_s
+        best.append((flight_s + hover_s, flight_j + errands.hover_power_w[index] * hover_s))
+    return best
+
+
+def best_together(scenario: Scenario, errands: Errands) -> tuple[float, float]:
+    """The least time [s] and the least energy [J] over all ways to share the cells."""
+    alone = [best_alone(scenario, errands, index) for index in range(scenario.n_uavs)]
+    every = (1 << errands.n_cells) - 1
+    if scenario.n_uavs == 1:
+        return alone[0][every]
+    splits = [(alone[0][served], alone[1][every - served]) for served in range(every + 1)]
+    return min(max(a[0], b[0]) for a, b in splits), min(a[1] + b[1] for a, b in splits)
+
+
+# The plans
+
+
+def test_plans_of_tiny_worlds_are_those_that_trying_everything_finds() -> None:
+    for seed in range(200):
+        scenario = random_world(seed)
+        errands = errands_of(scenario, build_site(scenario), seed, 'exact')
+        least_s, least_j = best_together(scenario, errands)
+        found = bound(scenario, seed)
+        shortest, thriftiest = plans(found)
+        assert shortest.completion_s == pytest.approx(least_s, rel=1e-6), seed
+        assert thriftiest.total_energy_j == pytest.approx(least_j, rel=1e-6), seed
+        assert found.least_completion_s <= least_s, seed
+        assert found.least_energy_j <= least_j, seed
+
+
+def test_trying_everything_tries_all_orders() -> None:
+    scenario = random_world(7)
+    errands = errands_of(scenario, build_site(scenario), 7, 'exact')
+    config, side = scenario.uavs[0], errands.cells_per_side
+    place_m = [
+        ((cell % side + 0.5) * CELL_M, (cell // side + 0.5) * CELL_M) for cell in errands.cell
+    ]
+
+    def length_m(order: tuple[int, ...]) -> float:
+        ways_m, here_m = 0.0, config.start_m
+        for cell in order:
+            ways_m += abs(here_m[0] - place_m[cell][0]) + abs(here_m[1] - place_m[cell][1])
+            here_m = place_m[cell]
+        return ways_m + math.dist(here_m, config.home_m)
+
+    assert errands.n_cells == 7
+    shortest_s = min(map(length_m, permutations(range(7)))) / config.speed_mps
+    hover_s = sum(errands.hover_s[cell] for cell in range(7))
+    assert best_alone(scenario, errands, 0)[-1][0] == pytest.approx(shortest_s + hover_s)
+
+
+def test_one_uav_and_one_data_cell_take_what_was_worked_out_by_hand() -> None:
+    scenario = tiny(uav(10.0), sensors=[(75.0, 25.0, 2.0)])
+    hover_s = 2e6 / rate_bps(1e6)
+    for plan in plans(bound(scenario)):
+        assert plan.cells == ((CELL_A,),)
+        assert plan.completion_s == pytest.approx(10.0 + hover_s, rel=1e-6)
+        assert plan.total_energy_j == pytest.approx(2 * MOVE_10_J + HOVER_W * hover_s, rel=1e-6)
+
+
+def test_the_fast_uav_saves_energy_and_the_slow_one_time() -> None:
+    shortest, thriftiest = plans(bound(tiny()))
+    assert thriftiest.cells == ((), (CELL_A, CELL_B))
+    assert thriftiest.landed_s[0] == thriftiest.energy_j[0] == 0.0
+    assert shortest.cells == ((CELL_A,), (CELL_B,))
+    assert shortest.completion_s < thriftiest.completion_s
+
+
+@pytest.mark.parametrize('allocator', ['exact', 'equal'])
+@pytest.mark.parametrize('name', ['paper_8x8', 'paper_10x10', 'lillgrund'])
+def test_the_world_flies_a_plan_in_the_time_and_by_the_energy_that_it_says(
+    name: str, allocator: str
+) -> None:
+    for seed in (3, 4):
+        check_flies(load(name), seed, allocator)
+
+
+def test_plans_with_estimated_channels_fly() -> None:
+    check_flies(load('paper_8x8', {'radio.csi_error_variance': 0.1, 'radio.n_antennas': 2}), 1)
+
+
+def test_plans_of_any_fleet_fly_from_anywhere_to_anywhere() -> None:
+    for seed in range(40):
+        check_flies(random_world(seed), seed)
+    three = [uav(5.0, (0, 3), (10.0, 190.0)), uav(20.0, (3, 3)), uav(8.0, (2, 1))]
+    check_flies(tiny(*three, **FADING))
+
+
+def test_a_cell_on_the_way_is_served_when_the_uav_first_comes_there() -> None:
+    # From 0 to 3, then back to 1: the way to 3 leads over 1.
+    assert bound_module._flight(4, 0, [3, 1, 0]) == ([0, 1, 3], [0, 2, 0, 2, 2, 0])
+
+
+def test_where_nothing_waits_the_plan_is_to_fly_home() -> None:
+    # One of two cells is drawn, and the first holds nothing.
+    sensors = [(75.0, 25.0, 0.0), (125.0, 125.0, 1.0)]
+    away = [uav(5.0, (1, 0), (25.0, 175.0)), uav(10.0)]
+    scenario = tiny(*away, sensors=sensors, demand__cell_share=0.01)
+    [seed, *_] = [seed for seed in range(20) if bound(scenario, seed).n_data_cells == 0]
+    found = bound(scenario, seed)
+    for plan in plans(found):
+        assert plan.cells == ((), ())
+        assert plan.completion_s == pytest.approx(20.0)
+        assert found.least_completion_s == pytest.approx(20.0)
+        assert found.least_energy_j == pytest.approx(plan.total_energy_j)
+    check_flies(scenario, seed)
+
+
+# Budgets
+
+
+def test_plans_keep_to_the_energy_budgets() -> None:
+    rich, poor = (
+        tiny(uav(10.0, energy_budget_kj=kj), uav(10.0, energy_budget_kj=kj)) for kj in (100.0, 5.4)
+    )
+    thriftiest_rich, thriftiest_poor = plans(bound(rich))[1], plans(bound(poor))[1]
+    assert sorted(map(len, thriftiest_rich.cells)) == [0, 2]
+    assert max(thriftiest_rich.energy_j) > 4.4e3  # of 5.4 kJ one must be left
+    assert sorted(map(len, thriftiest_poor.cells)) == [1, 1]
+    assert max(thriftiest_poor.energy_j) <= 4.4e3
+    check_flies(poor)
+
+
+def test_without_the_energy_there_is_no_plan_but_still_a_limit() -> None:
+    scenario = tiny(uav(10.0, energy_budget_kj=4.0), uav(10.0, energy_budget_kj=4.0))
+    found = bound(scenario)
+    assert found.shortest is found.thriftiest is None
+    assert found.least_energy_j > 0.0
+    numbers = bound_numbers(found)
+    assert math.isnan(numbers['shortest_completion_s'])
+    assert mean_numbers([numbers], seed=0) == (0, {})
+
+
+# The limits
+
+
+@pytest.mark.parametrize('allocator', ['exact', 'equal'])
+@pytest.mark.parametrize('policy', ['sweep', 'hert'])
+def test_no_policy_that_collects_everything_gets_beyond_the_limits(
+    policy: str, allocator: str
+) -> None:
+    scenario = load('paper_8x8')
+    logs = fly(scenario, build_site(scenario), range(20), policy, allocator)
+    for mission in map(figures, logs):
+        found = bound(scenario, mission.mission_seed, allocator)
+        assert mission.is_complete
+        assert found.least_completion_s < mission.completion_s
+        assert found.least_energy_j < mission.energy_j
+
+
+def test_limits_lie_below_the_plans_of_many_uavs() -> None:
+    for seed in range(5):
+        scenario = load('paper_10x10')
+        fleet = scenario.fleet.model_copy(update={'uavs': scenario.uavs * 3})
+        found = bound(scenario.model_copy(update={'fleet': fleet}), seed)
+        shortest, thriftiest = plans(found)
+        assert 0.5 * shortest.completion_s < found.least_completion_s <= shortest.completion_s
+        low_j, high_j = 0.8 * thriftiest.total_energy_j, thriftiest.total_energy_j
+        assert low_j < found.least_energy_j <= high_j
+
+
+def test_the_limit_of_energy_is_close_in_the_papers_scenario() -> None:
+    for seed in range(5):
+        found = bound(load('paper_10x10'), seed)
+        assert found.least_energy_j > 0.95 * plans(found)[1].total_energy_j
+
+
+def test_limits_hold_whatever_steps_are_made_to() -> None:
+    for seed in range(30):
+        scenario = random_world(seed)
+        errands = errands_of(scenario, build_site(scenario), seed, 'exact')
+        least_s, least_j = best_together(scenario, errands)
+        for factor in (0.5, 1.0, 3.0):
+            assert least_completion_s(errands, factor * 500.0, factor * least_s) <= least_s
+            assert least_energy_j(errands, factor * least_j) <= least_j
+
+
+def test_no_visit_of_any_uav_draws_a_shorter_hover_than_the_limit_counts_with() -> None:
+    scenario = tiny(sensors=[(60.0, 40.0, 1.0)], **FADING)
+    errands = errands_of(scenario, build_site(scenario), 0, 'exact')
+    ground = lay_out(scenario, build_site(scenario))
+    best = max(
+        channel_draw(
+            0, index, 0, visit, 1, ground.los_probability[0], ground.path_gain[0],
+            ground.nlos_attenuation, ground.rician_factor[0],
+        )[0]
+        for index in range(2)
+        for visit in range(2000)
+    )  # fmt: skip
+    signal_w = scenario.radio.tx_power_w * best
+    noise_w = scenario.radio.noise_w_per_hz * scenario.bandwidth_hz
+    hover_s = 1e6 / (scenario.bandwidth_hz * math.log2(1.0 + signal_w / noise_w))
+    assert 0.9 * hover_s < errands.least_hover_s[0] < hover_s
+    assert min(errands.hover_s) > hover_s * (1.0 - 1e-9)
+
+
+# What is kept on the disk
+
+
+def bounds_of_a_few() -> str:
+    scenario = load('paper_8x8')
+    site = build_site(scenario)
+    return repr([bound_module._find(errands_of(scenario, site, seed, 'exact'), seed, 200)
+                 for seed in range(3)])  # fmt: skip
+
+
+def test_compiled_and_interpreted_the_bound_is_the_same() -> None:
+    assert interpreted(bounds_of_a_few) == bounds_of_a_few()
+
+
+def searched(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """The seeds that were searched from now on."""
+    seeds: list[int] = []
+    search = bound_module._find
+
+    def find(errands: Errands, mission_seed: int, n_rounds: int) -> Bound:
+        seeds.append(mission_seed)
+        return search(errands, mission_seed, n_rounds)
+
+    monkeypatch.setattr(bound_module, '_find', find)
+    return seeds
+
+
+def test_a_bound_is_searched_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    seeds = searched(monkeypatch)
+    scenario = tiny(**FADING)
+    first = bound(scenario, 5)
+    assert bound(scenario, 5) == first
+    assert seeds == [5]
+    bound(scenario, 6)
+    bound(scenario, 5, 'equal')
+    bound_of(scenario, build_site(scenario), 5, n_rounds=10)
+    bound(tiny(**FADING, demand__cell_share=0.5), 5)
+    assert seeds == [5, 6, 5, 5, 5]
+    assert bound(scenario, 5, 'cvxpy') == first
+    assert len(seeds) == 5
+
+
+@pytest.mark.parametrize('text', ['', '{', '[]', '{"mission_seed": 5}', '{"shortest": 3}', '\xff'])
+def test_a_broken_file_is_searched_again(
+    text: str, cache_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = bound(tiny(), 5)
+    [file] = cache_folder.rglob('5.json')
+    file.write_text(text, encoding='latin-1')
+    seeds = searched(monkeypatch)
+    assert bound(tiny(), 5) == bound(tiny(), 5) == first
+    assert seeds == [5]
+
+
+def test_without_room_on_the_disk_the_bound_is_found_all_the_same(
+    cache_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cache_folder.write_text('no folder')
+    seeds = searched(monkeypatch)
+    assert bound(tiny(), 5) == bound(tiny(), 5)
+    assert seeds == [5, 5]
+
+
+# Shares of it
+
+
+def test_a_share_is_1_where_a_mission_is_as_good_as_the_plan() -> None:
+    scenario = load('paper_8x8')
+    found = bound(scenario, 2)
+    shortest, thriftiest = plans(found)
+    assert time_share(flown(scenario, shortest, 2), found) == pytest.approx(1.0)
+    assert efficiency_share(flown(scenario, thriftiest, 2), found) == pytest.approx(1.0)
+    reached = shares(flown(scenario, shortest, 2), found)
+    assert reached['efficiency_share_of_shortest'] == pytest.approx(1.0)
+    least_j = thriftiest.total_energy_j
+    assert reached['efficiency_share'] == pytest.approx(least_j / shortest.total_energy_j)
+
+
+def test_a_mission_that_left_data_behind_has_no_share() -> None:
+    scenario = tiny()
+    left = figures(fly_scripts(scenario, [], []))
+    assert not left.is_complete
+    assert all(map(math.isnan, shares(left, bound(scenario)).values()))
+
+
+def shown(table: object) -> str:
+    from io import StringIO
+
+    from rich.console import Console
+
+    text = StringIO()
+    Console(file=text, width=100).print(table)
+    return text.getvalue()
+
+
+def test_tables_of_a_mission_tell_how_near_it_came() -> None:
+    scenario = load('paper_8x8')
+    [log] = fly(scenario, build_site(scenario), [4], 'sweep')
+    mission, found = figures(log), bound(scenario, 4)
+    lines = shown(mission_tables(log.header, mission, None, found)).splitlines()
+    for name, share in (
+        ('completion time', time_share(mission, found)),
+        ('energy efficiency', efficiency_share(mission, found)),
+    ):
+        [line] = [line for line in lines if name in line]
+        assert f'{math.floor(1000 * share) / 10:.1f} % of the clairvoyant plan' in line
+    assert 'clairvoyant' not in shown(mission_tables(log.header, mission))
+    rows = shown(comparison_table({'sweep': mission}, found))
+    for name, plan in zip(('shortest', 'thriftiest'), plans(found), strict=True):
+        [line] = [line for line in rows.splitlines() if f'{name} plan' in line]
+        assert f'{plan.completion_s:.1f}' in line
+        assert f'{plan.total_energy_j / 1e3:.2f}' in line
+
+
+# The commands
+
+FEW = ('--scenario', 'paper_8x8', '--missions', '6', '--seed', '5')
+
+
+def test_the_command_writes_what_it_shows(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files = tmp_path / 'bound.json', tmp_path / 'bound.csv'
+    written = ['--json', str(files[0]), '--csv', str(files[1])]
+    assert main(['bound', *FEW, '--bandwidth', 'equal', 'exact', *written]) == 0
+    printed = capsys.readouterr().out
+    for words in (
+        'shortest plan',
+        'thriftiest plan',
+        'no flight beyond',
+        'kbit/J',
+        '% of the time',
+    ):
+        assert words in printed
+    document = json.loads(files[0].read_text())
+    assert [*document] == ['equal', 'exact']
+    assert document['equal']['missions'] == document['equal']['missions_with_plans'] == 6
+    with files[1].open(newline='') as lines:
+        rows = list(csv.DictReader(lines))
+    assert [int(row['mission_seed']) for row in rows] == [*range(5, 11)] * 2
+    for allocator, some in (('equal', rows[:6]), ('exact', rows[6:])):
+        for key in ('shortest_completion_s', 'thriftiest_energy_kj', 'limit_energy_kj'):
+            mean = np.mean([float(row[key]) for row in some])
+            assert document[allocator][key]['mean'] == pytest.approx(mean)
+    found = bound(load('paper_8x8'), 5, 'equal')
+    assert float(rows[0]['shortest_completion_s']) == plans(found)[0].completion_s
+
+
+def test_more_rounds_find_no_worse_plans_on_average(tmp_path: Path) -> None:
+    means = []
+    for rounds in ('0', '300', '6000'):
+        file = tmp_path / f'{rounds}.json'
+        assert main(['bound', *FEW, '--rounds', rounds, '--json', str(file)]) == 0
+        means.append(json.loads(file.read_text())['exact']['shortest_completion_s']['mean'])
+    assert means[0] > means[1] >= means[2]
+
+
+def test_the_command_says_where_there_is_no_plan(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / 'bound.csv'
+    budget = ['--set', 'fleet.default.energy_budget_kj=8']
+    assert main(['bound', *FEW, *budget, '--csv', str(file)]) == 0
+    assert 'no plan within the energy budgets was found in 6 missions' in capsys.readouterr().out
+    with file.open(newline='') as lines:
+        rows = list(csv.DictReader(lines))
+    assert {row['shortest_completion_s'] for row in rows} == {''}
+    assert all(float(row['limit_energy_kj']) > 0 for row in rows)
+
+
+def test_evaluate_shows_how_near_policies_come_to_the_plans(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files = tmp_path / 'figures.json', tmp_path / 'missions.csv'
+    written = ['--json', str(files[0]), '--csv', str(files[1])]
+    policies = ['--policy', 'sweep', 'hert', '--bandwidth', 'equal']
+    assert main(['evaluate', *FEW, *policies, '--bound', *written]) == 0
+    assert '% of the clairvoyant plan' in capsys.readouterr().out
+    document = json.loads(files[0].read_text())
+    scenario = load('paper_8x8')
+    logs = fly(scenario, build_site(scenario), range(5, 11), 'hert', 'equal')
+    reached = [
+        time_share(figures(log), bound(scenario, log.header.mission_seed, 'equal')) for log in logs
+    ]
+    assert document['hert']['bound']['missions'] == 6
+    assert document['hert']['bound']['time_share']['mean'] == pytest.approx(np.mean(reached))
+    with files[1].open(newline='') as lines:
+        rows = [row for row in csv.DictReader(lines) if row['policy'] == 'hert']
+    assert [float(row['time_share']) for row in rows] == pytest.approx(reached)
+
+
+def test_evaluate_leaves_the_bound_out_unless_it_is_asked_for(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / 'missions.csv'
+    assert main(['evaluate', *FEW, '--policy', 'hert', '--csv', str(file)]) == 0
+    assert 'clairvoyant' not in capsys.readouterr().out
+    assert 'time_share' not in file.read_text()
+
+
+def test_report_tells_how_near_a_mission_came(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scenario = load('paper_8x8')
+    [log] = fly(scenario, build_site(scenario), [4], 'sweep', 'equal')
+    (tmp_path / 'mission.jsonl').write_bytes(log.to_jsonl())
+    assert main(['report', str(tmp_path)]) == 0
+    share = time_share(figures(log), bound(scenario, 4, 'equal'))
+    wanted = f'{math.floor(1000 * share) / 10:.1f} % of the clairvoyant plan'
+    assert wanted in capsys.readouterr().out
+
+
+def test_report_is_silent_where_a_bound_takes_too_long(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from uav_collect.commands import report
+
+    monkeypatch.setattr(report, '_MAX_DATA_CELLS', 19)  # 0.3 of 64 is more
+    scenario = load('paper_8x8')
+    [log] = fly(scenario, build_site(scenario), [4], 'sweep')
+    (tmp_path / 'mission.jsonl').write_bytes(log.to_jsonl())
+    assert main(['report', str(tmp_path)]) == 0
+    assert 'clairvoyant' not in capsys.readouterr().out

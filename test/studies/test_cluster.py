@@ -1,0 +1,49 @@
+"""The same jobs on a real Ray cluster of this machine, with two workers."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from episodes import single_threaded_torch
+import pytest
+from study_jobs import (
+    by_digest,
+    done_by,
+    flights,
+    kept,
+    needs_compiled_kernels,
+    Saboteur,
+    training,
+)
+from uav_collect.studies.jobs.jobs import Job
+from uav_collect.studies.jobs.processes import Processes
+from uav_collect.studies.jobs.store import Store
+
+pytest.importorskip('ray', reason='needs what requirements/cluster.txt lists')
+single_threaded_torch()
+from uav_collect.studies.jobs.cluster import Cluster
+
+pytestmark = needs_compiled_kernels
+
+
+def jobs() -> Mapping[str, Job]:
+    trainings = training(seed=0), training(seed=1)
+    return by_digest(*trainings, flights(*trainings), flights(policy='nobody'))
+
+
+# Ray leaves sockets to the garbage collector.
+@pytest.mark.filterwarnings('ignore::ResourceWarning')
+def test_a_cluster_that_loses_a_worker_gives_what_one_process_gives(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Without an address a cluster of this machine is meant, whatever others there are.
+    monkeypatch.setenv('RAY_ADDRESS', '127.0.0.1:1')
+    here, there = Store(tmp_path / 'here'), Store(tmp_path / 'there')
+    at_home = done_by(Processes(1), jobs(), here)
+    cluster = Saboteur(Cluster(None, 2))
+    abroad = done_by(cluster, jobs(), there, checkpoint_s=0.0)
+    [killed] = cluster.killed
+    assert abroad.n_lost == 1
+    assert there.cost(killed).n_interruptions == 1
+    assert kept(there) == kept(here) != {}
+    assert (abroad.done, abroad.failures.keys()) == (at_home.done, at_home.failures.keys())
+    assert all('nobody' in why for why in abroad.failures.values())

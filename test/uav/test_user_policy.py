@@ -1,0 +1,244 @@
+"""Policies that users name as module:function fly everywhere alike, and fail in one line."""
+
+import json
+from pathlib import Path
+import shutil
+import sys
+
+from fleets import Fleet, logs, scenario_of
+from interpreted import interpreted
+from processes import Processes
+import pytest
+from tiny_world import tiny
+from uav_collect.__main__ import main
+from uav_collect.analysis.metrics import check_log, figures
+from uav_collect.missions.rollout import fly
+from uav_collect.recording.mission_log import MissionLog
+from uav_collect.scenario.load import Scenario
+from uav_collect.scenario.site import build_site
+from uav_collect.uav.policy import policy_for
+from uav_collect.uav.policy_network import PolicyMismatchError
+from uav_collect.uav.user_policy import callable_policy, is_callable_name
+
+SEEDS = [3, 4]
+HELPERS = Path(__file__).parents[1] / 'helpers'
+
+
+def flown(policy: str, scenario: Scenario | None = None) -> list[MissionLog]:
+    scenario = scenario or scenario_of(2, fleet__default__energy_budget_kj=60.0)
+    return fly(scenario, build_site(scenario), SEEDS, policy)
+
+
+def failure(policy: str, scenario: Scenario | None = None) -> str:
+    """The one line that a mission of the policy ends with."""
+    with pytest.raises(PolicyMismatchError) as raised:
+        flown(policy, scenario)
+    text = str(raised.value)
+    assert '\n' not in text
+    assert text.startswith(f'policy {policy}: ')
+    return text
+
+
+def logs_of_all() -> str:
+    names = ('nearest', 'Wanderer')
+    return ''.join(
+        log.to_jsonl().decode() for name in names for log in flown(f'user_policies:{name}')
+    )
+
+
+def kinds_of_rows() -> str:
+    return failure('user_policies:kinds')
+
+
+# Flying.
+
+
+def test_a_function_flies_a_mission_and_stands_in_its_log() -> None:
+    for log in flown('user_policies:nearest'):
+        check_log(log)
+        assert figures(log).is_complete
+        assert {uav.policy for uav in log.header.uavs} == {'user_policies:nearest'}
+
+
+def test_a_mission_of_a_function_or_class_is_the_same_compiled_and_interpreted() -> None:
+    assert logs_of_all() == interpreted(logs_of_all)
+
+
+def test_what_a_function_gets_has_the_same_types_compiled_and_interpreted() -> None:
+    told = kinds_of_rows()
+    assert told == interpreted(kinds_of_rows)
+    # The map, where no sensor is below, and what is legal.
+    for kind in ('uint8(100,)', 'int64(0,)', 'float64(0,)', 'int64(5,)'):
+        assert kind in told
+
+
+def test_a_class_remembers_for_one_uav_and_one_mission() -> None:
+    name = 'user_policies:Wanderer'
+    scenario = scenario_of(3, fleet__default__energy_budget_kj=20.0)
+    together = fly(scenario, build_site(scenario), [0, 1], name)
+    [alone] = fly(scenario, build_site(scenario), [1], name)
+    assert together[1].to_jsonl() == alone.to_jsonl()
+    # Hover, north and east are legal in the corner; counts begin with the UAV's index.
+    firsts = alone.events[alone.events['decision'] == 0]
+    assert firsts['action'].tolist() == [1, 2, 0]
+
+
+def test_a_function_that_writes_over_what_it_gets_changes_nothing() -> None:
+    tidy, untidy = flown('user_policies:nearest'), flown('user_policies:scribbler')
+    assert [log.events.tobytes() for log in tidy] == [log.events.tobytes() for log in untidy]
+
+
+def test_a_function_may_send_its_uav_home() -> None:
+    for log in flown('user_policies:homebird'):
+        assert len(log.events) == 2
+        assert figures(log).is_finished
+
+
+def test_evaluate_flies_functions_beside_other_policies(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, name = tmp_path / 'figures.json', 'user_policies:nearest'
+    options = ['--missions', '2', '--seed', '3', '--compare', '--json', str(path)]
+    assert main(['evaluate', '--policy', name, 'sweep', *options]) == 0
+    assert name in capsys.readouterr().out
+    written = json.loads(path.read_text())[name]
+    assert written['policy'] == name
+    times_s = [figures(log).completion_s for log in flown(name, scenario_of(2))]
+    assert written['completion_s']['mean'] == pytest.approx(sum(times_s) / 2, rel=1e-12)
+    assert set(written['minus']) == {'sweep'}
+
+
+def test_a_module_lies_in_the_working_directory_and_its_text_is_the_version(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, 'path', [path for path in sys.path if path])
+    versions = []
+    for text in ('def go(s):\n    return 5\n', 'def go(s):\n    return 1\n'):
+        Path('my_own_policies.py').write_text(text)
+        monkeypatch.delitem(sys.modules, 'my_own_policies', raising=False)
+        versions.append(callable_policy('my_own_policies:go').version)
+    assert len({*versions}) == 2
+    assert all(len(version) == 12 for version in versions)
+
+
+# Failing.
+
+
+@pytest.mark.parametrize(
+    ('name', 'words'),
+    [
+        ('nowhere_at_all:go', 'there is no module nowhere_at_all in /'),
+        ('user_policies.deep:go', 'there is no module user_policies.deep in /'),
+        ('user_policies:missing', 'module user_policies has no missing'),
+        ('user_policies:NUMBER', 'NUMBER is a int: must be a function'),
+        ('user_policies:Stillborn', 'UAV 1, at the start: OSError: no memory for UAV 0 (user_'),
+        ('user_policies:Speechless', 'a Speechless cannot be called'),
+    ],
+)
+def test_what_cannot_fly_is_refused_before_anything_flies(name: str, words: str) -> None:
+    with pytest.raises(PolicyMismatchError) as raised:
+        policy_for(name, tiny())
+    assert str(raised.value).startswith(f'policy {name}: {words}')
+
+
+@pytest.mark.parametrize(
+    ('text', 'words'),
+    [
+        ('1 / 0', 'ZeroDivisionError: division by zero'),
+        ('import nothing_like_it', "ModuleNotFoundError: No module named 'nothing_like_it'"),
+        ('raise SystemExit(3)', 'SystemExit: 3'),
+        ('def (', 'SyntaxError: invalid syntax'),
+    ],
+)
+def test_a_module_that_fails_is_told_with_its_reason(
+    text: str, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / 'my_broken_policies.py').write_text(text)
+    monkeypatch.delitem(sys.modules, 'my_broken_policies', raising=False)
+    with pytest.raises(PolicyMismatchError) as raised:
+        callable_policy('my_broken_policies:go')
+    told = 'policy my_broken_policies:go: module my_broken_policies cannot be imported: '
+    assert str(raised.value).startswith(told + words)
+
+
+@pytest.mark.parametrize(
+    ('name', 'words'),
+    [
+        ('westward', 'UAV 1 at 0.0 s in cell 0: 4 is no legal action; legal are [1, 2] and 5 to'),
+        ('by_name', "UAV 1 at 0.0 s in cell 0: 'north' is no legal action; legal are [1, 2]"),
+        (
+            'divider',
+            'UAV 1 at 0.0 s in cell 0: ZeroDivisionError: division by zero (user',
+        ),
+        (
+            'greedy_for_arguments',
+            'UAV 1 at 0.0 s in cell 0: TypeError: greedy_for_arguments() ',
+        ),
+        ('script', 'UAV 1 at 0.0 s in cell 0: TypeError: script() takes 0 positional arguments'),
+        ('late', 'RuntimeError: the wind is too strong (user_policies.py, line '),
+    ],
+)
+def test_what_fails_in_flight_is_told_with_uav_time_place_and_line(name: str, words: str) -> None:
+    assert words in failure(f'user_policies:{name}', tiny())
+
+
+def test_a_failing_function_ends_evaluate_with_one_line(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(['evaluate', '--policy', 'user_policies:late', '--missions', '1']) == 2
+    shown = capsys.readouterr()
+    assert shown.err.startswith('error: policy user_policies:late: UAV ')
+    assert shown.err.count('\n') == 1
+
+
+@pytest.mark.parametrize(
+    ('name', 'is_one'),
+    [
+        ('pilots:go', True),
+        ('our.pilots:Go', True),
+        ('pilots:', False),
+        (':go', False),
+        ('pilots', False),
+        ('pilots:go:on', False),
+        ('runs/a:b.safetensors', False),
+    ],
+)
+def test_a_function_is_named_by_its_module_and_its_name(name: str, is_one: bool) -> None:
+    assert is_callable_name(name) is is_one
+
+
+# Over ROS.
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize('name', ['nearest', 'Wanderer'])
+def test_missions_over_ros_equal_those_flown_in_one_process(
+    name: str, processes: Processes, tmp_path: Path
+) -> None:
+    shutil.copy(HELPERS / 'user_policies.py', tmp_path)  # where the processes run
+    scenario = scenario_of(2, fleet__default__energy_budget_kj=60.0)
+    fleet = Fleet(processes=processes, scenario=scenario, folder=tmp_path / 'run')
+    fleet.start_agents(f'user_policies:{name}')
+    world = fleet.start_world(seed=SEEDS[0], missions=len(SEEDS), decision_timeout_s=100.0)
+    expected = logs(scenario, SEEDS, f'user_policies:{name}')
+    assert world.wait_for_exit() == 0
+    assert fleet.logs(SEEDS) == expected
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize(
+    ('name', 'words'),
+    [('missing', 'has no missing'), ('late', r'RuntimeError: the wind is too strong \(user_')],
+)
+def test_an_agent_whose_function_fails_ends_with_one_line(
+    name: str, words: str, processes: Processes, tmp_path: Path
+) -> None:
+    shutil.copy(HELPERS / 'user_policies.py', tmp_path)  # where the processes run
+    fleet = Fleet(processes=processes, scenario=scenario_of(1), folder=tmp_path / 'run')
+    fleet.start_world(decision_timeout_s=100.0)
+    agent = fleet.start_agent(1, f'user_policies:{name}')
+    assert agent.wait_for_exit() == 2
+    agent.wait_for(f'policy user_policies:{name}: .*{words}')
+    assert 'Traceback' not in agent.output
