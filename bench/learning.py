@@ -5,8 +5,8 @@ python bench/learning.py [--quick]
 The plain learner is one as most are written, over padded steps: missions lie side by side as
 steps; at each one every UAV's GRU cell runs, whether that UAV decides or another one, and what
 belongs to no decision is masked afterwards, as EPyMARL's QLearner does. It learns the same as
-`uav_collect.learning.learner` does, AQMIX with one-step targets or lambda-returns: losses and gradients
-agree to rounding.
+`learning.learner` does, AQMIX with one-step targets or lambda-returns: losses and gradients agree
+to rounding.
 """
 
 from collections.abc import Callable, Iterator, Sequence

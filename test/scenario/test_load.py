@@ -250,7 +250,7 @@ def test_the_fingerprint_ignores_name_order_and_comments(tmp_path: Path) -> None
 
 def test_the_fingerprint_is_the_same_in_every_process() -> None:
     printed = printed_by(
-        'from uav_collect import scenario as s; print(s.fingerprint(s.load("paper_10x10")))'
+        'from uav_collect.scenario import load as s; print(s.fingerprint(s.load("paper_10x10")))'
     )
     assert printed.strip() == fingerprint(load('paper_10x10')) == 'ce37799ee3bb718d'
 
