@@ -15,7 +15,8 @@ from uav_collect.missions.rollout import fly
 from uav_collect.missions.simulation import Event, Simulation
 from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site
-from uav_collect.uav.agent import Agent, allocator_named, Decision, RadioMessage
+from uav_collect.uav.agent import Agent, allocator_named
+from uav_collect.uav.messages import Decision, RadioMessage
 from uav_collect.uav.policy import policy_named
 
 _SPEEDS_MPS = (5.0, 10.0, 7.5, 12.5)

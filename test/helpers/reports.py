@@ -38,8 +38,8 @@ from uav_collect.uav.exploration import explore
 from uav_collect.uav.observation import encode, Layout, observation_size
 from uav_collect.uav.policy import LearnedPolicy
 from uav_collect.uav.policy_network import best_actions, FrozenPolicy
+from uav_collect.uav.view import LocalView
 from uav_collect.world.reward import Reward
-from uav_collect.world.state import LocalView
 
 
 @dataclass(frozen=True, kw_only=True)

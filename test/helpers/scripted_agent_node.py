@@ -15,10 +15,11 @@ from uav_collect.nodes import convert, topics
 from uav_collect.nodes.middleware import find_each_other_quickly
 from uav_collect.nodes.topics import publisher, subscription
 from uav_collect.scenario.load import from_yaml, Scenario
-from uav_collect.uav.agent import Agent, allocator_named, Decision, RadioMessage
+from uav_collect.uav.agent import Agent, allocator_named
 from uav_collect.uav.briefing import brief
+from uav_collect.uav.messages import Decision, RadioMessage
 from uav_collect.uav.policy import policy_named
-from uav_collect.world.state import LocalView
+from uav_collect.uav.view import LocalView
 from uav_collect_msgs.srv import ControlMission, Join
 
 INSTANCE = 'stand-in'

@@ -19,10 +19,11 @@ from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.uav.actions import HOME
-from uav_collect.uav.agent import Agent, allocator_named, Decision
+from uav_collect.uav.agent import Agent, allocator_named
 from uav_collect.uav.belief import Belief
 from uav_collect.uav.briefing import Briefing
-from uav_collect.world.state import LocalView
+from uav_collect.uav.messages import Decision
+from uav_collect.uav.view import LocalView
 
 CELL_A = 1
 CELL_B = 10

@@ -7,8 +7,9 @@ from fleets import Pilots
 import pytest
 from tiny_world import tiny, uav
 from uav_collect.scenario.load import Scenario
-from uav_collect.uav.agent import Agent, allocator_named, Decision
+from uav_collect.uav.agent import Agent, allocator_named
 from uav_collect.uav.briefing import brief
+from uav_collect.uav.messages import Decision
 from uav_collect.uav.policy import policy_named
 
 pytest.importorskip('rclpy')

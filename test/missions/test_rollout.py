@@ -18,7 +18,7 @@ from uav_collect.uav.belief import Belief
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.policy import Policy, policy_named
 from uav_collect.uav.policy_network import PolicyMismatchError
-from uav_collect.world.state import LocalView
+from uav_collect.uav.view import LocalView
 
 SPEEDS_MPS = (5.0, 10.0, 7.5, 12.0)
 N_SEEDS = 20

@@ -26,10 +26,11 @@ from uav_collect.uav.actions import (
     N_ACTIONS,
     RIGHT,
 )
-from uav_collect.uav.agent import Agent, allocator_named, Decision
+from uav_collect.uav.agent import Agent, allocator_named
 from uav_collect.uav.belief import Belief
 from uav_collect.uav.briefing import Briefing
-from uav_collect.world.state import LocalView
+from uav_collect.uav.messages import Decision
+from uav_collect.uav.view import LocalView
 
 BANDWIDTH_HZ = 1e6  # of the only UAV
 SENSORS_B = (1, 2)

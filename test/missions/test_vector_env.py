@@ -22,7 +22,7 @@ from uav_collect.uav.belief import Belief
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.observation import encode, Layout, observation_size
 from uav_collect.uav.policy import Policy, policy_named
-from uav_collect.world.state import LocalView
+from uav_collect.uav.view import LocalView
 
 SEEDS = (3, 4, 5)
 

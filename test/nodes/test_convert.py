@@ -17,9 +17,9 @@ from uav_collect.missions.simulation import Event
 from uav_collect.nodes import convert
 from uav_collect.recording.mission_log import EVENT_DTYPE
 from uav_collect.uav import actions
-from uav_collect.uav.agent import Decision, RadioMessage
 from uav_collect.uav.belief import Belief, NEVER
-from uav_collect.world.state import LocalView
+from uav_collect.uav.messages import Decision, RadioMessage
+from uav_collect.uav.view import LocalView
 from uav_collect_msgs.msg import Epoch
 from uav_collect_msgs.srv import Join
 

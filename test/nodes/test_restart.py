@@ -13,7 +13,7 @@ from uav_collect.missions.simulation import mission_header
 from uav_collect.recording.mission_log import read
 from uav_collect.scenario.load import Scenario
 from uav_collect.uav import actions
-from uav_collect.uav.agent import Decision
+from uav_collect.uav.messages import Decision
 
 pytest.importorskip('rclpy')
 UavFigures = pytest.importorskip('uav_collect_msgs.msg').UavFigures

@@ -20,12 +20,13 @@ from uav_collect.uav.actions import (
     N_ACTIONS,
     RIGHT,
 )
-from uav_collect.uav.agent import Agent, allocator_named, Decision, new_desk, RadioMessage
+from uav_collect.uav.agent import Agent, allocator_named, new_desk
 from uav_collect.uav.belief import Belief, NEVER
 from uav_collect.uav.briefing import brief, Briefing
+from uav_collect.uav.messages import Decision, RadioMessage
 from uav_collect.uav.policy import policy_named
 from uav_collect.uav.policy_network import PolicyMismatchError
-from uav_collect.world.state import LocalView
+from uav_collect.uav.view import LocalView
 
 N_CELLS = 16
 

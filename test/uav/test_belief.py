@@ -14,7 +14,7 @@ from uav_collect.uav.belief import (
     observe,
 )
 from uav_collect.uav.briefing import brief, Briefing
-from uav_collect.world.state import LocalView
+from uav_collect.uav.view import LocalView
 
 N_CELLS = 16
 OUTSIDE = float('nan')

@@ -18,7 +18,7 @@ from uav_collect.uav.belief import Belief
 from uav_collect.uav.briefing import brief, Briefing
 from uav_collect.uav.heuristics import Heuristic, sector_start
 from uav_collect.uav.policy import Policy, policy_named
-from uav_collect.world.state import LocalView
+from uav_collect.uav.view import LocalView
 
 SPEEDS_MPS = ([5.0], [5.0, 10.0], [10.0, 5.0], [5.0, 5.0, 5.0], [5.0, 10.0, 7.5, 12.0, 3.0])
 RULES = tuple(rule.label for rule in Heuristic)

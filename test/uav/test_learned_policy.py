@@ -33,7 +33,7 @@ from uav_collect.uav.policy import (
 )
 from uav_collect.uav.policy_file import load_policy
 from uav_collect.uav.policy_network import FrozenPolicy, PolicyMismatchError
-from uav_collect.world.state import LocalView
+from uav_collect.uav.view import LocalView
 
 SPEEDS_MPS = (5.0, 10.0, 7.5)
 SEEDS = [3, 1, 4, 3]

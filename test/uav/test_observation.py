@@ -11,7 +11,7 @@ from uav_collect.uav.agent import must_go_home
 from uav_collect.uav.belief import Belief, belief_of, hear, merge, new_beliefs
 from uav_collect.uav.briefing import brief
 from uav_collect.uav.observation import encode, Layout, observation_bound, observation_size
-from uav_collect.world.state import LocalView
+from uav_collect.uav.view import LocalView
 
 # Parts of the egocentric layout.
 PATCH = 10

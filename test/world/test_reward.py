@@ -13,10 +13,11 @@ from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.uav.actions import BACKWARD, FORWARD, HOVER, LEFT, RIGHT
 from uav_collect.uav.briefing import brief, Briefing
+from uav_collect.uav.view import new_view_rows
 from uav_collect.world.dynamics import look, start_action
 from uav_collect.world.reward import interval_reward
-from uav_collect.world.sensor_field import Ground, lay_out
-from uav_collect.world.state import Mission, mission_of, new_missions, new_view_rows
+from uav_collect.world.sensor_field import Ground, lay_out, most_sensors
+from uav_collect.world.state import Mission, mission_of, new_missions
 
 PENALTY = 0.01
 LOG_GAMMA = math.log(0.99)
@@ -165,7 +166,7 @@ def in_flight() -> tuple[Briefing, Ground, Mission]:
     site = build_site(scenario)
     briefing, ground = brief(scenario), lay_out(scenario, site)
     mission = mission_of(new_missions(briefing, ground, [0]), 0)
-    rows = new_view_rows(ground)
+    rows = new_view_rows(most_sensors(ground))
     for unit, action in enumerate((HOVER, FORWARD)):
         view = look(briefing, ground, mission, unit, rows)
         start_action(briefing, mission, unit, view, action, row_of([briefing.bandwidth_hz]))

@@ -12,7 +12,7 @@ from typing import Any
 from uav_collect.lockstep.published_policy import Follower
 from uav_collect.nodes import convert
 from uav_collect.uav.agent import Agent
-from uav_collect.world.state import LocalView
+from uav_collect.uav.view import LocalView
 
 _NONE_YET = -1  # number of the mission before the first
 

@@ -12,7 +12,7 @@ from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.policy import ExploringPolicy, flown_version, LearnedPolicy, TOPIC
 from uav_collect.uav.policy_file import policy_from_bytes
 from uav_collect.uav.policy_network import FrozenPolicy, PolicyMismatchError
-from uav_collect.world.state import LocalView
+from uav_collect.uav.view import LocalView
 
 _KEPT = 4  # policies; a mission may begin with one that is no longer the latest
 

@@ -10,16 +10,10 @@ from uav_collect.uav.agent import allocate, Desk, must_go_home, new_desk
 from uav_collect.uav.belief import belief_of, Beliefs, hear, new_beliefs, observe
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.heuristics import MEMORY_SIZE
+from uav_collect.uav.view import LocalView, new_view_rows, ViewRows
 from uav_collect.world.dynamics import in_contact, look, x_m_at, y_m_at
-from uav_collect.world.sensor_field import Ground
-from uav_collect.world.state import (
-    LocalView,
-    mission_of,
-    Missions,
-    new_missions,
-    new_view_rows,
-    ViewRows,
-)
+from uav_collect.world.sensor_field import Ground, most_sensors
+from uav_collect.world.state import mission_of, Missions, new_missions
 
 
 class Batch(NamedTuple):
@@ -36,7 +30,7 @@ class Batch(NamedTuple):
 def new_batch(briefing: Briefing, ground: Ground, mission_seeds: Sequence[int]) -> Batch:
     """Missions at their start."""
     n_worlds, n_uavs = len(mission_seeds), briefing.n_uavs
-    view_rows = new_view_rows(ground)
+    view_rows = new_view_rows(most_sensors(ground))
     return Batch(
         missions=new_missions(briefing, ground, mission_seeds),
         beliefs=new_beliefs(briefing, n_worlds * n_uavs),

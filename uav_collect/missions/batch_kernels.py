@@ -14,6 +14,7 @@ from uav_collect.uav.belief import belief_of, forget
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.exploration import explore
 from uav_collect.uav.observation import encode
+from uav_collect.uav.view import LocalView
 from uav_collect.world.dynamics import end_s, look, next_uav, start_action, wait_for_the_slowest
 from uav_collect.world.reward import (
     discount,
@@ -24,7 +25,7 @@ from uav_collect.world.reward import (
     terminal_reward,
 )
 from uav_collect.world.sensor_field import Ground
-from uav_collect.world.state import LocalView, Mission, mission_of, restart_mission
+from uav_collect.world.state import Mission, mission_of, restart_mission
 
 _ENERGY = int(Reward.ENERGY)
 

@@ -10,9 +10,10 @@ from uav_collect.kernels.rows import grow_table, new_table
 from uav_collect.recording.mission_log import EVENT_DTYPE, Events
 from uav_collect.uav.actions import HOME
 from uav_collect.uav.briefing import Briefing
+from uav_collect.uav.view import LocalView
 from uav_collect.world.reward import interval_reward, terminal_reward
 from uav_collect.world.sensor_field import Ground
-from uav_collect.world.state import LocalView, Mission
+from uav_collect.world.state import Mission
 
 _ALL_BITS = 2**64 - 1
 

@@ -19,8 +19,9 @@ from uav_collect.uav.actions import N_ACTIONS, NONE
 from uav_collect.uav.belief import Belief, belief_of, Beliefs, new_beliefs
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.observation import encode
+from uav_collect.uav.view import LocalView, VIEW_CELLS
 from uav_collect.world.dynamics import x_m_at, y_m_at
-from uav_collect.world.state import ACTIVE, LocalView, Mission, VIEW_CELLS
+from uav_collect.world.state import ACTIVE, Mission
 
 N_UAV_SCALARS = 4  # of the global state: position, energy, whether it still decides
 _BYTE = 8

@@ -26,14 +26,13 @@ from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import Site
 from uav_collect.uav import actions
-from uav_collect.uav.actions import HOME, NONE
+from uav_collect.uav.actions import check_can_start, HOME, NONE
 from uav_collect.uav.agent import Agent, allocator_named
 from uav_collect.uav.belief import belief_of
 from uav_collect.uav.briefing import brief, Briefing
 from uav_collect.uav.heuristics import choose
 from uav_collect.uav.policy import LearnedPolicy, Policy, policy_for, RulePolicy
 from uav_collect.uav.policy_network import best_actions, PolicyMismatchError
-from uav_collect.uav.preflight import check_can_start
 from uav_collect.world.dynamics import end_s, next_uav, start_action
 from uav_collect.world.sensor_field import Ground, lay_out
 from uav_collect.world.state import mission_of

@@ -23,11 +23,11 @@ from uav_collect.recording.mission_log import Events, MissionHeader, MissionLog,
 from uav_collect.scenario.load import fingerprint, Scenario
 from uav_collect.scenario.site import Site
 from uav_collect.uav import actions
-from uav_collect.uav.actions import BY_POLICY, HOME, HOVER, N_ACTIONS
-from uav_collect.uav.agent import Decision, RadioMessage
+from uav_collect.uav.actions import BY_POLICY, check_can_start, HOME, HOVER, N_ACTIONS
 from uav_collect.uav.belief import Belief, belief_of, merge, new_beliefs
 from uav_collect.uav.briefing import brief
-from uav_collect.uav.preflight import check_can_start
+from uav_collect.uav.messages import Decision, RadioMessage
+from uav_collect.uav.view import LocalView, new_view_rows
 from uav_collect.world.dynamics import (
     end_s,
     has_landed,
@@ -38,8 +38,8 @@ from uav_collect.world.dynamics import (
     x_m_at,
     y_m_at,
 )
-from uav_collect.world.sensor_field import lay_out
-from uav_collect.world.state import LocalView, mission_of, new_missions, new_view_rows
+from uav_collect.world.sensor_field import lay_out, most_sensors
+from uav_collect.world.state import mission_of, new_missions
 
 KERNELS = (look, start_action)  # that Python calls once an event
 _FIRST_CAPACITY = 512  # events that the log has room for before it must grow
@@ -104,7 +104,7 @@ class Simulation:
         missions = new_missions(self.briefing, self._ground, [mission_seed])
         self._mission = mission_of(missions, 0)
         self._radios = new_beliefs(self.briefing, self.briefing.n_uavs)
-        self._view_rows = new_view_rows(self._ground)
+        self._view_rows = new_view_rows(most_sensors(self._ground))
         self._log = new_log(1, _FIRST_CAPACITY)
         self._capacity = _FIRST_CAPACITY
         self.n_events = 0

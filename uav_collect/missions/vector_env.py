@@ -38,10 +38,9 @@ from uav_collect.physics.bandwidth import AllocationError, EQUAL, EXACT
 from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import Site
-from uav_collect.uav.actions import N_ACTIONS, NONE
+from uav_collect.uav.actions import check_can_start, N_ACTIONS, NONE
 from uav_collect.uav.briefing import brief, Briefing
 from uav_collect.uav.observation import Layout, observation_size
-from uav_collect.uav.preflight import check_can_start
 from uav_collect.world.reward import Reward
 from uav_collect.world.sensor_field import demand_by_cell, lay_out
 from uav_collect.world.state import mission_of

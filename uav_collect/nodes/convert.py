@@ -11,9 +11,9 @@ from uav_collect.kernels.rows import row_of
 from uav_collect.lockstep.roster import Pilot
 from uav_collect.missions.simulation import Event
 from uav_collect.recording.mission_log import Events
-from uav_collect.uav.agent import Decision, RadioMessage
 from uav_collect.uav.belief import Belief
-from uav_collect.world.state import LocalView
+from uav_collect.uav.messages import Decision, RadioMessage
+from uav_collect.uav.view import LocalView
 from uav_collect_msgs.msg import Command, Epoch, Observation, Transition
 from uav_collect_msgs.msg import RadioMessage as RadioMessageMsg
 

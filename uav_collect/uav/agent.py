@@ -5,7 +5,6 @@ the same lines.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
 
@@ -25,8 +24,9 @@ from uav_collect.uav import actions
 from uav_collect.uav.actions import HOME, HOVER, N_ACTIONS, NONE
 from uav_collect.uav.belief import belief_of, forget, hear, new_beliefs, observe
 from uav_collect.uav.briefing import Briefing
+from uav_collect.uav.messages import Decision, RadioMessage
 from uav_collect.uav.policy import Policy
-from uav_collect.world.state import LocalView
+from uav_collect.uav.view import LocalView
 
 
 class Desk(NamedTuple):
@@ -40,27 +40,6 @@ class Desk(NamedTuple):
 
 # Shares the bandwidth of a view at a desk and returns the hover's duration [s].
 Allocator = Callable[[Briefing, LocalView, Desk], float]
-
-
-@dataclass(frozen=True, kw_only=True)
-class RadioMessage:
-    """What one UAV's radio sends: its map and where it is."""
-
-    sender: int  # index of the UAV
-    complete: Row[int]  # (C,), not to be written
-    x_m: float
-    y_m: float
-    time_s: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class Decision:
-    """What a UAV decided."""
-
-    action: int
-    reason: int
-    sensor: tuple[int, ...] = ()  # whose data a hover collects; empty for any other action
-    share_hz: tuple[float, ...] = ()  # bandwidth of each of them
 
 
 def new_desk(max_sensors: int) -> Desk:

@@ -11,7 +11,7 @@ from uav_collect.kernels.compile import kernel, row_kernel
 from uav_collect.kernels.rows import new_map_table, new_table
 from uav_collect.uav import actions
 from uav_collect.uav.briefing import Briefing
-from uav_collect.world.state import LocalView, VIEW_CELLS
+from uav_collect.uav.view import LocalView, VIEW_CELLS
 
 NEVER = -1.0  # a time at which nothing was heard
 

@@ -14,7 +14,7 @@ from uav_collect.uav import actions
 from uav_collect.uav.actions import COLUMN_STEP, FORWARD, HOME, HOVER, N_ACTIONS, ROW_STEP
 from uav_collect.uav.belief import Belief
 from uav_collect.uav.briefing import Briefing
-from uav_collect.world.state import LocalView
+from uav_collect.uav.view import LocalView
 
 MEMORY_SIZE = 4
 _STOPS_DONE = 0  # HERT: stops of the sector behind it; random: draws made

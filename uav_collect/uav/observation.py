@@ -19,7 +19,7 @@ from uav_collect.limits import EGOCENTRIC_MAX_UAVS
 from uav_collect.uav.actions import N_ACTIONS
 from uav_collect.uav.belief import Belief, NEVER
 from uav_collect.uav.briefing import Briefing
-from uav_collect.world.state import LocalView, VIEW_CELLS
+from uav_collect.uav.view import LocalView, VIEW_CELLS
 
 PATCH_SIDE = 9  # cells of the egocentric layout's fine patch
 NEAR_POOL_SIDE, NEAR_BLOCKS_SIDE = (

@@ -19,7 +19,7 @@ from uav_collect.uav.observation import encode
 from uav_collect.uav.policy_file import load_policy, SUFFIX
 from uav_collect.uav.policy_network import best_actions, FrozenPolicy, PolicyMismatchError
 from uav_collect.uav.user_policy import callable_policy, CallablePolicy, is_callable_name
-from uav_collect.world.state import LocalView
+from uav_collect.uav.view import LocalView
 
 STRONG = 'strong'  # stands for the learned policy that is shipped for the scenario at hand
 TOPIC = 'topic'  # stands for what a trainer publishes, for agents over ROS

@@ -25,7 +25,7 @@ from uav_collect.uav.actions import HOME, N_ACTIONS
 from uav_collect.uav.belief import Belief
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.policy_network import PolicyMismatchError
-from uav_collect.world.state import LocalView
+from uav_collect.uav.view import LocalView
 
 _VERSION_DIGITS = 12
 

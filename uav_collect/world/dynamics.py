@@ -13,8 +13,9 @@ from uav_collect.physics.radio import channel_draw, uplink_rate_bps
 from uav_collect.uav import actions
 from uav_collect.uav.actions import COLUMN_STEP, HOME, HOVER, ROW_STEP
 from uav_collect.uav.briefing import Briefing
+from uav_collect.uav.view import LocalView, VIEW_CELLS, ViewRows
 from uav_collect.world.sensor_field import Ground
-from uav_collect.world.state import ACTIVE, FLYING_HOME, LocalView, Mission, VIEW_CELLS, ViewRows
+from uav_collect.world.state import ACTIVE, FLYING_HOME, Mission
 
 
 @kernel

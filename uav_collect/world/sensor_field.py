@@ -85,6 +85,12 @@ def lay_out(scenario: Scenario, site: Site) -> Ground:
     )
 
 
+def most_sensors(ground: Ground) -> int:
+    """How many sensors the fullest cell has, 1 at least."""
+    first = ground.first_sensor
+    return max(1, *(first[cell + 1] - first[cell] for cell in range(len(first) - 1)))
+
+
 def demand_by_cell(first_sensor: Row[int], demand_bit: Row[float]) -> Floats:
     """The data of each cell's sensors, (C,)."""
     cells = range(len(first_sensor) - 1)

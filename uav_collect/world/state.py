@@ -1,11 +1,11 @@
-"""Missions as kernels read and write them: the rows of one, the tables of many, a UAV's view."""
+"""Missions as kernels read and write them: the rows of one, the tables of many."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.compile import kernel, row_kernel
-from uav_collect.kernels.rows import new_row, new_table
+from uav_collect.kernels.rows import new_table
 from uav_collect.uav.actions import NONE
 from uav_collect.uav.briefing import Briefing
 from uav_collect.world.sensor_field import draw_demand, Ground
@@ -13,8 +13,6 @@ from uav_collect.world.sensor_field import draw_demand, Ground
 # Phases of a UAV.
 ACTIVE = 0
 FLYING_HOME = 1
-
-VIEW_CELLS = 9  # the 3 x 3 region a UAV sees
 
 
 class Mission(NamedTuple):
@@ -73,35 +71,6 @@ class Missions(NamedTuple):
     upload_s: Row[Row[float]]
 
 
-class LocalView(NamedTuple):
-    """What one UAV sees when it decides: itself, the 3 x 3 region and its own cell's sensors."""
-
-    time_s: float
-    x_m: float
-    y_m: float
-    cell: int
-    energy_left_j: float
-    previous_action: int  # NONE at the start
-    region_bit: Row[
-        float
-    ]  # (9,) waiting data per cell from the south-west, row first; nan outside
-    n_sensors: int  # of the own cell that have data
-    sensor: Row[int]  # (n_sensors,) or longer
-    sensor_bit: Row[float]  # their data
-    sensor_gain: Row[float]  # estimated channel gain ||h||^2, linear
-    sensor_error_gain: Row[float]  # variance of its error, linear
-
-
-class ViewRows(NamedTuple):
-    """Rows that local views are written to."""
-
-    region_bit: Row[float]
-    sensor: Row[int]
-    sensor_bit: Row[float]
-    sensor_gain: Row[float]
-    sensor_error_gain: Row[float]
-
-
 def new_missions(briefing: Briefing, ground: Ground, mission_seeds: Sequence[int]) -> Missions:
     """Missions at their start: fully charged UAVs at their starts, demand drawn."""
     n_worlds, n_uavs = len(mission_seeds), briefing.n_uavs
@@ -122,19 +91,6 @@ def new_missions(briefing: Briefing, ground: Ground, mission_seeds: Sequence[int
         missions.seed[world][0] = seed
     restart(briefing, ground, missions, n_worlds)
     return missions
-
-
-def new_view_rows(ground: Ground) -> ViewRows:
-    """Rows for the local view of any UAV on this ground."""
-    first = ground.first_sensor
-    size = max(1, *(first[cell + 1] - first[cell] for cell in range(len(first) - 1)))
-    return ViewRows(
-        region_bit=new_row(VIEW_CELLS, 0.0),
-        sensor=new_row(size, 0),
-        sensor_bit=new_row(size, 0.0),
-        sensor_gain=new_row(size, 0.0),
-        sensor_error_gain=new_row(size, 0.0),
-    )
 
 
 @row_kernel

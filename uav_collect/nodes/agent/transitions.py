@@ -7,10 +7,11 @@ from uav_collect.kernels.rows import new_row
 from uav_collect.lockstep.published_policy import Follower
 from uav_collect.nodes import convert
 from uav_collect.uav.actions import BY_POLICY
-from uav_collect.uav.agent import Agent, Decision
+from uav_collect.uav.agent import Agent
 from uav_collect.uav.briefing import Briefing
+from uav_collect.uav.messages import Decision
 from uav_collect.uav.observation import encode, Layout, observation_size
-from uav_collect.world.state import LocalView
+from uav_collect.uav.view import LocalView
 
 
 class Reporter:

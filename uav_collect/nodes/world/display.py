@@ -9,7 +9,7 @@ from uav_collect.nodes.topics import publisher, WorldTopics
 from uav_collect.nodes.world.markers import Viewers
 from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import Site
-from uav_collect.uav.agent import Decision
+from uav_collect.uav.messages import Decision
 
 
 class Display:

@@ -17,8 +17,8 @@ from uav_collect.missions.simulation import Event, Simulation
 from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import Site
 from uav_collect.uav import actions
-from uav_collect.uav.agent import Decision
-from uav_collect.world.state import VIEW_CELLS
+from uav_collect.uav.messages import Decision
+from uav_collect.uav.view import VIEW_CELLS
 from visualization_msgs.msg import Marker, MarkerArray
 
 FRAME = 'map'

@@ -18,7 +18,7 @@ from uav_collect.recording.mission_log import Events, header_line, MissionHeader
 from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import Site
 from uav_collect.uav import actions
-from uav_collect.uav.agent import Decision
+from uav_collect.uav.messages import Decision
 from uav_collect.uav.policy import TOPIC
 from uav_collect_msgs.msg import Epoch, Mission, Observation, UavFigures
 from uav_collect_msgs.msg import RadioMessage as RadioMessageMsg

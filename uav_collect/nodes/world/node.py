@@ -27,9 +27,9 @@ from uav_collect.nodes.world.settings import PARAMETERS, read_settings
 from uav_collect.recording.mission_folder import RunFolder
 from uav_collect.scenario.load import ConfigError, load, Scenario
 from uav_collect.scenario.site import build_site, Site
+from uav_collect.uav.actions import check_can_start
 from uav_collect.uav.briefing import brief
 from uav_collect.uav.policy import TOPIC
-from uav_collect.uav.preflight import check_can_start
 from uav_collect_msgs.msg import Mission
 from uav_collect_msgs.srv import ControlMission, Join
 
