@@ -1,3 +1,7 @@
 """Fleets of UAVs that collect data from ground sensors, on ROS 2."""
 
-__version__ = '0.1.0'
+from uav_collect.revision import VERSION
+
+__all__ = ['__version__']
+
+__version__ = VERSION

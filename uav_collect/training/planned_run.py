@@ -11,6 +11,7 @@ import shlex
 import sys
 from typing import Any, TYPE_CHECKING
 
+from uav_collect.revision import git_revision, VERSION
 from uav_collect.training.run_record import RunRecord, TrainingRunError
 
 if TYPE_CHECKING:  # loaded when training, so that --help answers at once
@@ -53,7 +54,6 @@ def new_record(
     **told: Any,  # noqa: ANN401 - the other fields of a RunRecord
 ) -> RunRecord:
     """The record of a run that begins now."""
-    from uav_collect.revision import git_revision
     from uav_collect.scenario.load import fingerprint
 
     return RunRecord(
@@ -103,9 +103,7 @@ def training_fingerprint(config: 'TrainingConfig') -> str:
 
 
 def _versions() -> dict[str, str]:
-    import uav_collect
-
-    own = {'uav_collect': uav_collect.__version__, 'python': platform.python_version()}
+    own = {'uav_collect': VERSION, 'python': platform.python_version()}
     return own | {name: metadata.version(name) for name in _PACKAGES}
 
 

@@ -9,9 +9,9 @@ import hashlib
 import json
 from pathlib import Path
 
-import uav_collect
 from uav_collect.config import layers
 from uav_collect.config.rules import validated
+from uav_collect.revision import VERSION
 from uav_collect.scenario.load import Scenario
 from uav_collect.training.config import TrainingConfig
 
@@ -102,7 +102,7 @@ def inputs_of(job: Job) -> tuple[str, ...]:
 def to_json(job: Job) -> bytes:
     """All that the job's result depends on."""
     kind = kind_of(job)
-    about = {'kind': kind, 'format': _FORMATS[kind], 'uav_collect': uav_collect.__version__}
+    about = {'kind': kind, 'format': _FORMATS[kind], 'uav_collect': VERSION}
     return (json.dumps(about | asdict(job), sort_keys=True, indent=1) + '\n').encode()
 
 

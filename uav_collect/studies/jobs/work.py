@@ -12,9 +12,8 @@ import platform
 import socket
 from time import monotonic, process_time
 
-import uav_collect
 from uav_collect.kernels.compile import sources_digest
-from uav_collect.revision import git_revision
+from uav_collect.revision import git_revision, VERSION
 from uav_collect.studies.jobs.flights import flights, plans
 from uav_collect.studies.jobs.jobs import FlightsJob, PlansJob, TrainingJob
 from uav_collect.studies.jobs.warming import in_turn
@@ -94,7 +93,7 @@ def _perform(task: Task, is_stopping: Callable[[], bool]) -> Iterator[Event]:
 
 
 def _versions() -> dict[str, str]:
-    known = {'uav_collect': uav_collect.__version__, 'python': platform.python_version()}
+    known = {'uav_collect': VERSION, 'python': platform.python_version()}
     for name in _PACKAGES:
         try:
             known[name] = metadata.version(name)
