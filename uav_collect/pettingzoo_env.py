@@ -19,7 +19,6 @@ A mission is the one that any other way of flying it gives: the same kernels, th
 PettingZoo's `api_test` and `seed_test` pass without a warning.
 """
 
-from io import BytesIO
 from itertools import pairwise
 import operator
 from pathlib import Path
@@ -202,16 +201,11 @@ class MissionEnv(AECEnv):
             logger.warn(f'nothing is drawn: call env(render_mode={_RGB_ARRAY!r})')
             return None
         # Here, as many environments never draw.
-        from matplotlib.image import imread
-        from uav_collect.analysis.trajectories import trajectories
+        from uav_collect.analysis.trajectories import pixels
 
         demand_bit = new_row(self._site.n_sensors, 0.0)
         draw_demand(self._ground, self._seed, demand_bit)
-        drawn = BytesIO()
-        log = self.mission_log()
-        trajectories(log, self._site, np.asarray(demand_bit), self._scenario, drawn)
-        drawn.seek(0)
-        return np.asarray(imread(drawn)[..., :3] * 255.0).round().astype(np.uint8)
+        return pixels(self.mission_log(), self._site, np.asarray(demand_bit), self._scenario)
 
     def close(self) -> None:
         """Nothing is held open."""

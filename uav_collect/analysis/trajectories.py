@@ -7,6 +7,7 @@ they are drawn side by side.
 
 from collections import Counter
 from dataclasses import dataclass
+from io import BytesIO
 import math
 from pathlib import Path
 from typing import BinaryIO
@@ -14,11 +15,13 @@ from typing import BinaryIO
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.image import imread
 from matplotlib.lines import Line2D
 from matplotlib.markers import MarkerStyle
 from matplotlib.patheffects import Normal, withStroke
 from matplotlib.transforms import Affine2D
 import numpy as np
+from numpy.typing import NDArray
 from uav_collect.analysis.lanes import corners_m, lane_shifts, narrowest_lane, steps
 from uav_collect.analysis.metrics import figures, HOME, HOVER, MissionFigures, percent
 from uav_collect.kernels.arrays import Bools, check_shape, Floats, Ints
@@ -88,6 +91,16 @@ def trajectories(
     _write_legend(axes, handles)
     # No software name in the file: the bytes are the mission's.
     figure.savefig(file, dpi=DPI, format='png', metadata={'Software': None})
+
+
+def pixels(
+    log: MissionLog, site: Site, demand_bit: Floats, scenario: Scenario
+) -> NDArray[np.uint8]:
+    """The picture that `trajectories` draws, as red, green and blue, (height, width, 3)."""
+    file = BytesIO()
+    trajectories(log, site, demand_bit, scenario, file)
+    file.seek(0)
+    return np.asarray(imread(file)[..., :3] * 255.0).round().astype(np.uint8)
 
 
 def draw_mission(
