@@ -1,17 +1,20 @@
-"""What colcon, pip and a reader of the messages rely on, and the order of the layers."""
+"""What colcon, pip and a reader of the messages rely on, and the walls between rooms."""
 
-import ast
 from importlib.metadata import packages_distributions
 from pathlib import Path
 import re
 import shutil
 import subprocess
 import sys
+from typing import NamedTuple
 
 from catkin_pkg.package import parse_package
 from processes import Processes
 import pytest
 import uav_collect
+
+from tools import structure
+from tools.structure import ORDER, Sources
 
 ROOT = Path(__file__).parent.parent
 EXECUTABLES = (
@@ -19,7 +22,8 @@ EXECUTABLES = (
     *('train', 'curves', 'bound', 'figures', 'trainer', 'train_fleet'),
 )
 INTERFACES = sorted((ROOT / 'msg_defs').glob('*/*.[ms][sr][gv]'))
-MODULES = sorted((ROOT / 'uav_collect').rglob('*.py'))
+SOURCES = structure.read()
+LOCKSTEP_TESTS = structure.read(ROOT / 'test' / 'lockstep')
 ROS_MODULES = {
     *('ament_index_python', 'builtin_interfaces', 'diagnostic_msgs', 'geometry_msgs', 'nav_msgs'),
     *('rcl_interfaces', 'rclpy', 'rosgraph_msgs', 'std_msgs', 'uav_collect_msgs'),
@@ -31,72 +35,160 @@ UNITS = {
     **{'_m': 'm', '_s': 's'},
 }
 
-# A module imports from its own line and the lines above. nodes/ and commands/ import from all, but
-# not from each other.
-LAYERS = (
-    'arrays compiled files limits memory philox rows shared_files mission_log revision',
-    'training_log',
-    'yaml_text config_files config_rules sensors_csv scenario_model scenario site',
-    'radio energy bandwidth_newton bandwidth_reference bandwidth',
-    'actions exploration briefing ground missions world belief observation reward event_log',
-    'experience told',
-    'frozen callable_policy policy_file heuristics policy agent',
-    'batch preflight simulation airborne stepping rollout retrace assembly',
-    'metrics evaluation errands plan_search plan_bound bound bound_estimates',
-    'lanes plots tables bound_tables bag bag_writer bag_repair learning_curves pettingzoo_env',
-    'training_config training_progress training_run training_display replay minibatch',
-    'network mixer learner collector checkpoint course intake trainer scalar_events',
-    'training_folder training_loop',
-)
-LEARNING = 'network mixer learner collector checkpoint train trainer scalar_events learning'
-LAYER_OF = {module: rank for rank, line in enumerate(LAYERS) for module in line.split()}
+
+class Wall(NamedTuple):
+    """Packages that only sources below some paths may import."""
+
+    packages: set[str]
+    homes: tuple[str, ...]
 
 
-def imports(path: Path) -> set[str]:
-    """Modules that a source imports anywhere, our own as `uav_collect.` and one name."""
-    found = set()
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.Import):
-            found.update('.'.join(alias.name.split('.')[:2]) for alias in node.names)
-        elif isinstance(node, ast.ImportFrom) and node.module == 'uav_collect':
-            found.update(f'uav_collect.{alias.name}' for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            found.add('.'.join((node.module or '').split('.')[:2]))
-    return found
+FROM_LEARNING_UP = tuple(f'{room}/' for room in ORDER[ORDER.index('learning') :])
+WALLS = {
+    'ROS': Wall(ROS_MODULES, ('nodes/',)),
+    'torch': Wall({'torch'}, FROM_LEARNING_UP),
+    'TensorBoard': Wall({'tensorboard'}, ('training/tensorboard.py',)),
+    'PettingZoo': Wall({'gymnasium', 'pettingzoo'}, ('pettingzoo_env.py',)),
+    'Ray': Wall({'ray'}, ('studies/jobs/cluster.py',)),
+    'Matplotlib': Wall({'matplotlib'}, ('analysis/', 'training/curves.py', 'studies/pictures/')),
+}
+# Rooms that never import others, though they would not import upward if they did.
+APART = {
+    'commands': {'nodes'},
+    'studies': {'nodes'},
+    'uav': {'world'},
+}
 
 
-def own_imports(path: Path) -> set[str]:
-    return {name[12:] for name in imports(path) if name.startswith('uav_collect.')}
-
-
-def foreign_imports(path: Path) -> set[str]:
-    return {name.split('.')[0] for name in imports(path)} - {'uav_collect', '__future__'}
-
-
-def core_modules() -> list[Path]:
-    return [path for path in MODULES if path.parent.name == 'uav_collect' and path.stem[0] != '_']
-
-
-@pytest.mark.parametrize('path', core_modules(), ids=lambda path: path.stem)
-def test_a_module_imports_from_its_own_layer_and_those_below(path: Path) -> None:
-    assert path.stem in LAYER_OF, 'give the new module its place in LAYERS'
-    layer = LAYER_OF[path.stem]
-    assert {name for name in own_imports(path) if LAYER_OF.get(name, 99) > layer} == set()
-
-
-def test_commands_nodes_and_studies_keep_apart() -> None:
-    folders = {
-        'commands': {'nodes'},
-        'nodes': {'commands', 'studies'},
-        'studies': {'commands', 'nodes'},
+def foreign_imports(source: str) -> set[str]:
+    """Packages other than ours that a source imports anywhere."""
+    return {name.partition('.')[0] for name in structure.imported(source)} - {
+        *('uav_collect', '__future__'),
     }
-    for path in MODULES:
-        assert not folders.get(path.parent.name, set()) & own_imports(path), path
 
 
-def test_ros_is_imported_in_nodes_alone() -> None:
-    for path in MODULES:
-        assert path.parent.name == 'nodes' or not foreign_imports(path) & ROS_MODULES, path
+def beyond(wall: Wall, sources: Sources) -> set[str]:
+    """Sources that import what stands behind a wall, and stand before it."""
+    return {
+        path
+        for path, source in sources.items()
+        if foreign_imports(source) & wall.packages and not path.startswith(wall.homes)
+    }
+
+
+def importers_of(rooms: set[str], room: str, sources: Sources) -> set[str]:
+    """Modules of a room that import others."""
+    return {
+        module
+        for module, others in structure.module_graph(sources).items()
+        if structure.room_of(module) == room and {*map(structure.room_of, others)} & rooms
+    }
+
+
+def needing_ros(tests: Sources) -> set[str]:
+    """Sources of tests that run only where ROS is."""
+    marks = ('pytest.mark.ros', 'importorskip')
+    return {
+        path
+        for path, source in tests.items()
+        if foreign_imports(source) & ROS_MODULES or any(mark in source for mark in marks)
+    }
+
+
+@pytest.mark.parametrize(
+    'source',
+    [
+        'from uav_collect.commands import options',
+        'import uav_collect.nodes.topics',
+        'def late() -> None:\n    from uav_collect.world.state import Mission',
+        'if TYPE_CHECKING:\n    from uav_collect import learning',
+    ],
+)
+def test_an_import_that_runs_upward_is_seen(source: str) -> None:
+    sources = {
+        **dict.fromkeys(('commands/options.py', 'learning/__init__.py', 'nodes/topics.py'), ''),
+        **{'uav/belief.py': source, 'world/state.py': ''},
+    }
+    assert len(structure.upward(structure.module_graph(sources))) == 1
+
+
+def test_a_room_without_a_place_is_seen() -> None:
+    assert structure.upward({'attic.box': set()}) == ['attic has no place']
+
+
+def test_a_circle_is_seen_among_rooms_even_if_modules_have_none() -> None:
+    modules = structure.module_graph(
+        {
+            'world/state.py': 'from uav_collect.uav import view',
+            'uav/view.py': '',
+            'uav/agent.py': 'from uav_collect.world.sensor_field import Ground',
+            'world/sensor_field.py': 'import numpy',
+        }
+    )
+    assert structure.circles(modules) == []
+    assert structure.circles(structure.room_graph(modules)) == [('uav', 'world')]
+
+
+def test_a_circle_is_seen_among_modules_of_a_room() -> None:
+    sources = {
+        'uav/agent.py': 'def late() -> None:\n    from uav_collect.uav.policy import Policy',
+        'uav/policy.py': 'import uav_collect.uav.belief',
+        'uav/belief.py': 'from uav_collect.uav.agent import Agent',
+        'uav/actions.py': 'from uav_collect.uav.agent import Agent',
+    }
+    circle = ('uav.agent', 'uav.belief', 'uav.policy')
+    assert structure.circles(structure.module_graph(sources)) == [circle]
+
+
+def test_floors_are_the_longest_chain_of_imports() -> None:
+    graph = {'a': {'b', 'd'}, 'b': {'c'}, 'c': {'b', 'd'}, 'd': set()}
+    assert structure.longest_chain(graph) == ('a', 'b', 'd')  # b and c, a circle, are one floor
+    graph['d'] = {'e'}
+    graph['e'] = set()
+    assert structure.longest_chain(graph) == ('a', 'b', 'd', 'e')
+
+
+@pytest.mark.parametrize('wall', WALLS.values(), ids=WALLS)
+def test_a_package_is_imported_behind_its_wall_alone(wall: Wall) -> None:
+    assert beyond(wall, SOURCES) == set()
+    # A wall with nobody behind it would watch nothing.
+    assert beyond(wall._replace(homes=('nowhere/',)), SOURCES) != set()
+
+
+@pytest.mark.parametrize('wall', WALLS.values(), ids=WALLS)
+def test_a_package_before_its_wall_is_seen(wall: Wall) -> None:
+    for package in wall.packages:
+        late = f'def late() -> None:\n    from {package}.part import Thing'
+        sources = {'uav/agent.py': late, f'{wall.homes[0]}': f'import {package}.part as part'}
+        assert beyond(wall, sources) == {'uav/agent.py'}
+
+
+@pytest.mark.parametrize('room', APART)
+def test_rooms_keep_apart(room: str) -> None:
+    assert importers_of(APART[room], room, SOURCES) == set()
+
+
+@pytest.mark.parametrize('room', APART)
+def test_rooms_that_do_not_keep_apart_are_seen(room: str) -> None:
+    [other] = APART[room]
+    source = f'from uav_collect.{other}.part import Thing'
+    sources = {f'{room}/one.py': source, f'{other}/part.py': source, 'planning/one.py': source}
+    assert importers_of({other}, room, sources) == {f'{room}.one'}
+
+
+@pytest.mark.parametrize(
+    'source',
+    [
+        'import rclpy',
+        'from uav_collect_msgs.msg import Command',
+        "rclpy = pytest.importorskip('rclpy')",
+        '@pytest.mark.ros\ndef test_something() -> None: ...',
+    ],
+)
+def test_a_test_that_needs_ros_is_seen(source: str) -> None:
+    assert needing_ros({'test_inbox.py': source, 'test_roster.py': 'import pytest'}) == {
+        'test_inbox.py'
+    }
 
 
 def pinned(name: str) -> set[str]:
@@ -109,25 +201,10 @@ def test_every_import_is_a_direct_requirement() -> None:
     files = ('run.txt', 'train.txt', 'pettingzoo.txt', 'cluster.txt')
     required = set().union(*map(pinned, files))
     standard = set(sys.stdlib_module_names)
-    modules = set().union(*map(foreign_imports, MODULES)) - standard - ROS_MODULES
+    modules = set().union(*map(foreign_imports, SOURCES.values())) - standard - ROS_MODULES
     providers = packages_distributions()
     providers_of = {module: {name.lower() for name in providers[module]} for module in modules}
     assert {module for module, names in providers_of.items() if not names & required} == set()
-
-
-def test_what_training_alone_needs_is_imported_by_training_alone() -> None:
-    importers = {path.stem for path in MODULES if foreign_imports(path) & pinned('train.txt')}
-    assert importers <= set(LEARNING.split())
-
-
-def test_pettingzoo_is_imported_by_its_environment_alone() -> None:
-    importers = {path.stem for path in MODULES if foreign_imports(path) & pinned('pettingzoo.txt')}
-    assert importers == {'pettingzoo_env'}
-
-
-def test_ray_is_imported_by_its_engine_alone() -> None:
-    importers = {path.stem for path in MODULES if foreign_imports(path) & pinned('cluster.txt')}
-    assert importers == {'cluster'}
 
 
 @pytest.mark.parametrize('extra', ['cluster', 'pettingzoo', 'train'])
