@@ -3,6 +3,7 @@
 `launch` is not to be had from PyPI: without it, stand-ins record what the file asks for.
 """
 
+import importlib
 from pathlib import Path
 import re
 import sys
@@ -157,9 +158,20 @@ sys.exit(service.run())
 # The parameters
 
 
-@pytest.mark.parametrize('node', ['world_sim', 'uav_agent', 'recorder', 'trainer'])
-def test_the_shipped_parameters_are_those_of_the_node_at_their_defaults(node: str) -> None:
-    module = pytest.importorskip(f'uav_collect.nodes.{node}', reason='needs rclpy')
+@pytest.mark.parametrize(
+    ('node', 'module_name'),
+    [
+        ('world_sim', 'world.settings'),
+        ('uav_agent', 'agent.node'),
+        ('recorder', 'recorder.node'),
+        ('trainer', 'trainer.settings'),
+    ],
+)
+def test_the_shipped_parameters_are_those_of_the_node_at_their_defaults(
+    node: str, module_name: str
+) -> None:
+    pytest.importorskip('rclpy')
+    module = importlib.import_module(f'uav_collect.nodes.{module_name}')
     shipped = {
         key.rpartition('/')[2]: section['ros__parameters']
         for key, section in yaml.safe_load(NODES_FILE.read_text()).items()
@@ -184,7 +196,8 @@ def displays() -> dict[str, dict]:
     ('display', 'name'), [('MarkerArray', 'MARKERS'), ('Map', 'COMPLETED_CELLS')]
 )
 def test_rviz_shows_the_topics_of_the_world_as_they_are_published(display: str, name: str) -> None:
-    topics = pytest.importorskip('uav_collect.nodes.topics', reason='needs rclpy')
+    pytest.importorskip('rclpy')
+    topics = importlib.import_module('uav_collect.nodes.topics')
     topic, shown = getattr(topics, name), displays()[display]['Topic']
     assert displays()[display]['Enabled'] is True
     assert shown['Value'] == topic.name
@@ -193,7 +206,8 @@ def test_rviz_shows_the_topics_of_the_world_as_they_are_published(display: str, 
 
 
 def test_rviz_can_switch_every_kind_of_marker() -> None:
-    viewers = pytest.importorskip('uav_collect.nodes.world.markers', reason='needs rclpy')
+    pytest.importorskip('rclpy')
+    viewers = importlib.import_module('uav_collect.nodes.world.markers')
     scenario = load('paper_8x8')
     site = build_site(scenario)
     drawn = viewers.Viewers(scenario, site)

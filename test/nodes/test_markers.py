@@ -9,11 +9,9 @@ from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.uav.actions import BACKWARD, FORWARD, HOME, HOVER, LEFT, RIGHT
 
-viewers = pytest.importorskip(
-    'uav_collect.nodes.world.markers', reason='needs the messages of ROS'
-)
 serialization = pytest.importorskip('rclpy.serialization')
 Time = pytest.importorskip('builtin_interfaces.msg').Time
+from uav_collect.nodes.world import markers as viewers
 
 Marker = viewers.Marker
 STAMP = Time(sec=12, nanosec=500)
