@@ -5,7 +5,8 @@ The processes must leave the very bytes that the function `logs` gives.
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from copy import deepcopy
+from dataclasses import dataclass
 from pathlib import Path
 import time
 from typing import Any
@@ -61,7 +62,7 @@ class Pilots:
 
     def _hear(self, uav: int, message: RadioMessage) -> None:
         self.agents[uav].hear(message)
-        self.radio[uav].append(replace(message, complete=list(message.complete)))  # type: ignore[call-overload]
+        self.radio[uav].append(deepcopy(message))  # the sender's map goes on changing
 
 
 def parameters(**values: object) -> list[str]:

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 import time
 from typing import Any
 
@@ -131,7 +132,12 @@ class StandIn:
         scenario, own = from_yaml(told.yaml), topics.uav_topics(uav)
         _compile(scenario, policy)
         agent = _Agent(brief(scenario), uav - 1, policy_named(policy), allocator_named('exact'))
-        cockpit = Cockpit(agent, scenario.n_cells, told.world_instance)
+        cockpit = Cockpit(
+            agent,
+            told.world_instance,
+            view_from=convert.view_from_msg,
+            radio_from=partial(convert.radio_from_msg, n_cells=scenario.n_cells),
+        )
         for topic, note in (
             (own.radio_rx, cockpit.note_radio),
             (own.observation, cockpit.note_observation),

@@ -1,24 +1,19 @@
 """An agent takes its messages in the order in which the world meant them."""
 
+from copy import deepcopy
+from operator import attrgetter
 from types import SimpleNamespace
 from typing import Any
 
 from fleets import Pilots
 import pytest
 from tiny_world import tiny, uav
+from uav_collect.lockstep.inbox import Cockpit
 from uav_collect.scenario.load import Scenario
 from uav_collect.uav.agent import Agent, allocator_named
 from uav_collect.uav.briefing import brief
 from uav_collect.uav.messages import Decision
 from uav_collect.uav.policy import policy_named
-
-pytest.importorskip('rclpy')
-pytest.importorskip('uav_collect_msgs')
-
-from uav_collect.lockstep.inbox import Cockpit
-from uav_collect.nodes import convert
-
-pytestmark = pytest.mark.ros
 
 WORLD = '0123456789abcdef'
 N_EVENTS = 12
@@ -28,13 +23,19 @@ def mission(number: int) -> str:
     return f'{WORLD[:8]}-{number}'
 
 
+def observation_of(mission_id: str, decision: int, **values: object) -> SimpleNamespace:
+    """An observation as far as an inbox reads it."""
+    about = {'n_radio_delivered': 0, 'terminated': False, 'view': None, **values}
+    return SimpleNamespace(mission_id=mission_id, decision=decision, **about)
+
+
 @pytest.fixture(scope='module')
 def scenario() -> Scenario:
     return tiny(uav(5.0), uav(10.0))
 
 
 class History:
-    """What the first UAV is told in the first events of a mission, and what it decides."""
+    """What the first UAV hears and sees in the first events of a mission, and what it decides."""
 
     def __init__(self, scenario: Scenario, number: int = 0) -> None:
         self.observations: list[Any] = []
@@ -43,27 +44,30 @@ class History:
         for _ in range(N_EVENTS):
             event = pilots.simulation.next_event()
             assert event is not None
-            n_delivered = len(pilots.radio[0]) + len(event.heard)
+            n_delivered, view = len(pilots.radio[0]) + len(event.heard), deepcopy(event.view)
             decision = pilots.decide(event)
             if event.uav == 0:
-                told = convert.observation_msg(event, mission(number), n_delivered)
-                self.observations.append(told)
+                self.observations.append(
+                    observation_of(
+                        mission(number), event.decision, n_radio_delivered=n_delivered, view=view
+                    )
+                )
                 self.decisions.append(decision)
             pilots.simulation.start(event, decision)
         self.radio = [
-            convert.radio_msg(message, mission(number), sequence=0, delivery=delivery)
+            SimpleNamespace(mission_id=mission(number), delivery=delivery, message=message)
             for delivery, message in enumerate(pilots.radio[0], start=1)
         ]
 
     def answer(
         self, n_observations: int, *, pending: bool = False, number: int = 0
     ) -> SimpleNamespace:
-        """What the world tells an agent that joins when it was told so many observations."""
-        told = self.observations[:n_observations]
-        n_delivered = told[-1].n_radio_delivered if told else 0
+        """What the world answers an agent that joins after so many observations."""
+        observations = self.observations[:n_observations]
+        n_delivered = observations[-1].n_radio_delivered if observations else 0
         return SimpleNamespace(
             mission_id=mission(number),
-            observations=told,
+            observations=observations,
             radio=self.radio[:n_delivered],
             decision_pending=pending,
         )
@@ -82,7 +86,12 @@ def next_history(scenario: Scenario) -> History:
 @pytest.fixture
 def cockpit(scenario: Scenario) -> Cockpit:
     agent = Agent(brief(scenario), 0, policy_named('sweep'), allocator_named('exact'))
-    return Cockpit(agent, scenario.n_cells, WORLD)
+    return empty(agent)
+
+
+def empty(agent: Agent, world: str = WORLD) -> Cockpit:
+    """Nothing has come yet."""
+    return Cockpit(agent, world, view_from=attrgetter('view'), radio_from=attrgetter('message'))
 
 
 def decide(cockpit: Cockpit) -> list[Decision]:
@@ -102,14 +111,14 @@ def test_the_history_of_these_tests_holds_radio_messages_before_and_between(
 
 
 def test_all_radio_messages_before_all_observations_and_the_other_way_round(
-    history: History, cockpit: Cockpit, scenario: Scenario
+    history: History, cockpit: Cockpit
 ) -> None:
     for message in history.radio:
         cockpit.note_radio(message)
     for observation in history.observations:
         cockpit.note_observation(observation)
     assert decide(cockpit) == history.decisions
-    cockpit = Cockpit(cockpit.agent, scenario.n_cells, WORLD)
+    cockpit = empty(cockpit.agent)
     for observation in history.observations:
         cockpit.note_observation(observation)
     for message in reversed(history.radio):
@@ -188,10 +197,8 @@ def test_the_next_mission_begins_with_its_first_observation(
     assert decisions == history.decisions + next_history.decisions
 
 
-def test_what_another_world_said_is_ignored(
-    history: History, scenario: Scenario, cockpit: Cockpit
-) -> None:
-    stranger = Cockpit(cockpit.agent, scenario.n_cells, 'fedcba9876543210')
+def test_what_another_world_said_is_ignored(history: History, cockpit: Cockpit) -> None:
+    stranger = empty(cockpit.agent, 'fedcba9876543210')
     for message in history.radio:
         stranger.note_radio(message)
     for observation in history.observations:
@@ -202,6 +209,5 @@ def test_what_another_world_said_is_ignored(
 def test_a_mission_that_is_over_for_the_uav_asks_for_no_decision(
     history: History, cockpit: Cockpit
 ) -> None:
-    last = convert.Observation(mission_id=mission(0), decision=0, terminated=True)
-    cockpit.note_observation(last)
+    cockpit.note_observation(observation_of(mission(0), 0, terminated=True))
     assert decide(cockpit) == []

@@ -1,5 +1,6 @@
 """Messages carry records there and back, field by field."""
 
+from functools import partial
 import math
 
 import numpy as np
@@ -8,17 +9,23 @@ import pytest
 for needed in ('rclpy', 'uav_collect_msgs'):
     pytest.importorskip(needed)
 
+from fleets import Pilots
 from hypothesis import given
 from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
+from tiny_world import tiny, uav
 from uav_collect.kernels.rows import row_of
+from uav_collect.lockstep.inbox import Cockpit
 from uav_collect.lockstep.roster import Pilot
 from uav_collect.missions.simulation import Event
 from uav_collect.nodes import convert
 from uav_collect.recording.mission_log import EVENT_DTYPE
 from uav_collect.uav import actions
+from uav_collect.uav.agent import Agent, allocator_named
 from uav_collect.uav.belief import Belief, NEVER
+from uav_collect.uav.briefing import brief
 from uav_collect.uav.messages import Decision, RadioMessage
+from uav_collect.uav.policy import policy_named
 from uav_collect.uav.view import LocalView
 from uav_collect_msgs.msg import Epoch
 from uav_collect_msgs.srv import Join
@@ -181,6 +188,34 @@ def test_a_request_to_join_says_who_asks() -> None:
         allocator='equal',
     )
     assert convert.pilot_from_request(sent(request)) == pilot
+
+
+def test_what_arrives_leads_an_agent_to_the_decisions_that_were_taken_without_messages() -> None:
+    scenario = tiny(uav(5.0), uav(10.0))
+    pilots, n_heard, n_decided = Pilots(scenario, 0, 'sweep'), 0, 0
+    agent = Agent(brief(scenario), 0, policy_named('sweep'), allocator_named('exact'))
+    cockpit = Cockpit(
+        agent,
+        'world',
+        view_from=convert.view_from_msg,
+        radio_from=partial(convert.radio_from_msg, n_cells=scenario.n_cells),
+    )
+    while (event := pilots.simulation.next_event()) is not None:
+        n_delivered = len(pilots.radio[0]) + len(event.heard)
+        observation = convert.observation_msg(event, 'world-0', n_delivered)
+        decision = pilots.decide(event)
+        pilots.simulation.start(event, decision)
+        if event.uav == 0:
+            cockpit.note_observation(sent(observation))
+            for message in pilots.radio[0][n_heard:n_delivered]:
+                n_heard += 1
+                radio = convert.radio_msg(message, 'world-0', sequence=0, delivery=n_heard)
+                cockpit.note_radio(sent(radio))
+            awaited = cockpit.next_observation()
+            assert agent.decide(cockpit.take_in(awaited)) == decision
+            n_decided += 1
+    assert n_heard > 2
+    assert n_decided > 2
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,6 @@ from uav_collect.kernels.compile import kernels_are_compiled
 from uav_collect.learning.fleet_source import Intake
 from uav_collect.learning.loop import DivergedError, InterruptedRunError, train, trainer_of
 from uav_collect.learning.trainer import Trainer
-from uav_collect.nodes.process import FAILED
 from uav_collect.training.folder import BEST_POLICY, opened
 from uav_collect.training.planned_run import PlannedRun
 from uav_collect.training.progress import Budget, Progress
@@ -23,6 +22,14 @@ class Flown:
 
     policy: FrozenPolicy
     epsilon: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ending:
+    """How learning ended."""
+
+    text: str  # for people
+    has_failed: bool
 
 
 class Learning:
@@ -48,8 +55,7 @@ class Learning:
         """
         self.intake = Intake(most_waiting, self._fly)
         self.progress: Progress | None = None  # the latest look
-        self.verdict = ''  # how it ended, for people
-        self.end_status: int | None = None  # once it has ended
+        self.ending: Ending | None = None  # once it has ended
         self._run, self._checkpoint_s = run, checkpoint_s
         self._every_updates = publish_every_updates
         self._trainer: Trainer = trainer_of(run, [self.intake])
@@ -72,11 +78,14 @@ class Learning:
                 latest = self._flown.get_nowait()
         return latest
 
-    def stop(self) -> None:
-        """Save, and come to an end."""
+    def stop(self) -> Ending:
+        """Let it save and come to an end, and wait for that."""
         self._is_stopped = True
         self.intake.close()
         self._thread.join()
+        if self.ending is None:
+            raise RuntimeError('learning ended without a word')
+        return self.ending
 
     def _fly(self, epsilon: float) -> None:
         """Let the fleets fly the network as it is, if they have flown long enough what it was."""
@@ -86,19 +95,20 @@ class Learning:
 
     def _learn(self) -> None:
         try:
-            self._train()
-        except (InterruptedRunError, DivergedError, TrainingRunError) as error:
-            self.verdict = str(error)
-            self.end_status = 0 if isinstance(error, InterruptedRunError) else FAILED
+            self.ending = Ending(text=self._train(), has_failed=False)
+        except InterruptedRunError as error:
+            self.ending = Ending(text=str(error), has_failed=False)
+        except (DivergedError, TrainingRunError) as error:
+            self.ending = Ending(text=str(error), has_failed=True)
         except OSError as error:
-            self.verdict = f'{error.filename or self._run.folder}: {error.strerror or error}'
-            self.end_status = FAILED
+            text = f'{error.filename or self._run.folder}: {error.strerror or error}'
+            self.ending = Ending(text=text, has_failed=True)
         except BaseException as error:  # whatever it is, the other thread must hear of it
-            self.verdict = f'learning broke off: {error!r}'
-            self.end_status = FAILED
+            self.ending = Ending(text=f'learning broke off: {error!r}', has_failed=True)
             raise
 
-    def _train(self) -> None:
+    def _train(self) -> str:
+        """Train to the end of the budget; what came out, for people."""
         run, trainer = self._run, self._trainer
         budget = Budget(minutes=run.record.minutes, decisions=run.record.decisions)
         share_done = trainer.share_done(budget)
@@ -118,9 +128,8 @@ class Learning:
         best = trainer.best_policy()
         if best is not None:
             self._flown.put(Flown(policy=best, epsilon=0.0))
-        told = f'{trainer.n_decisions:,} decisions, {trainer.n_updates:,} updates'
-        self.verdict = f'done after {told}; its best policy is {run.folder / BEST_POLICY}'
-        self.end_status = 0
+        done = f'{trainer.n_decisions:,} decisions, {trainer.n_updates:,} updates'
+        return f'done after {done}; its best policy is {run.folder / BEST_POLICY}'
 
     def _give_up(self) -> None:
         if self._is_stopped:

@@ -6,12 +6,13 @@ overtaken by what follows it.
 """
 
 from collections import defaultdict
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
 from uav_collect.lockstep.published_policy import Follower
-from uav_collect.nodes import convert
 from uav_collect.uav.agent import Agent
+from uav_collect.uav.messages import RadioMessage
 from uav_collect.uav.view import LocalView
 
 _NONE_YET = -1  # number of the mission before the first
@@ -29,16 +30,24 @@ class Cockpit:
     """Where an agent gets one message after the other, mission after mission of one world."""
 
     def __init__(
-        self, agent: Agent, n_cells: int, world_instance: str, follower: Follower | None = None
+        self,
+        agent: Agent,
+        world_instance: str,
+        *,
+        view_from: Callable[[Any], LocalView],
+        radio_from: Callable[[Any], RadioMessage],
+        follower: Follower | None = None,
     ) -> None:
         """Wait for the first mission of a world.
 
         Args:
+            view_from: the local view in an observation as it was received.
+            radio_from: the radio message in what was received as one.
             follower: the agent's policy, if each mission names what is flown.
         """
         self.agent = agent
+        self._view_from, self._radio_from = view_from, radio_from
         self._follower = follower
-        self._n_cells = n_cells
         self._world = world_instance
         self._mission = _NONE_YET  # number of the one that is flown
         self._decision = 0  # the next one
@@ -94,11 +103,11 @@ class Cockpit:
         """Hear what came before an observation, then see it."""
         inbox = self._inboxes[self._mission]
         for number in range(self._n_heard + 1, observation.n_radio_delivered + 1):
-            self.agent.hear(convert.radio_from_msg(inbox.radio.pop(number), self._n_cells))
+            self.agent.hear(self._radio_from(inbox.radio.pop(number)))
         self._n_heard = observation.n_radio_delivered
         inbox.observations.pop(observation.decision, None)
         self._decision = observation.decision + 1
-        view = convert.view_from_msg(observation)
+        view = self._view_from(observation)
         if self._follower is not None and observation.decision == 0:
             self._follower.take_up(observation)
         self.agent.observe(view)

@@ -2,7 +2,7 @@
 
 import argparse
 from collections.abc import Callable, Sequence
-from functools import wraps
+from functools import partial, wraps
 import math
 import os
 import socket
@@ -138,7 +138,13 @@ class AgentNode(ProcessNode):
         policy = self._follower(briefing) or policy_for(self._policy, scenario)
         agent = Agent(briefing, uav, policy, allocator_named(self._allocator))
         follower = policy if isinstance(policy, Follower) else None
-        self._cockpit = Cockpit(agent, scenario.n_cells, msg.world_instance, follower)
+        self._cockpit = Cockpit(
+            agent,
+            msg.world_instance,
+            view_from=convert.view_from_msg,
+            radio_from=partial(convert.radio_from_msg, n_cells=scenario.n_cells),
+            follower=follower,
+        )
         if self._layout is not None or follower is not None:
             self._reporter = Reporter(self._layout, briefing, uav, msg.fingerprint)
         self._is_member = False

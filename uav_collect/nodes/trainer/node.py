@@ -21,14 +21,21 @@ from uav_collect.ingest.join import Assembly, Cause, Fate, Tally
 from uav_collect.ingest.rebuild import Retracer
 from uav_collect.ingest.reports import RefusedError, terms_of, Told
 from uav_collect.kernels.compile import kernels_are_cached, kernels_are_compiled
-from uav_collect.learning.background import Flown, Learning
+from uav_collect.learning.background import Ending, Flown, Learning
 from uav_collect.learning.memory import keep_freed_memory
 from uav_collect.learning.replay import replay_bytes
 from uav_collect.missions import vector_env
 from uav_collect.nodes import topics
 from uav_collect.nodes.incidents import Incidents
 from uav_collect.nodes.parameters import help_text
-from uav_collect.nodes.process import MISUSED, NodeError, parse_arguments, ProcessNode, run_node
+from uav_collect.nodes.process import (
+    FAILED,
+    MISUSED,
+    NodeError,
+    parse_arguments,
+    ProcessNode,
+    run_node,
+)
 from uav_collect.nodes.trainer.settings import PARAMETERS, planned_run, read_settings
 from uav_collect.recording.bag_reader import BagError, messages
 from uav_collect.scenario.load import ConfigError
@@ -101,11 +108,11 @@ class TrainerNode(ProcessNode):
 
     def on_stop(self) -> None:
         """Save what was learned."""
-        self._learning.stop()
+        ending = self._learning.stop()
         self._publish(self._learning.flown())
         self._closing.close()
         if self.end_status is None:  # a signal
-            self.get_logger().info(f'{self._learning.verdict}; start it again to go on')
+            self.get_logger().info(f'{ending.text}; start it again to go on')
 
     def _tell_memory(self) -> None:
         size = self._run.config.replay.decisions
@@ -177,8 +184,8 @@ class TrainerNode(ProcessNode):
         if now_s - self._shown_s >= _SHOWN_PERIOD_S:
             self._shown_s = now_s
             self._tell(now_s)
-        if self._learning.end_status is not None:
-            self._end()
+        if self._learning.ending is not None:
+            self._end(self._learning.ending)
         elif self._bags is not None:
             self._go_on_reading(self._bags, now_s + _READ_S)
 
@@ -234,11 +241,10 @@ class TrainerNode(ProcessNode):
             f' {total.messages[Fate.LATE]} late, {self._n_lost} lost',
         )
 
-    def _end(self) -> None:
-        status = self._learning.end_status
-        say = self.get_logger().error if status else self.get_logger().info
-        say(self._learning.verdict)
-        self.end(status or 0)
+    def _end(self, ending: Ending) -> None:
+        log = self.get_logger().error if ending.has_failed else self.get_logger().info
+        log(ending.text)
+        self.end(FAILED if ending.has_failed else 0)
 
 
 def _new_assembly(run: PlannedRun, known: Sequence[str]) -> Assembly:
