@@ -1,4 +1,4 @@
-"""What nodes tell of missions, without ROS: flown agent by agent in this process.
+"""What nodes report of missions, without ROS: flown agent by agent in this process.
 
 Beside it the same missions as the training's rollout flies and records them.
 """
@@ -11,17 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 from random_policies import header as policy_header
 from random_policies import random_policy
-from uav_collect.ingest.join import Assembly, Joined
-from uav_collect.ingest.rebuild import Retracer
+from uav_collect.ingest.join import JoinedMission, MissionJoiner
+from uav_collect.ingest.rebuild import EpisodeBuilder
 from uav_collect.ingest.reports import (
-    EventTold,
+    EventReport,
+    FleetReport,
     FLOAT32,
     FLOAT64,
-    MissionTold,
+    MissionReport,
     RefusedError,
-    terms_of,
-    Told,
-    TransitionTold,
+    report_spec,
+    TransitionReport,
 )
 from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.rows import new_row
@@ -43,8 +43,8 @@ from uav_collect.world.reward import Reward
 
 
 @dataclass(frozen=True, kw_only=True)
-class Course:
-    """What is flown, and how it is learned from."""
+class MissionSetup:
+    """Which missions are flown, and how they are learned from."""
 
     scenario: Scenario
     layout: Layout = Layout.EGOCENTRIC
@@ -63,14 +63,16 @@ class Course:
         side, n_uavs = self.scenario.area.cells_per_side, self.scenario.n_uavs
         return random_policy(policy_header(self.layout, side, n_uavs), seed=1)
 
-    def assembly(self, **values: object) -> Assembly:
-        """What joins the messages of its missions."""
+    def joiner(self, **values: object) -> MissionJoiner:
+        """What joins the reports of its missions."""
         site = build_site(self.scenario)
-        retracer = Retracer(self.scenario, site, self.layout, self.reward, self.discount_per_s)
-        retracer.warm_up()
-        terms = terms_of(self.scenario, self.layout, site.n_sensors)
+        builder = EpisodeBuilder(
+            self.scenario, site, self.layout, self.reward, self.discount_per_s
+        )
+        builder.warm_up()
+        spec = report_spec(self.scenario, self.layout, site.n_sensors)
         settings = {'max_decisions': self.max_decisions, **values}
-        return Assembly(terms, retracer, **settings)  # type: ignore[arg-type]
+        return MissionJoiner(spec, builder, **settings)  # type: ignore[arg-type]
 
     def episodes(self, seeds: Sequence[int]) -> list[Episode]:
         """Missions as the training's rollout records them."""
@@ -120,28 +122,28 @@ class _Explorer(LearnedPolicy):
         return chosen if explored == NONE else explored
 
 
-class Teller:
-    """One mission, told message by message as it is flown."""
+class ReportingFlight:
+    """One mission, which is reported as it is flown."""
 
-    def __init__(self, course: Course, seed: int, mission_id: str = '') -> None:
-        self._course = course
-        self._simulation = Simulation(course.scenario, build_site(course.scenario), seed)
-        self._fingerprint = fingerprint(course.scenario)
+    def __init__(self, setup: MissionSetup, seed: int, mission_id: str = '') -> None:
+        self._setup = setup
+        self._simulation = Simulation(setup.scenario, build_site(setup.scenario), seed)
+        self._fingerprint = fingerprint(setup.scenario)
         self._briefing = self._simulation.briefing
         self._seed, self._id = seed, mission_id or f'world-{seed}'
-        policy = course.policy
+        policy = setup.policy
         self._agents = [
             Agent(
                 self._briefing,
                 uav,
-                _Explorer('it', policy, course.epsilon, course.hover_share, seed),
+                _Explorer('it', policy, setup.epsilon, setup.hover_share, seed),
                 allocator_named('equal'),
             )
             for uav in range(self._briefing.n_uavs)
         ]
 
-    def messages(self) -> Iterator[Told]:
-        """All messages, in the order in which they come about."""
+    def reports(self) -> Iterator[FleetReport]:
+        """All reports, in the order in which they come about."""
         yield self._mission()
         simulation = self._simulation
         while (event := simulation.next_event()) is not None:
@@ -160,21 +162,21 @@ class Teller:
         yield self._event()
         yield self._mission()
 
-    def _mission(self) -> MissionTold:
-        return MissionTold(
+    def _mission(self) -> MissionReport:
+        return MissionReport(
             mission_id=self._id,
             scenario_fingerprint=self._fingerprint,
             mission_seed=self._seed,
             demand_bit=_floats(self._simulation.demand_bit),
         )
 
-    def _transition(self, event: Event, action: int) -> TransitionTold:
+    def _transition(self, event: Event, action: int) -> TransitionReport:
         agent, briefing, view = self._agents[event.uav], self._briefing, event.view
-        layout, belief = self._course.layout, agent.belief
+        layout, belief = self._setup.layout, agent.belief
         size = observation_size(layout, briefing.cells_per_side, briefing.n_uavs)
         encoded = new_row(size, 0.0)
         encode(layout, briefing, event.uav, belief, view, encoded)
-        return TransitionTold(
+        return TransitionReport(
             mission_id=self._id,
             event=event.index,
             uav=event.uav,
@@ -195,19 +197,19 @@ class Teller:
             peer_s=_floats(belief.peer_s),
         )
 
-    def _event(self) -> EventTold:
+    def _event(self) -> EventReport:
         simulation, uavs = self._simulation, range(self._briefing.n_uavs)
         (logged,) = simulation.last_event()
         time_s = logged['time_s'].item()
         places_m = [simulation.position_m(uav, time_s) for uav in uavs]
-        told = {
+        fields = {
             name: logged[name].item()
             for name in (
                 'event', 'decision', 'time_s', 'x_m', 'y_m', 'action', 'reason', 'duration_s',
                 'energy_left_j', 'energy_j', 'collected_bit', 'reward',
             )
         }  # fmt: skip
-        return EventTold(
+        return EventReport(
             mission_id=self._id,
             uav=logged['uav'].item() - 1,
             is_last=simulation.is_over,
@@ -217,23 +219,25 @@ class Teller:
             uav_phase=bytes(simulation.phase(uav, time_s) for uav in uavs),
             uav_complete=b''.join(_bits(simulation.known_complete(uav)) for uav in uavs),
             true_complete=_bits([bit <= 0.0 for bit in simulation.waiting_bit()]),
-            **told,
+            **fields,
         )
 
 
-def messages_of(course: Course, seeds: Sequence[int]) -> list[Told]:
-    """All messages of missions, in order."""
-    return [told for seed in seeds for told in Teller(course, seed).messages()]
+def reports_of(setup: MissionSetup, seeds: Sequence[int]) -> list[FleetReport]:
+    """All reports of missions, in order."""
+    return [report for seed in seeds for report in ReportingFlight(setup, seed).reports()]
 
 
 def joined(
-    assembly: Assembly, messages: Sequence[Told], on_refusal: Callable[[str], None] | None = None
-) -> list[Joined]:
-    """The missions that an assembly makes of messages."""
-    found: list[Joined] = []
-    for told in messages:
+    joiner: MissionJoiner,
+    reports: Sequence[FleetReport],
+    on_refusal: Callable[[str], None] | None = None,
+) -> list[JoinedMission]:
+    """The missions that are joined from reports."""
+    found: list[JoinedMission] = []
+    for report in reports:
         try:
-            one = assembly.take(told)
+            one = joiner.add(report)
         except RefusedError as error:
             if on_refusal is None:
                 raise
@@ -244,9 +248,9 @@ def joined(
     return found
 
 
-def is_decision(told: Told) -> bool:
+def is_decision(report: FleetReport) -> bool:
     """Whether a transition is of a UAV that goes on."""
-    return isinstance(told, TransitionTold) and told.action != HOME
+    return isinstance(report, TransitionReport) and report.action != HOME
 
 
 def same(one: Episode, other: Episode) -> list[str]:

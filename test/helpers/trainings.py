@@ -8,9 +8,9 @@ from typing import Any
 
 from fleets import Fleet, parameters
 from processes import executable, Processes, RunningProcess
-from reports import Course
+from reports import MissionSetup
 from tiny_world import tiny, uav
-from uav_collect.ingest.join import Joined
+from uav_collect.ingest.join import JoinedMission
 from uav_collect.learning.checkpoint import read_checkpoint
 from uav_collect.learning.fleet_source import Intake
 from uav_collect.learning.trainer import Trainer
@@ -45,11 +45,11 @@ def start_trainer(
     file = folder.parent / 'tiny.yaml'
     file.write_text(SCENARIO.to_yaml())
     overrides = ', '.join(f'{key}={value}' for key, value in SETTINGS.items())
-    told = {
+    given = {
         'scenario': file, 'output_dir': folder, 'decisions': decisions,
         'decisions_per_update': 20, 'replay_decisions': 2000, 'overrides': f'[{overrides}]',
     }  # fmt: skip
-    command = [str(executable('trainer')), *flags, *parameters(**{**told, **values})]
+    command = [str(executable('trainer')), *flags, *parameters(**{**given, **values})]
     if n_blocks is not None:
         command = ['sh', '-c', f'ulimit -f {n_blocks}; exec {shlex.join(command)}']
     return processes.run('trainer', *command, UAV_COLLECT_KERNELS='interpreted')
@@ -84,16 +84,16 @@ def in_process(seeds: Sequence[int], budget: Budget) -> tuple[list[Episode], Tra
     """What the same network flies and learns in this process."""
     trainer = Trainer([SCENARIO], config_of(), 'aqmix', 0, sources=[intake := Intake(NEVER)])
     config, frozen = trainer.config, trainer.snapshot()
-    course = Course(
+    setup = MissionSetup(
         scenario=SCENARIO,
         discount_per_s=config.reward.discount_per_s,
         max_decisions=config.max_decisions(SCENARIO.n_cells),
         flown=frozen,
     )
-    episodes = course.episodes(seeds)
+    episodes = setup.episodes(seeds)
     for episode in episodes:
         intake.add(
-            Joined(
+            JoinedMission(
                 mission_id=str(episode.mission_seed), episode=episode, efficiency_kbit_per_j=0.0
             )
         )

@@ -9,9 +9,9 @@ from typing import Any
 from episodes import single_threaded_torch, small
 import numpy as np
 import pytest
-from reports import Course, joined, messages_of
+from reports import joined, MissionSetup, reports_of
 from tiny_world import tiny, uav
-from uav_collect.ingest.join import Joined
+from uav_collect.ingest.join import JoinedMission
 from uav_collect.missions.experience import Episode
 from uav_collect.training.config import TrainingConfig
 from uav_collect.uav.observation import Layout
@@ -23,7 +23,7 @@ from uav_collect.learning.trainer import Trainer
 from uav_collect.training.progress import Budget
 
 FLEET = uav(5.0, energy_budget_kj=9.0), uav(10.0, energy_budget_kj=5.0)
-COURSE = Course(scenario=tiny(*FLEET), layout=Layout.PAPER, max_decisions=9)
+SETUP = MissionSetup(scenario=tiny(*FLEET), layout=Layout.PAPER, max_decisions=9)
 LONG = Budget(decisions=10**9)
 
 
@@ -31,15 +31,19 @@ def agent() -> Drqn:
     return Drqn(35, 8)
 
 
-def episodes(seeds: Sequence[int]) -> list[Joined]:
+def episodes(seeds: Sequence[int]) -> list[JoinedMission]:
     """Missions of the rollout as if they had been joined."""
     return [
-        Joined(mission_id=f'world-{it.mission_seed}', episode=it, efficiency_kbit_per_j=1.0)
-        for it in COURSE.episodes(seeds)
+        JoinedMission(mission_id=f'world-{it.mission_seed}', episode=it, efficiency_kbit_per_j=1.0)
+        for it in SETUP.episodes(seeds)
     ]
 
 
-def intake_of(missions: Sequence[Joined], most_waiting: int = 10**9, **values: Any) -> Intake:  # noqa: ANN401
+def intake_of(
+    missions: Sequence[JoinedMission],
+    most_waiting: int = 10**9,
+    **values: Any,  # noqa: ANN401
+) -> Intake:
     intake = Intake(most_waiting, **values)
     for each in missions:
         intake.add(each)
@@ -61,7 +65,7 @@ class EnoughError(Exception):
 
 
 def trained(
-    missions: Sequence[Joined],
+    missions: Sequence[JoinedMission],
     n_updates: int,
     algorithm: str = 'aqmix',
     saved: Path | None = None,
@@ -74,7 +78,7 @@ def trained(
 
     sources = [intake_of(missions, fly=fly)]
     if saved is None:
-        trainer = Trainer([COURSE.scenario], settings(50), algorithm, 0, sources=sources)
+        trainer = Trainer([SETUP.scenario], settings(50), algorithm, 0, sources=sources)
     else:
         trainer = Trainer.resume(saved, sources=sources)
     with pytest.raises(EnoughError):
@@ -87,9 +91,9 @@ def test_50_updates_on_joined_missions_give_the_weights_of_50_on_the_rollouts(
     algorithm: str,
 ) -> None:
     seeds = range(160)
-    told = joined(COURSE.assembly(), messages_of(COURSE, seeds))
+    flown = joined(SETUP.joiner(), reports_of(SETUP, seeds))
     digests = [
-        trained(missions, 50, algorithm).snapshot().digest for missions in (told, episodes(seeds))
+        trained(missions, 50, algorithm).snapshot().digest for missions in (flown, episodes(seeds))
     ]
     assert digests[0] == digests[1]
 
@@ -170,6 +174,6 @@ def test_a_training_on_an_intake_is_resumed_where_it_was_saved(tmp_path: Path) -
 def test_a_training_ends_with_a_validation_when_missions_run_out() -> None:
     intake = intake_of(episodes(range(30)))
     intake.close()
-    trainer = Trainer([COURSE.scenario], settings(5), 'aqmix', 0, sources=[intake])
+    trainer = Trainer([SETUP.scenario], settings(5), 'aqmix', 0, sources=[intake])
     validated = [it.n_updates for it in trainer.run(LONG) if it.validation is not None]
     assert validated[-1] == trainer.n_updates == intake.n_decisions // 20 - 1

@@ -1,35 +1,36 @@
-"""Messages about missions as a learner takes them, heard on topics or read from bags."""
+"""Reports out of messages, whether they come on topics or out of bags."""
 
 from collections.abc import Callable
 import re
 from typing import Any
 
-from uav_collect.ingest.reports import EventTold, MissionTold, Told, TransitionTold
+from uav_collect.ingest.reports import EventReport, FleetReport, MissionReport, TransitionReport
 
 _ABORTED = 2  # Mission.ABORTED; a bag knows its messages without their constants
 _KINDS = re.compile(r'(?P<world>.*)/(?:world/(?P<kind>mission|epoch)|uav_\d+/transition)')
 
 
-def teller(topic: str) -> tuple[str, Callable[[Any], Told]] | None:
-    """What a topic is about, by its name.
+def converter_for(topic: str) -> tuple[str, Callable[[Any], FleetReport]] | None:
+    """How to make reports of the messages on a topic, by its name.
 
     Returns:
-        The namespace of its world, and what converts its messages; None if nothing for a learner.
+        The namespace of its world, and what converts its messages; None for a topic that reports
+        nothing to a learner.
     """
     match = _KINDS.fullmatch(topic)
     if match is None:
         return None
-    kinds: dict[str | None, Callable[[Any], Told]] = {
-        'mission': mission_told,
-        'epoch': event_told,
-        None: transition_told,
+    kinds: dict[str | None, Callable[[Any], FleetReport]] = {
+        'mission': mission_report,
+        'epoch': event_report,
+        None: transition_report,
     }
     return match['world'], kinds[match['kind']]
 
 
-def mission_told(msg: Any) -> MissionTold:
-    """What a Mission message says, at the start as at the end."""
-    return MissionTold(
+def mission_report(msg: Any) -> MissionReport:
+    """What a Mission message reports, at the start as at the end."""
+    return MissionReport(
         mission_id=msg.mission_id,
         scenario_fingerprint=msg.scenario_fingerprint,
         mission_seed=int(msg.seed),
@@ -38,9 +39,9 @@ def mission_told(msg: Any) -> MissionTold:
     )
 
 
-def event_told(msg: Any) -> EventTold:
-    """What an Epoch message says."""
-    return EventTold(
+def event_report(msg: Any) -> EventReport:
+    """What an Epoch message reports."""
+    return EventReport(
         mission_id=msg.mission_id,
         event=int(msg.event),
         uav=int(msg.uav) - 1,
@@ -65,9 +66,9 @@ def event_told(msg: Any) -> EventTold:
     )
 
 
-def transition_told(msg: Any) -> TransitionTold:
-    """What a Transition message says."""
-    return TransitionTold(
+def transition_report(msg: Any) -> TransitionReport:
+    """What a Transition message reports."""
+    return TransitionReport(
         mission_id=msg.mission_id,
         event=int(msg.event),
         uav=int(msg.uav) - 1,

@@ -1,6 +1,6 @@
-"""Joins what messages tell of missions into episodes: whole, or not at all.
+"""Joins reports of missions into episodes: whole, or not at all.
 
-Messages may come in any order, twice or never. A mission is handed out once all of it is here, and
+Reports may come in any order, twice or never. A mission is handed out once all of it is here, and
 given up once so many later ones were, or when there is no room for more.
 """
 
@@ -9,16 +9,14 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-from uav_collect.ingest.rebuild import MissionParts, Retracer
+from uav_collect.ingest.rebuild import EpisodeBuilder, MissionParts
 from uav_collect.ingest.reports import (
-    EventTold,
-    is_decision,
-    is_failsafe,
-    MissionTold,
+    EventReport,
+    FleetReport,
+    MissionReport,
     RefusedError,
-    Terms,
-    Told,
-    TransitionTold,
+    ReportSpec,
+    TransitionReport,
 )
 from uav_collect.missions.experience import Episode
 from uav_collect.uav.actions import HOME
@@ -27,16 +25,16 @@ _PATIENCE_MISSIONS = 8  # later ones joined before a mission is given up
 _N_REMEMBERED = 4096  # missions whose stragglers are known as such
 
 
-class Cause(StrEnum):
+class DropReason(StrEnum):
     """Why a mission was dropped."""
 
-    MISSING = 'missing'  # a message did not come
-    REFUSED = 'refused'  # a message does not match the scenario, the layout or other messages
+    MISSING = 'missing'  # a report did not come
+    REFUSED = 'refused'  # a report does not match the scenario, the layout or other reports
     FAILSAFE = 'failsafe'  # an agent did not answer: nobody chose to fly home
 
 
-class Fate(StrEnum):
-    """What became of a message about an event or a decision."""
+class ReportOutcome(StrEnum):
+    """What became of the report of an event or a decision."""
 
     USED = 'used'
     UNNEEDED = 'unneeded'  # of UAVs that turn home, or past the end of what is kept
@@ -46,7 +44,7 @@ class Fate(StrEnum):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Joined:
+class JoinedMission:
     """A mission, whole or cut off where it had enough decisions."""
 
     mission_id: str
@@ -55,203 +53,216 @@ class Joined:
 
 
 @dataclass
-class Tally:
-    """What became of missions and of messages."""
+class JoinCounts:
+    """What became of missions and of reports."""
 
     n_joined: int = 0  # missions, those that were cut off among them
-    dropped: Counter[Cause] = field(default_factory=Counter)  # missions
-    messages: Counter[Fate] = field(default_factory=Counter)
+    dropped: Counter[DropReason] = field(default_factory=Counter)  # missions
+    reports: Counter[ReportOutcome] = field(default_factory=Counter)
 
     @staticmethod
-    def sum(tallies: 'Iterable[Tally]') -> 'Tally':
-        """That of several worlds."""
-        total = Tally()
-        for each in tallies:
-            total.n_joined += each.n_joined
-            total.dropped += each.dropped
-            total.messages += each.messages
+    def sum(parts: 'Iterable[JoinCounts]') -> 'JoinCounts':
+        """The counts of several worlds together."""
+        total = JoinCounts()
+        for part in parts:
+            total.n_joined += part.n_joined
+            total.dropped += part.dropped
+            total.reports += part.reports
         return total
 
 
 @dataclass
-class _Mission:
-    """What came of one mission."""
+class _PartialMission:
+    """The reports of one mission that are here."""
 
-    told: MissionTold | None = None
-    events: dict[int, EventTold] = field(default_factory=dict)
-    transitions: dict[int, TransitionTold] = field(default_factory=dict)  # by event
-    n_ready: int = 0  # leading events that are here, with their decisions
+    about: MissionReport | None = None
+    events: dict[int, EventReport] = field(default_factory=dict)
+    transitions: dict[int, TransitionReport] = field(default_factory=dict)  # by event
+    n_ready: int = 0  # events without a gap from the first on, with their decisions
     n_decided: int = 0  # of them
     is_whole: bool = False  # they are all of the mission
     is_cut: bool = False  # they are all that is kept of it
-    cut_after: int | None = None  # decisions, where the world gave it up
+    cut_after: int | None = None  # decisions, where the world aborted it
     n_overtaken: int = 0  # later missions that were joined
 
     @property
-    def n_messages(self) -> int:
+    def n_reports(self) -> int:
         return len(self.events) + len(self.transitions)
 
     @property
-    def is_here(self) -> bool:
-        return self.told is not None and (self.is_whole or self.is_cut)
+    def is_ready(self) -> bool:
+        return self.about is not None and (self.is_whole or self.is_cut)
 
-    def note(self, told: Told) -> bool:
-        """Keep a message; whether it may be news.
+    def add(self, report: FleetReport) -> bool:
+        """Keep a report; whether it may be news.
 
         Raises:
             RefusedError: there is another one in its place.
         """
-        known: Told | None
-        match told:
-            case MissionTold():
-                known, self.told = self.told, told
-                self.cut_after = told.cut_after or self.cut_after
-            case EventTold():
-                known = self.events.get(told.event)
-                self.events[told.event] = told
-            case TransitionTold():
-                known = self.transitions.get(told.event)
-                self.transitions[told.event] = told
-        if known is not None and known != told:
-            event = '' if isinstance(told, MissionTold) else f', event {told.event}'
-            raise RefusedError(f'mission {told.mission_id}{event}: is told in two ways')
-        return known is None or isinstance(told, MissionTold)
+        known: FleetReport | None
+        match report:
+            case MissionReport():
+                known, self.about = self.about, report
+                self.cut_after = report.cut_after or self.cut_after
+            case EventReport():
+                known = self.events.get(report.event)
+                self.events[report.event] = report
+            case TransitionReport():
+                known = self.transitions.get(report.event)
+                self.transitions[report.event] = report
+        if known is not None and known != report:
+            event = '' if isinstance(report, MissionReport) else f', event {report.event}'
+            raise RefusedError(f'mission {report.mission_id}{event}: is told in two ways')
+        return known is None or isinstance(report, MissionReport)
 
     def advance(self, max_decisions: int) -> None:
-        """Go on past the events that are here."""
+        """Count the events that are ready, up to the first gap."""
         while not (self.is_whole or self.is_cut):
             event = self.events.get(self.n_ready)
-            if event is None or (is_decision(event) and event.event not in self.transitions):
+            if event is None or (event.is_decision and event.event not in self.transitions):
                 break
             self.n_ready += 1
-            self.n_decided += is_decision(event)
+            self.n_decided += event.is_decision
             self.is_cut = self.n_decided > max_decisions
             self.is_whole = event.is_last and not self.is_cut
         self.is_cut |= self.cut_after is not None and self.n_decided >= self.cut_after > 1
 
     def parts(self) -> MissionParts:
-        if self.told is None or self.n_decided == 0:
+        if self.about is None or self.n_decided == 0:
             raise RefusedError(f'mission {self.events[0].mission_id}: holds no decision')
         return MissionParts(
-            told=self.told,
+            mission=self.about,
             events=[self.events[index] for index in range(self.n_ready)],
             transitions=self.transitions,
             is_whole=self.is_whole,
         )
 
 
-class Assembly:
+class MissionJoiner:
     """Joins the missions of one world, which flies one after the other."""
 
     def __init__(
         self,
-        terms: Terms,
-        retracer: Retracer,
+        spec: ReportSpec,
+        builder: EpisodeBuilder,
         *,
         max_decisions: int,
-        max_messages: int = 20_000,
-        known: Iterable[str] = (),
+        max_reports: int = 20_000,
+        known_ids: Iterable[str] = (),
     ) -> None:
-        """Wait for the first message.
+        """Wait for the first report.
 
         Args:
+            spec: what reports must match.
+            builder: of the episodes of missions that are joined.
             max_decisions: after how many a mission is cut off.
-            max_messages: that wait at most; for more, the missions that wait longest are dropped.
-            known: ids of missions that were joined before.
+            max_reports: that wait at most; for more, the missions that wait longest are dropped.
+            known_ids: of missions that were joined before.
         """
-        self.tally = Tally()
-        self._terms, self._retracer = terms, retracer
-        self._max_decisions, self._max_messages = max_decisions, max_messages
-        self._missions: OrderedDict[str, _Mission] = OrderedDict()  # by id, the oldest first
-        self._closed: OrderedDict[str, Fate] = OrderedDict()  # by id: what awaits its stragglers
-        self.n_waiting = 0  # messages about events and decisions
-        for mission_id in known:
-            self._close(mission_id, Fate.UNNEEDED)
+        self.counts = JoinCounts()
+        self._spec, self._builder = spec, builder
+        self._max_decisions, self._max_reports = max_decisions, max_reports
+        self._missions: OrderedDict[str, _PartialMission] = OrderedDict()  # by id, oldest first
+        self._closed: OrderedDict[str, ReportOutcome] = OrderedDict()  # by id: of its stragglers
+        self.n_waiting = 0  # reports of events and decisions
+        for mission_id in known_ids:
+            self._close(mission_id, ReportOutcome.UNNEEDED)
 
-    def take(self, told: Told) -> Joined | None:
-        """Take a message.
+    def add(self, report: FleetReport) -> JoinedMission | None:
+        """Take a report in.
 
         Returns:
-            The mission that is here with it, if one is.
+            The mission that it makes whole, if it does.
 
         Raises:
-            RefusedError: the message cannot be learned from; its mission is dropped.
+            RefusedError: the report cannot be learned from; its mission is dropped.
         """
-        mission_id = told.mission_id
+        mission_id = report.mission_id
         if mission_id in self._closed:
-            self._count(told, self._closed[mission_id])
+            self._count(report, self._closed[mission_id])
             return None
-        if isinstance(told, TransitionTold) and told.action == HOME:
-            self._count(told, Fate.UNNEEDED)
+        if isinstance(report, TransitionReport) and report.action == HOME:
+            self._count(report, ReportOutcome.UNNEEDED)
             return None
-        mission = self._missions.setdefault(mission_id, _Mission())
+        mission = self._missions.setdefault(mission_id, _PartialMission())
         try:
-            self._terms.check(told)
-            is_new = mission.note(told)
+            self._spec.check(report)
+            is_new = mission.add(report)
         except RefusedError:
-            self._count(told, Fate.DROPPED)
-            self._drop(mission_id, Cause.REFUSED)
+            self._count(report, ReportOutcome.DROPPED)
+            self._drop(mission_id, DropReason.REFUSED)
             raise
         if not is_new:
-            self._count(told, Fate.DUPLICATE)
+            self._count(report, ReportOutcome.DUPLICATE)
             return None
-        self.n_waiting += not isinstance(told, MissionTold)
-        return self._go_on(mission_id, mission, told)
+        self.n_waiting += not isinstance(report, MissionReport)
+        return self._advance(mission_id, mission, report)
 
-    def give_up(self) -> None:
-        """Drop the missions that still wait for messages: no more will come."""
+    def drop_incomplete(self) -> None:
+        """Drop the missions that still wait for reports: no more will come."""
         for mission_id in [*self._missions]:
-            self._drop(mission_id, Cause.MISSING)
+            self._drop(mission_id, DropReason.MISSING)
 
-    def _go_on(self, mission_id: str, mission: _Mission, told: Told) -> Joined | None:
-        if isinstance(told, EventTold) and is_failsafe(told):
-            self._drop(mission_id, Cause.FAILSAFE)
+    def _advance(
+        self, mission_id: str, mission: _PartialMission, report: FleetReport
+    ) -> JoinedMission | None:
+        """Join a mission if the new report makes it whole, or drop it if nobody flew it."""
+        if isinstance(report, EventReport) and report.is_failsafe:
+            self._drop(mission_id, DropReason.FAILSAFE)
             return None
         mission.advance(self._max_decisions)
-        joined = self._join(mission_id, mission) if mission.is_here else None
+        joined = self._join(mission_id, mission) if mission.is_ready else None
         self._make_room()
         return joined
 
-    def _join(self, mission_id: str, mission: _Mission) -> Joined:
+    def _join(self, mission_id: str, mission: _PartialMission) -> JoinedMission:
         try:
             parts = mission.parts()
-            joined = Joined(
+            joined = JoinedMission(
                 mission_id=mission_id,
-                episode=self._retracer.episode(parts),
-                efficiency_kbit_per_j=self._retracer.efficiency_kbit_per_j(parts),
+                episode=self._builder.episode(parts),
+                efficiency_kbit_per_j=self._builder.efficiency_kbit_per_j(parts),
             )
         except RefusedError:
-            self._drop(mission_id, Cause.REFUSED)
+            self._drop(mission_id, DropReason.REFUSED)
             raise
         n_used = mission.n_ready + mission.n_decided
-        self.tally.n_joined += 1
-        self.tally.messages[Fate.USED] += n_used
-        self.tally.messages[Fate.UNNEEDED] += mission.n_messages - n_used
+        self.counts.n_joined += 1
+        self.counts.reports[ReportOutcome.USED] += n_used
+        self.counts.reports[ReportOutcome.UNNEEDED] += mission.n_reports - n_used
+        self._note_overtaken(mission_id)
+        stragglers = ReportOutcome.UNNEEDED if mission.is_cut else ReportOutcome.DUPLICATE
+        self._close(mission_id, stragglers)
+        return joined
+
+    def _note_overtaken(self, mission_id: str) -> None:
+        """Drop the missions that began before this one, once enough such were joined."""
         for older in [*self._missions]:
             if older == mission_id:
                 break
             self._missions[older].n_overtaken += 1
             if self._missions[older].n_overtaken >= _PATIENCE_MISSIONS:
-                self._drop(older, Cause.MISSING)
-        self._close(mission_id, Fate.UNNEEDED if mission.is_cut else Fate.DUPLICATE)
-        return joined
+                self._drop(older, DropReason.MISSING)
 
     def _make_room(self) -> None:
-        while self.n_waiting > self._max_messages or len(self._missions) > _N_REMEMBERED:
-            self._drop(next(iter(self._missions)), Cause.MISSING)
+        """Drop the missions that wait longest, if too much waits."""
+        while self.n_waiting > self._max_reports or len(self._missions) > _N_REMEMBERED:
+            self._drop(next(iter(self._missions)), DropReason.MISSING)
 
-    def _drop(self, mission_id: str, cause: Cause) -> None:
-        self.tally.dropped[cause] += 1
-        self.tally.messages[Fate.DROPPED] += self._missions[mission_id].n_messages
-        self._close(mission_id, Fate.LATE if cause is Cause.MISSING else Fate.DROPPED)
+    def _drop(self, mission_id: str, reason: DropReason) -> None:
+        self.counts.dropped[reason] += 1
+        self.counts.reports[ReportOutcome.DROPPED] += self._missions[mission_id].n_reports
+        is_missing = reason is DropReason.MISSING
+        self._close(mission_id, ReportOutcome.LATE if is_missing else ReportOutcome.DROPPED)
 
-    def _close(self, mission_id: str, stragglers: Fate) -> None:
+    def _close(self, mission_id: str, stragglers: ReportOutcome) -> None:
+        """Forget the reports of a mission, and remember what becomes of those still to come."""
         mission = self._missions.pop(mission_id, None)
-        self.n_waiting -= 0 if mission is None else mission.n_messages
+        self.n_waiting -= 0 if mission is None else mission.n_reports
         self._closed[mission_id] = stragglers
         if len(self._closed) > _N_REMEMBERED:
             self._closed.popitem(last=False)
 
-    def _count(self, told: Told, fate: Fate) -> None:
-        if not isinstance(told, MissionTold):
-            self.tally.messages[fate] += 1
+    def _count(self, report: FleetReport, outcome: ReportOutcome) -> None:
+        if not isinstance(report, MissionReport):
+            self.counts.reports[outcome] += 1

@@ -1,6 +1,6 @@
-"""Makes the records of a mission that messages tell of: the very bytes a rollout would have kept.
+"""Makes the records of a mission out of its reports: the very bytes a rollout would have kept.
 
-Rewards are summed up by the kernels of the rollout, over the legs as they are told.
+Rewards are summed up by the kernels of the rollout, over the legs as they are reported.
 """
 
 from collections.abc import Mapping, Sequence
@@ -10,13 +10,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from uav_collect.ingest.reports import (
-    EventTold,
+    EventReport,
     FLOAT32,
     FLOAT64,
-    is_decision,
-    MissionTold,
+    MissionReport,
     RefusedError,
-    TransitionTold,
+    TransitionReport,
 )
 from uav_collect.kernels.arrays import Floats, Ints, Row
 from uav_collect.kernels.compile import kernel
@@ -42,11 +41,11 @@ _ENERGY = int(Reward.ENERGY)
 
 @dataclass(frozen=True, kw_only=True)
 class MissionParts:
-    """All that was told of a mission that can be learned from."""
+    """All reports of a mission that can be learned from."""
 
-    told: MissionTold
-    events: Sequence[EventTold]  # from the first on, without a gap
-    transitions: Mapping[int, TransitionTold]  # of all decisions among them, by event
+    mission: MissionReport
+    events: Sequence[EventReport]  # from the first on, without a gap
+    transitions: Mapping[int, TransitionReport]  # of all decisions among them, by event
     is_whole: bool  # False: cut off, the outcome of the last decision does not count
 
 
@@ -64,15 +63,17 @@ class _Events(NamedTuple):
     known: NDArray[np.uint8]  # (K, C) the deciding UAV's map
 
 
-class Retracer:
-    """Turns what was told of missions of one scenario into episodes."""
+class EpisodeBuilder:
+    """Turns the reports of missions of one scenario into episodes."""
 
     def __init__(
         self, scenario: Scenario, site: Site, layout: Layout, reward: Reward, discount_per_s: float
     ) -> None:
-        """Get ready.
+        """Lay the scenario out once for all its missions.
 
         Args:
+            layout: of the observations that the learner takes.
+            reward: to be learned.
             discount_per_s: of the training.
 
         Raises:
@@ -95,17 +96,15 @@ class Retracer:
     def warm_up(self) -> None:
         """Let kernels be compiled, which takes a minute once."""
         side, n_uavs = self._briefing.cells_per_side, self._briefing.n_uavs
-        size, records = (
-            observation_size(self._layout, side, n_uavs),
-            new_records(0, self._briefing),
-        )
+        size = observation_size(self._layout, side, n_uavs)
+        records = new_records(0, self._briefing)
         none = np.zeros(0, dtype=np.int64)
         nothing = np.zeros((0, size), dtype=np.float32)
         demand_bit = np.zeros((1, side * side))
         observations(int(self._layout), self._briefing, records, demand_bit, none, none, nothing)
         never, known = np.zeros(0), np.zeros((0, side * side), dtype=np.uint8)
         events = _Events(none, none, never, never, never, never, never, never, known)
-        self._add_up(events, records, is_whole=False)
+        self._write_rewards(events, records, is_whole=False)
 
     def episode(self, parts: MissionParts) -> Episode:
         """The mission as the learner keeps it.
@@ -115,10 +114,10 @@ class Retracer:
                 it says that it has.
         """
         demand_bit = demand_by_cell(
-            self._first_sensor, np.frombuffer(parts.told.demand_bit, FLOAT64).tolist()
+            self._first_sensor, np.frombuffer(parts.mission.demand_bit, FLOAT64).tolist()
         )
         events = parts.events
-        decided = [event for event in events if is_decision(event)]
+        decided = [event for event in events if event.is_decision]
         decisions = [parts.transitions[event.event] for event in decided]
         _check_agreement(decided, decisions, self._briefing.n_uavs)
         records = new_records(len(decided), self._briefing)
@@ -126,11 +125,11 @@ class Retracer:
         _write_world(records, self._briefing, events, demand_bit)
         self._check_observations(records, decisions, demand_bit)
         events_flown = _columns(events, self._briefing.n_uavs, len(self._union))
-        self._add_up(events_flown, records, is_whole=parts.is_whole)
+        self._write_rewards(events_flown, records, is_whole=parts.is_whole)
         if not parts.is_whole:
             records.action[-1] = NONE
         return Episode(
-            mission_seed=parts.told.mission_seed,
+            mission_seed=parts.mission.mission_seed,
             demand_bit=demand_bit,
             records=records,
             is_whole=parts.is_whole,
@@ -143,7 +142,8 @@ class Retracer:
         collected_bit = sum(event.collected_bit for event in parts.events)
         return collected_bit / spent_j / 1e3 if spent_j > 0.0 else 0.0
 
-    def _add_up(self, events: _Events, records: Records, *, is_whole: bool) -> None:
+    def _write_rewards(self, events: _Events, records: Records, *, is_whole: bool) -> None:
+        """Write what each decision earned until the next one, and how long that took."""
         self._union[:] = 0
         _sum_rewards(
             int(self._reward),
@@ -158,10 +158,11 @@ class Retracer:
         )
 
     def _check_observations(
-        self, records: Records, decisions: Sequence[TransitionTold], demand_bit: Floats
+        self, records: Records, decisions: Sequence[TransitionReport], demand_bit: Floats
     ) -> None:
-        told = _joined((it.observation for it in decisions), FLOAT32, len(decisions))
-        rebuilt = np.empty(told.shape, dtype=np.float32)
+        """Refuse an observation that was encoded from something else than what is reported."""
+        sent = _stacked((it.observation for it in decisions), FLOAT32, len(decisions))
+        rebuilt = np.empty(sent.shape, dtype=np.float32)
         rows = np.arange(len(decisions))
         observations(
             int(self._layout),
@@ -172,23 +173,19 @@ class Retracer:
             rows,
             rebuilt,
         )
-        wrong = np.argwhere(told != rebuilt)
+        wrong = np.argwhere(sent != rebuilt)
         if len(wrong):
             row, place = wrong[0].tolist()
             raise RefusedError(
-                f'{_named(decisions[row])}: observation[{place}] is {told[row, place]:g}: '
+                f'{decisions[row].where}: observation[{place}] is {sent[row, place]:g}: '
                 f'what it was encoded from gives {rebuilt[row, place]:g}'
             )
 
 
-def _named(told: TransitionTold) -> str:
-    return f'mission {told.mission_id}, event {told.event}, transition of UAV {told.uav + 1}'
-
-
 def _check_agreement(
-    events: Sequence[EventTold], decisions: Sequence[TransitionTold], n_uavs: int
+    events: Sequence[EventReport], decisions: Sequence[TransitionReport], n_uavs: int
 ) -> None:
-    """Refuse a decision that the world knows otherwise."""
+    """Refuse a decision that UAV and world report differently."""
     n_decided = [0] * n_uavs
     for event, decision in zip(events, decisions, strict=True):
         n_bytes = len(decision.complete)
@@ -203,55 +200,55 @@ def _check_agreement(
             ('complete', decision.complete.hex(), known.hex()),
         ):
             if value != wanted:
-                raise RefusedError(
-                    f'{_named(decision)}: {name} is {value}: the world has {wanted}'
-                )
+                raise RefusedError(f'{decision.where}: {name} is {value}: the world has {wanted}')
         n_decided[event.uav] += 1
 
 
-def _write_decisions(records: Records, decisions: Sequence[TransitionTold]) -> None:
-    """What each UAV tells of itself."""
+def _write_decisions(records: Records, decisions: Sequence[TransitionReport]) -> None:
+    """Write what each UAV reports of itself."""
     for name in (
         'uav', 'decision', 'time_s', 'energy_left_j', 'cell', 'previous_action', 'legal', 'action'
     ):  # fmt: skip
         getattr(records, name)[:] = [getattr(it, name) for it in decisions]
     for name in ('peer_x_m', 'peer_y_m', 'peer_s', 'seen'):
         kind = np.uint8 if name == 'seen' else FLOAT64
-        column = _joined((getattr(it, name) for it in decisions), kind, len(decisions))
+        column = _stacked((getattr(it, name) for it in decisions), kind, len(decisions))
         getattr(records, name)[:] = column
 
 
 def _write_world(
-    records: Records, briefing: Briefing, events: Sequence[EventTold], demand_bit: Floats
+    records: Records, briefing: Briefing, events: Sequence[EventReport], demand_bit: Floats
 ) -> None:
-    """What only the world knows: all maps, and where the fleet is, before the UAV's action."""
+    """Write what only the world knows: all maps, and the fleet before the UAV's action."""
     n_events = len(events)
-    at = np.flatnonzero([is_decision(event) for event in events])
-    complete = _joined((it.uav_complete for it in events), np.uint8, n_events)
+    at = np.flatnonzero([event.is_decision for event in events])
+    complete = _stacked((it.uav_complete for it in events), np.uint8, n_events)
     records.complete[:] = complete[at]
-    # The world tells what is true after an action; before it holds what was true after the last.
+    # Events report what is true after an action; before it holds what was true after the last.
     first = np.packbits(demand_bit <= 0.0, bitorder='little')
-    after = _joined((it.true_complete for it in events), np.uint8, n_events)
+    after = _stacked((it.true_complete for it in events), np.uint8, n_events)
     records.true_complete[:] = np.concatenate([first[None], after[:-1]])[at]
     side_m = briefing.cells_per_side * briefing.cell_size_m
     uav = np.array([event.uav for event in events])
     for place, name in enumerate(('uav_x_m', 'uav_y_m')):
-        fleet_m = _joined((getattr(it, name) for it in events), FLOAT64, n_events)
+        fleet_m = _stacked((getattr(it, name) for it in events), FLOAT64, n_events)
         records.fleet[:, place::N_UAV_SCALARS] = fleet_m[at] / side_m
-    left_j = _joined((it.uav_energy_left_j for it in events), FLOAT64, n_events)
+    left_j = _stacked((it.uav_energy_left_j for it in events), FLOAT64, n_events)
     left_j[np.arange(n_events), uav] = [event.energy_left_j for event in events]
     records.fleet[:, 2::N_UAV_SCALARS] = left_j[at] / np.asarray(briefing.energy_budget_j)
-    phase = _joined((it.uav_phase for it in events), np.uint8, n_events)
+    phase = _stacked((it.uav_phase for it in events), np.uint8, n_events)
     records.fleet[:, 3::N_UAV_SCALARS] = phase[at] == ACTIVE
 
 
-def _joined(contents: Any, kind: Any, n_rows: int) -> NDArray[Any]:
+def _stacked(contents: Any, kind: Any, n_rows: int) -> NDArray[Any]:
+    """Arrays of messages as the rows of one table."""
     return np.frombuffer(b''.join(contents), kind).reshape(n_rows, -1).copy()
 
 
-def _columns(events: Sequence[EventTold], n_uavs: int, n_cells: int) -> _Events:
+def _columns(events: Sequence[EventReport], n_uavs: int, n_cells: int) -> _Events:
+    """The events as the columns that rewards are summed up from."""
     uav = np.array([event.uav for event in events])
-    complete = _joined((it.uav_complete for it in events), np.uint8, len(events))
+    complete = _stacked((it.uav_complete for it in events), np.uint8, len(events))
     own = complete.reshape(len(events), n_uavs, -1)[np.arange(len(events)), uav]
     floats = {
         name: np.array([getattr(event, name) for event in events], dtype=np.float64)

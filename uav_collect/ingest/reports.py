@@ -1,4 +1,4 @@
-"""What messages tell a learner of missions flown elsewhere, and what they must match.
+"""What messages report of missions flown elsewhere, and what a learner can use of it.
 
 Arrays are the bytes of their numbers, as messages carry them: two messages are alike if their
 bytes are, and a thousand of them take little room.
@@ -24,20 +24,25 @@ class RefusedError(ValueError):
 
 
 @dataclass(frozen=True, kw_only=True)
-class MissionTold:
-    """What a mission is, told at its start and at its end."""
+class MissionReport:
+    """What a mission is, reported at its start and at its end."""
 
     mission_id: str
     scenario_fingerprint: str
     mission_seed: int
     demand_bit: bytes  # float64 (S,) at the start
-    # After how many decisions the world gave it up; told at its end, if it did.
+    # After how many decisions the world aborted it; known at its end, if it did.
     cut_after: int | None = field(default=None, compare=False)
+
+    @property
+    def where(self) -> str:
+        """Which one it is, for people."""
+        return f'mission {self.mission_id}'
 
 
 @dataclass(frozen=True, kw_only=True)
-class EventTold:
-    """One event as the world tells it, and the fleet after it."""
+class EventReport:
+    """One event as the world reports it, and the fleet after it."""
 
     mission_id: str
     event: int  # running number over the fleet, from 0
@@ -61,10 +66,25 @@ class EventTold:
     uav_complete: bytes  # the maps of all UAVs, a bit a cell, one after the other
     true_complete: bytes
 
+    @property
+    def where(self) -> str:
+        """Which one it is, for people."""
+        return f'mission {self.mission_id}, event {self.event}'
+
+    @property
+    def is_decision(self) -> bool:
+        """Whether the UAV goes on; turning home is no choice that could be learned from."""
+        return self.action != HOME
+
+    @property
+    def is_failsafe(self) -> bool:
+        """Whether the world flew the UAV home because its agent did not answer."""
+        return self.reason == actions.FAILSAFE
+
 
 @dataclass(frozen=True, kw_only=True)
-class TransitionTold:
-    """One decision as its UAV tells it."""
+class TransitionReport:
+    """One decision as its UAV reports it."""
 
     mission_id: str
     event: int
@@ -85,13 +105,18 @@ class TransitionTold:
     peer_y_m: bytes
     peer_s: bytes
 
+    @property
+    def where(self) -> str:
+        """Which one it is, for people."""
+        return f'mission {self.mission_id}, event {self.event}, transition of UAV {self.uav + 1}'
 
-Told = MissionTold | EventTold | TransitionTold
+
+FleetReport = MissionReport | EventReport | TransitionReport
 
 
 @dataclass(frozen=True, kw_only=True)
-class Terms:
-    """What messages must match, so that a learner can use them."""
+class ReportSpec:
+    """What reports must match, so that a learner can use them."""
 
     layout: Layout
     scenario_fingerprint: str
@@ -100,74 +125,77 @@ class Terms:
     n_sensors: int
     observation_size: int
 
-    def check(self, told: Told) -> None:
-        """Refuse a message that does not match.
+    def check(self, report: FleetReport) -> None:
+        """Refuse a report that does not match.
 
         Raises:
             RefusedError: naming what does not match.
         """
-        match told:
-            case MissionTold():
-                self._check_mission(told)
-            case EventTold():
-                self._check_event(told)
-            case TransitionTold():
-                self._check_transition(told)
+        match report:
+            case MissionReport():
+                self._check_mission(report)
+            case EventReport():
+                self._check_event(report)
+            case TransitionReport():
+                self._check_transition(report)
 
-    def _check_mission(self, told: MissionTold) -> None:
-        where = f'mission {told.mission_id}'
-        _same(where, 'scenario_fingerprint', told.scenario_fingerprint, self.scenario_fingerprint)
-        _sized(where, 'demand_bit', told.demand_bit, self.n_sensors * FLOAT64.itemsize)
-        _numbers(where, 'demand_bit', np.frombuffer(told.demand_bit, FLOAT64))
+    def _check_mission(self, report: MissionReport) -> None:
+        where = report.where
+        self._check_fingerprint(where, report.scenario_fingerprint)
+        _sized(where, 'demand_bit', report.demand_bit, self.n_sensors * FLOAT64.itemsize)
+        _numbers(where, 'demand_bit', np.frombuffer(report.demand_bit, FLOAT64))
 
-    def _check_event(self, told: EventTold) -> None:
-        where = f'mission {told.mission_id}, event {told.event}'
-        _within(where, 'uav', told.uav + 1, 1, self.n_uavs)
-        _within(where, 'action', told.action, 0, HOME)
+    def _check_event(self, report: EventReport) -> None:
+        where = report.where
+        _within(where, 'uav', report.uav + 1, 1, self.n_uavs)
+        _within(where, 'action', report.action, 0, HOME)
         for name in (
             'time_s', 'x_m', 'y_m', 'duration_s', 'energy_left_j', 'energy_j', 'collected_bit',
             'reward',
         ):  # fmt: skip
-            _number(where, name, getattr(told, name))
+            _number(where, name, getattr(report, name))
         for name in ('uav_x_m', 'uav_y_m', 'uav_energy_left_j'):
-            self._check_floats(where, name, getattr(told, name))
+            self._check_floats(where, name, getattr(report, name))
         n_bytes = n_map_bytes(self.n_cells)
-        _sized(where, 'uav_phase', told.uav_phase, self.n_uavs)
-        _sized(where, 'uav_complete', told.uav_complete, self.n_uavs * n_bytes)
-        _sized(where, 'true_complete', told.true_complete, n_bytes)
+        _sized(where, 'uav_phase', report.uav_phase, self.n_uavs)
+        _sized(where, 'uav_complete', report.uav_complete, self.n_uavs * n_bytes)
+        _sized(where, 'true_complete', report.true_complete, n_bytes)
 
-    def _check_transition(self, told: TransitionTold) -> None:
-        where = f'mission {told.mission_id}, event {told.event}, transition of UAV {told.uav + 1}'
-        _same(where, 'scenario_fingerprint', told.scenario_fingerprint, self.scenario_fingerprint)
-        _same(where, 'layout', told.layout, self.layout.label)
-        _within(where, 'uav', told.uav + 1, 1, self.n_uavs)
+    def _check_transition(self, report: TransitionReport) -> None:
+        where = report.where
+        self._check_fingerprint(where, report.scenario_fingerprint)
+        _same(where, 'layout', report.layout, self.layout.label)
+        _within(where, 'uav', report.uav + 1, 1, self.n_uavs)
         size = self.observation_size * FLOAT32.itemsize
-        _sized(where, 'observation', told.observation, size)
-        _numbers(where, 'observation', np.frombuffer(told.observation, FLOAT32))
-        _number(where, 'time_s', told.time_s)
-        _number(where, 'energy_left_j', told.energy_left_j)
-        _within(where, 'cell', told.cell, 0, self.n_cells - 1)
-        _within(where, 'previous_action', told.previous_action, NONE, N_ACTIONS - 1)
-        _within(where, 'action', told.action, 0, HOME)
-        if told.action != HOME and not told.legal >> told.action & 1:
-            raise RefusedError(f'{where}: action is {told.action}: must be legal')
+        _sized(where, 'observation', report.observation, size)
+        _numbers(where, 'observation', np.frombuffer(report.observation, FLOAT32))
+        _number(where, 'time_s', report.time_s)
+        _number(where, 'energy_left_j', report.energy_left_j)
+        _within(where, 'cell', report.cell, 0, self.n_cells - 1)
+        _within(where, 'previous_action', report.previous_action, NONE, N_ACTIONS - 1)
+        _within(where, 'action', report.action, 0, HOME)
+        if report.action != HOME and not report.legal >> report.action & 1:
+            raise RefusedError(f'{where}: action is {report.action}: must be legal')
         for name in ('complete', 'seen'):
-            _sized(where, name, getattr(told, name), n_map_bytes(self.n_cells))
+            _sized(where, name, getattr(report, name), n_map_bytes(self.n_cells))
         for name in ('peer_x_m', 'peer_y_m', 'peer_s'):
-            self._check_floats(where, name, getattr(told, name))
+            self._check_floats(where, name, getattr(report, name))
+
+    def _check_fingerprint(self, where: str, found: str) -> None:
+        _same(where, 'scenario_fingerprint', found, self.scenario_fingerprint)
 
     def _check_floats(self, where: str, name: str, content: bytes) -> None:
         _sized(where, name, content, self.n_uavs * FLOAT64.itemsize)
         _numbers(where, name, np.frombuffer(content, FLOAT64))
 
 
-def terms_of(scenario: Scenario, layout: Layout, n_sensors: int) -> Terms:
-    """What messages of missions of a scenario must match.
+def report_spec(scenario: Scenario, layout: Layout, n_sensors: int) -> ReportSpec:
+    """What reports of missions of a scenario must match.
 
     Raises:
         ConfigError: the layout has no room for the fleet.
     """
-    return Terms(
+    return ReportSpec(
         layout=layout,
         scenario_fingerprint=fingerprint(scenario),
         n_uavs=scenario.n_uavs,
@@ -175,16 +203,6 @@ def terms_of(scenario: Scenario, layout: Layout, n_sensors: int) -> Terms:
         n_sensors=n_sensors,
         observation_size=observation_size(layout, scenario.area.cells_per_side, scenario.n_uavs),
     )
-
-
-def is_decision(told: EventTold) -> bool:
-    """Whether the UAV goes on, so that there is something to learn: turning home is no choice."""
-    return told.action != HOME
-
-
-def is_failsafe(told: EventTold) -> bool:
-    """Whether the world flew the UAV home because its agent did not answer."""
-    return told.reason == actions.FAILSAFE
 
 
 def _same(where: str, name: str, value: object, wanted: object) -> None:

@@ -9,7 +9,7 @@ from threading import Condition
 from typing import Any
 
 import numpy as np
-from uav_collect.ingest.join import Joined
+from uav_collect.ingest.join import JoinedMission
 from uav_collect.learning.network import Drqn
 from uav_collect.missions.experience import Episode
 from uav_collect.training.progress import RecentMissions
@@ -30,12 +30,12 @@ class Intake:
         Args:
             most_waiting: decisions that may wait for the learner. Where it is slower than the
                 fleet it takes what waits at once: updates become fewer, no mission is lost.
-            fly: told, each time that missions are asked for, with which epsilon they should
-                explore; how the network gets on board is its matter.
+            fly: called, each time that missions are asked for, with the epsilon by which they
+                should explore; how the network gets on board is its matter.
         """
         self._most_waiting, self._fly = most_waiting, fly
         self._changed = Condition()
-        self._waiting: deque[Joined] = deque()
+        self._waiting: deque[JoinedMission] = deque()
         self._n_waiting = 0  # decisions
         self._is_closed = False
         self._credit = 0  # decisions handed out that were not asked for yet
@@ -56,7 +56,7 @@ class Intake:
         """Decisions that wait for the learner."""
         return self._n_waiting
 
-    def add(self, joined: Joined) -> None:
+    def add(self, joined: JoinedMission) -> None:
         """Let a mission be learned from."""
         with self._changed:
             self._waiting.append(joined)

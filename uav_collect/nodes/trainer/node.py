@@ -1,4 +1,4 @@
-"""The trainer node: learns from what fleets fly, and tells them what to fly."""
+"""The trainer node: learns from what fleets fly, and publishes the policy that they fly."""
 
 import argparse
 from array import array
@@ -16,10 +16,10 @@ from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import QoSProfile
 from uav_collect.ingest import rebuild
-from uav_collect.ingest.from_messages import teller
-from uav_collect.ingest.join import Assembly, Cause, Fate, Tally
-from uav_collect.ingest.rebuild import Retracer
-from uav_collect.ingest.reports import RefusedError, terms_of, Told
+from uav_collect.ingest.from_messages import converter_for
+from uav_collect.ingest.join import DropReason, JoinCounts, MissionJoiner, ReportOutcome
+from uav_collect.ingest.rebuild import EpisodeBuilder
+from uav_collect.ingest.reports import FleetReport, RefusedError, report_spec
 from uav_collect.kernels.compile import kernels_are_cached, kernels_are_compiled
 from uav_collect.learning.background import Ending, Flown, Learning
 from uav_collect.learning.memory import keep_freed_memory
@@ -62,10 +62,10 @@ _MOST_WAITING_UPDATES = 64  # that the learner may be late by before it skips so
 
 
 class TrainerNode(ProcessNode):
-    """Hears, joins, publishes; learning happens in another thread."""
+    """Subscribes, joins, publishes; learning happens in another thread."""
 
     def __init__(self, bags: Sequence[Path]) -> None:
-        """Get ready as the run's folder says, then listen, or read bags.
+        """Get ready as the run's folder says, then subscribe, or read bags.
 
         Args:
             bags: to learn from instead of what flies.
@@ -74,7 +74,7 @@ class TrainerNode(ProcessNode):
         settings = read_settings(self)
         try:
             self._run = planned_run(settings)
-            self._tell_memory()
+            self._log_memory()
             config = self._run.config
             self._learning = Learning(
                 self._run,
@@ -82,11 +82,11 @@ class TrainerNode(ProcessNode):
                 publish_every_updates=settings.publish_every_updates,
                 checkpoint_s=settings.checkpoint_period_s,
             )
-            self._tell_compiling()
-            self._known = self._learning.intake.known_ids  # missions that were joined before
-            self._assemblies: dict[str, Assembly] = {}  # by namespace
+            self._log_compiling()
+            self._known_ids = self._learning.intake.known_ids  # missions that were joined before
+            self._joiners: dict[str, MissionJoiner] = {}  # by namespace
             for namespace in () if bags else settings.namespaces:
-                self._assemblies[namespace] = _new_assembly(self._run, self._known)
+                self._joiners[namespace] = _new_joiner(self._run, self._known_ids)
         except (ConfigError, PolicyMismatchError, TrainingRunError) as error:
             raise NodeError(str(error)) from error
         except OSError as error:
@@ -95,14 +95,14 @@ class TrainerNode(ProcessNode):
         self._instance, self._sequence = str(uuid.uuid4()), 0
         self._version = ''
         self._n_lost = 0
-        self._shown_s = self._told_s = -math.inf
+        self._shown_s = self._logged_s = -math.inf
         self._closing = ExitStack()
-        self._show = self._closing.enter_context(showing(self._run.folder.name, self._more))
+        self._show = self._closing.enter_context(showing(self._run.folder.name, self._join_status))
         # What is learned from recordings is nobody's to fly yet.
         self._policies = None if bags else topics.publisher(self, topics.POLICY)
         self._bags = self._read(bags) if bags else None
         self._learning.start()
-        for namespace in self._assemblies:
+        for namespace in self._joiners:
             self._listen(namespace)
         self.create_timer(_TICK_S, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
@@ -114,14 +114,14 @@ class TrainerNode(ProcessNode):
         if self.end_status is None:  # a signal
             self.get_logger().info(f'{ending.text}; start it again to go on')
 
-    def _tell_memory(self) -> None:
+    def _log_memory(self) -> None:
         size = self._run.config.replay.decisions
         n_bytes = replay_bytes(size, brief(self._run.scenarios[0]))
         self.get_logger().info(
             f'the replay has room for {size:,} decisions: {n_bytes / 1e6:,.0f} MB'
         )
 
-    def _tell_compiling(self) -> None:
+    def _log_compiling(self) -> None:
         if kernels_are_compiled() and not kernels_are_cached(
             (*vector_env.KERNELS, *rebuild.KERNELS)
         ):
@@ -133,23 +133,25 @@ class TrainerNode(ProcessNode):
         world = topics.world_topics(namespace)
         uavs = range(1, self._run.scenarios[0].n_uavs + 1)
         for topic in (world.mission, world.epoch, *(world.uav(uav).transition for uav in uavs)):
-            told = teller(topic.name)
-            if told is None:
-                raise RuntimeError(f'topic {topic.name} tells a learner nothing')
+            found = converter_for(topic.name)
+            if found is None:
+                raise RuntimeError(f'topic {topic.name} reports nothing to a learner')
+            _, convert = found
             self.create_subscription(
                 topic.message,
                 topic.name,
-                partial(self._on_message, namespace, told[1]),
+                partial(self._on_message, namespace, convert),
                 _reader_qos(topic.qos),
                 event_callbacks=SubscriptionEventCallbacks(message_lost=self._on_lost),
             )
 
-    def _on_message(self, namespace: str, convert: Callable[[Any], Told], msg: Any) -> None:
-        self._take(namespace, convert(msg))
+    def _on_message(self, namespace: str, convert: Callable[[Any], FleetReport], msg: Any) -> None:
+        self._ingest(namespace, convert(msg))
 
-    def _take(self, namespace: str, told: Told) -> None:
+    def _ingest(self, namespace: str, report: FleetReport) -> None:
+        """Hand a report on, and the mission that it makes whole to the learner."""
         try:
-            joined = self._assemblies[namespace].take(told)
+            joined = self._joiners[namespace].add(report)
         except RefusedError as error:
             _, _, what = str(error).partition(': ')
             if self._incidents.note('refused', what):
@@ -162,18 +164,19 @@ class TrainerNode(ProcessNode):
         self._n_lost += event.total_count_change
 
     def _read(self, bags: Sequence[Path]) -> Iterator[None]:
-        """Take message after message of recordings."""
+        """Ingest message after message of recordings."""
         for bag in bags:
-            for topic, msg in messages(bag, lambda name: teller(name) is not None):
-                about = teller(topic)
-                if about is not None:
-                    namespace = f'{bag}{about[0]}'
-                    if namespace not in self._assemblies:
-                        self._assemblies[namespace] = _new_assembly(self._run, self._known)
-                    self._take(namespace, _converted(bag, about[1], msg))
+            for topic, msg in messages(bag, lambda name: converter_for(name) is not None):
+                found = converter_for(topic)
+                if found is not None:
+                    world, convert = found
+                    namespace = f'{bag}{world}'
+                    if namespace not in self._joiners:
+                        self._joiners[namespace] = _new_joiner(self._run, self._known_ids)
+                    self._ingest(namespace, _converted(bag, convert, msg))
                 yield
-        for assembly in self._assemblies.values():
-            assembly.give_up()
+        for joiner in self._joiners.values():
+            joiner.drop_incomplete()
         self._learning.intake.close()
 
     # What goes out.
@@ -183,13 +186,14 @@ class TrainerNode(ProcessNode):
         now_s = time.monotonic()
         if now_s - self._shown_s >= _SHOWN_PERIOD_S:
             self._shown_s = now_s
-            self._tell(now_s)
+            self._show_progress(now_s)
         if self._learning.ending is not None:
             self._end(self._learning.ending)
         elif self._bags is not None:
             self._go_on_reading(self._bags, now_s + _READ_S)
 
     def _go_on_reading(self, bags: Iterator[None], until_s: float) -> None:
+        """Read until a time, or until enough waits for the learner."""
         most = _MOST_WAITING_UPDATES * self._run.config.rollout.decisions_per_update // 2
         try:
             while time.monotonic() < until_s and self._learning.intake.n_waiting < most:
@@ -221,24 +225,25 @@ class TrainerNode(ProcessNode):
             )
         )
 
-    def _tell(self, now_s: float) -> None:
+    def _show_progress(self, now_s: float) -> None:
+        """Show how the training stands, or say now and then that it waits for missions."""
         progress = self._learning.progress
         if progress is not None:
             self._show(progress)
-        elif now_s - self._told_s >= _WAITING_PERIOD_S:
-            self._told_s = now_s
-            self.get_logger().info(', '.join(('waiting for missions', *self._more())))
+        elif now_s - self._logged_s >= _WAITING_PERIOD_S:
+            self._logged_s = now_s
+            self.get_logger().info(', '.join(('waiting for missions', *self._join_status())))
 
-    def _more(self) -> tuple[str, ...]:
-        """What became of messages and missions."""
-        total = Tally.sum(it.tally for it in self._assemblies.values())
-        dropped = ', '.join(f'{total.dropped[cause]} {cause}' for cause in Cause)
-        n_waiting = sum(assembly.n_waiting for assembly in self._assemblies.values())
+    def _join_status(self) -> tuple[str, ...]:
+        """Which policy is flown, and what became of missions and messages, for people."""
+        total = JoinCounts.sum(joiner.counts for joiner in self._joiners.values())
+        dropped = ', '.join(f'{total.dropped[cause]} {cause}' for cause in DropReason)
+        n_waiting = sum(joiner.n_waiting for joiner in self._joiners.values())
         return (
             f'policy {self._version}' if self._version else 'no policy yet',
             f'{total.n_joined} missions joined, dropped: {dropped}',
-            f'messages: {n_waiting} wait, {total.messages[Fate.DUPLICATE]} twice,'
-            f' {total.messages[Fate.LATE]} late, {self._n_lost} lost',
+            f'messages: {n_waiting} wait, {total.reports[ReportOutcome.DUPLICATE]} twice,'
+            f' {total.reports[ReportOutcome.LATE]} late, {self._n_lost} lost',
         )
 
     def _end(self, ending: Ending) -> None:
@@ -247,23 +252,31 @@ class TrainerNode(ProcessNode):
         self.end(FAILED if ending.has_failed else 0)
 
 
-def _new_assembly(run: PlannedRun, known: Sequence[str]) -> Assembly:
+def _new_joiner(run: PlannedRun, known_ids: Sequence[str]) -> MissionJoiner:
+    """What joins the missions of one world into episodes as the run learns from them."""
     scenario, config = run.scenarios[0], run.config
     site = build_site(scenario)
     discount_per_s = config.reward.discount_per_s
-    retracer = Retracer(scenario, site, config.layout, config.reward_kind, discount_per_s)
+    builder = EpisodeBuilder(scenario, site, config.layout, config.reward_kind, discount_per_s)
     if kernels_are_compiled():
-        retracer.warm_up()
-    terms = terms_of(scenario, config.layout, site.n_sensors)
-    return Assembly(
-        terms, retracer, max_decisions=config.max_decisions(scenario.n_cells), known=known
+        builder.warm_up()
+    return MissionJoiner(
+        report_spec(scenario, config.layout, site.n_sensors),
+        builder,
+        max_decisions=config.max_decisions(scenario.n_cells),
+        known_ids=known_ids,
     )
 
 
-def _converted(bag: Path, convert: Callable[[Any], Told], msg: Any) -> Told:
+def _converted(bag: Path, convert: Callable[[Any], FleetReport], msg: Any) -> FleetReport:
+    """The report in a recorded message.
+
+    Raises:
+        BagError: the message lacks a field.
+    """
     try:
         return convert(msg)
-    except AttributeError as error:  # a message without a field
+    except AttributeError as error:
         raise BagError(f'{bag}: was recorded by another version: {error}') from error
 
 
