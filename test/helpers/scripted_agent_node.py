@@ -11,7 +11,7 @@ from fleets import Pilots
 import numpy as np
 from processes import DEADLINE_S
 import rclpy
-from uav_collect.lockstep.inbox import Cockpit
+from uav_collect.lockstep.inbox import Inbox
 from uav_collect.nodes import convert, topics
 from uav_collect.nodes.middleware import find_each_other_quickly
 from uav_collect.nodes.topics import publisher, subscription
@@ -72,7 +72,7 @@ class StandIn:
         self.node = node
         self._executor = executor
         self.heard: dict[str, list[Any]] = {}  # messages by topic, in order
-        self._cockpits: dict[int, Cockpit] = {}
+        self._inboxes: dict[int, Inbox] = {}
         self.commands: dict[int, Any] = {}  # publishers
         self.radio: dict[int, Any] = {}
         self._join = node.create_client(Join, topics.JOIN_SERVICE)
@@ -132,24 +132,24 @@ class StandIn:
         scenario, own = from_yaml(told.yaml), topics.uav_topics(uav)
         _compile(scenario, policy)
         agent = _Agent(brief(scenario), uav - 1, policy_named(policy), allocator_named('exact'))
-        cockpit = Cockpit(
+        inbox = Inbox(
             agent,
             told.world_instance,
             view_from=convert.view_from_msg,
             radio_from=partial(convert.radio_from_msg, n_cells=scenario.n_cells),
         )
         for topic, note in (
-            (own.radio_rx, cockpit.note_radio),
-            (own.observation, cockpit.note_observation),
+            (own.radio_rx, inbox.add_radio),
+            (own.observation, inbox.add_observation),
         ):
             self.heard[topic.name] = []
             subscription(self.node, topic, _both(self.heard[topic.name].append, note))
         self.commands[uav] = publisher(self.node, own.command)
         self.radio[uav] = publisher(self.node, own.radio_tx)
-        self._cockpits[uav] = cockpit
+        self._inboxes[uav] = inbox
         answer = self.ask_to_join(uav, policy)
         assert answer.accepted, answer.reason
-        cockpit.rebuild(answer)
+        inbox.replay(answer)
 
     def next_turn(self) -> Turn | None:
         """The next decision to take; None once the latest mission that started is over."""
@@ -157,8 +157,8 @@ class StandIn:
         missions = self.heard[topics.MISSION.name]
 
         def is_asked() -> bool:
-            for uav, cockpit in self._cockpits.items():
-                observation = cockpit.next_observation()
+            for uav, inbox in self._inboxes.items():
+                observation = inbox.next_observation()
                 if observation is not None:
                     found.append((uav, observation))
             return bool(found)
@@ -167,17 +167,17 @@ class StandIn:
         if not found:
             return None
         uav, observation = found[0]
-        cockpit = self._cockpits[uav]
-        view = cockpit.take_in(observation)
-        decision = cockpit.agent.decide(view)
+        inbox = self._inboxes[uav]
+        view = inbox.deliver(observation)
+        decision = inbox.agent.decide(view)
         command = convert.command_msg(decision, observation)
         command.agent_instance, command.policy_version = INSTANCE, '1'
-        message = cockpit.agent.message(view)
+        message = inbox.agent.message(view)
         return Turn(
             uav=uav,
             observation=observation,
             view=view,
-            legal=[int(flag) for flag in cockpit.agent.legal],  # type: ignore[attr-defined]
+            legal=[int(flag) for flag in inbox.agent.legal],  # type: ignore[attr-defined]
             radio=convert.radio_msg(
                 message, observation.mission_id, sequence=observation.decision
             ),

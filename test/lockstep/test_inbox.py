@@ -8,7 +8,7 @@ from typing import Any
 from fleets import Pilots
 import pytest
 from tiny_world import tiny, uav
-from uav_collect.lockstep.inbox import Cockpit
+from uav_collect.lockstep.inbox import Inbox
 from uav_collect.scenario.load import Scenario
 from uav_collect.uav.agent import Agent, allocator_named
 from uav_collect.uav.briefing import brief
@@ -84,21 +84,21 @@ def next_history(scenario: Scenario) -> History:
 
 
 @pytest.fixture
-def cockpit(scenario: Scenario) -> Cockpit:
+def inbox(scenario: Scenario) -> Inbox:
     agent = Agent(brief(scenario), 0, policy_named('sweep'), allocator_named('exact'))
     return empty(agent)
 
 
-def empty(agent: Agent, world: str = WORLD) -> Cockpit:
+def empty(agent: Agent, world: str = WORLD) -> Inbox:
     """Nothing has come yet."""
-    return Cockpit(agent, world, view_from=attrgetter('view'), radio_from=attrgetter('message'))
+    return Inbox(agent, world, view_from=attrgetter('view'), radio_from=attrgetter('message'))
 
 
-def decide(cockpit: Cockpit) -> list[Decision]:
+def decide(inbox: Inbox) -> list[Decision]:
     """The decisions that can be taken now."""
     decisions = []
-    while (observation := cockpit.next_observation()) is not None:
-        decisions.append(cockpit.agent.decide(cockpit.take_in(observation)))
+    while (observation := inbox.next_observation()) is not None:
+        decisions.append(inbox.agent.decide(inbox.deliver(observation)))
     return decisions
 
 
@@ -111,103 +111,103 @@ def test_the_history_of_these_tests_holds_radio_messages_before_and_between(
 
 
 def test_all_radio_messages_before_all_observations_and_the_other_way_round(
-    history: History, cockpit: Cockpit
+    history: History, inbox: Inbox
 ) -> None:
     for message in history.radio:
-        cockpit.note_radio(message)
+        inbox.add_radio(message)
     for observation in history.observations:
-        cockpit.note_observation(observation)
-    assert decide(cockpit) == history.decisions
-    cockpit = empty(cockpit.agent)
+        inbox.add_observation(observation)
+    assert decide(inbox) == history.decisions
+    inbox = empty(inbox.agent)
     for observation in history.observations:
-        cockpit.note_observation(observation)
+        inbox.add_observation(observation)
     for message in reversed(history.radio):
-        cockpit.note_radio(message)
-    assert decide(cockpit) == history.decisions
+        inbox.add_radio(message)
+    assert decide(inbox) == history.decisions
 
 
 def test_an_observation_waits_for_every_radio_message_before_it(
-    history: History, cockpit: Cockpit
+    history: History, inbox: Inbox
 ) -> None:
-    cockpit.note_observation(history.observations[0])
+    inbox.add_observation(history.observations[0])
     for message in history.radio[1 : history.observations[1].n_radio_delivered]:
-        cockpit.note_radio(message)
-    cockpit.note_observation(history.observations[1])
-    waiting = decide(cockpit)
-    cockpit.note_radio(history.radio[0])
+        inbox.add_radio(message)
+    inbox.add_observation(history.observations[1])
+    waiting = decide(inbox)
+    inbox.add_radio(history.radio[0])
     assert waiting == history.decisions[: len(waiting)]
     assert len(waiting) < 2
-    assert waiting + decide(cockpit) == history.decisions[:2]
+    assert waiting + decide(inbox) == history.decisions[:2]
 
 
-def test_messages_heard_twice_count_once(history: History, cockpit: Cockpit) -> None:
+def test_messages_heard_twice_count_once(history: History, inbox: Inbox) -> None:
     for _ in range(2):
         for message in history.radio:
-            cockpit.note_radio(message)
+            inbox.add_radio(message)
         for observation in history.observations:
-            cockpit.note_observation(observation)
-        first = decide(cockpit)
+            inbox.add_observation(observation)
+        first = decide(inbox)
         assert first in (history.decisions, [])
 
 
 @pytest.mark.parametrize('pending', [True, False])
 def test_a_restarted_agent_goes_on_with_the_same_decisions(
-    pending: bool, history: History, cockpit: Cockpit
+    pending: bool, history: History, inbox: Inbox
 ) -> None:
-    cockpit.rebuild(history.answer(3, pending=pending))
+    inbox.replay(history.answer(3, pending=pending))
     for message in history.radio:
-        cockpit.note_radio(message)
+        inbox.add_radio(message)
     for observation in history.observations[3:]:
-        cockpit.note_observation(observation)
-    assert decide(cockpit) == history.decisions[2 if pending else 3 :]
+        inbox.add_observation(observation)
+    assert decide(inbox) == history.decisions[2 if pending else 3 :]
 
 
 def test_an_observation_that_overtakes_the_history_is_not_lost(
-    history: History, cockpit: Cockpit
+    history: History, inbox: Inbox
 ) -> None:
     for message in history.radio:
-        cockpit.note_radio(message)
+        inbox.add_radio(message)
     for observation in history.observations:  # latched from the first on, and one more
-        cockpit.note_observation(observation)
-    cockpit.rebuild(history.answer(2))
-    assert decide(cockpit) == history.decisions[2:]
+        inbox.add_observation(observation)
+    inbox.replay(history.answer(2))
+    assert decide(inbox) == history.decisions[2:]
 
 
 def test_a_mission_that_overtakes_the_history_of_the_one_before_is_flown(
-    history: History, next_history: History, cockpit: Cockpit
+    history: History, next_history: History, inbox: Inbox
 ) -> None:
     for message in next_history.radio:
-        cockpit.note_radio(message)
+        inbox.add_radio(message)
     for observation in next_history.observations:
-        cockpit.note_observation(observation)
-    cockpit.rebuild(history.answer(2))
-    assert decide(cockpit) == next_history.decisions
+        inbox.add_observation(observation)
+    inbox.replay(history.answer(2))
+    assert decide(inbox) == next_history.decisions
 
 
 def test_the_next_mission_begins_with_its_first_observation(
-    history: History, next_history: History, cockpit: Cockpit
+    history: History, next_history: History, inbox: Inbox
 ) -> None:
     decisions = []
     for flown in (history, next_history, history):  # the last one is past, and ignored
         for message in flown.radio:
-            cockpit.note_radio(message)
+            inbox.add_radio(message)
         for observation in flown.observations:
-            cockpit.note_observation(observation)
-        decisions += decide(cockpit)
+            inbox.add_observation(observation)
+        decisions += decide(inbox)
     assert decisions == history.decisions + next_history.decisions
 
 
-def test_what_another_world_said_is_ignored(history: History, cockpit: Cockpit) -> None:
-    stranger = empty(cockpit.agent, 'fedcba9876543210')
+def test_what_another_world_said_is_ignored(history: History, inbox: Inbox) -> None:
+    stranger = empty(inbox.agent, 'fedcba9876543210')
     for message in history.radio:
-        stranger.note_radio(message)
+        stranger.add_radio(message)
     for observation in history.observations:
-        stranger.note_observation(observation)
+        stranger.add_observation(observation)
     assert decide(stranger) == []
 
 
 def test_a_mission_that_is_over_for_the_uav_asks_for_no_decision(
-    history: History, cockpit: Cockpit
+    history: History, inbox: Inbox
 ) -> None:
-    cockpit.note_observation(observation_of(mission(0), 0, terminated=True))
-    assert decide(cockpit) == []
+    inbox.add_observation(observation_of(mission(0), 0, terminated=True))
+    assert decide(inbox) == []

@@ -7,7 +7,7 @@ from policy_publisher import HOVER_SHARE, policy_fields
 import pytest
 from random_policies import header, random_policy
 from uav_collect.kernels.rows import row_of
-from uav_collect.lockstep.published_policy import Follower, Shelf
+from uav_collect.lockstep.published_policy import PolicyStore, TopicPolicy
 from uav_collect.scenario.load import load
 from uav_collect.uav.briefing import brief, Briefing
 from uav_collect.uav.exploration import explore
@@ -22,72 +22,72 @@ def briefing() -> Briefing:
 
 
 def message(sequence: int, trainer: str = 'one', sec: int = 0, **values: object) -> Any:  # noqa: ANN401
-    """A Policy message as far as a shelf reads it."""
-    told = {'trainer_instance': trainer, 'stamp': SimpleNamespace(sec=sec, nanosec=0), **values}
-    return SimpleNamespace(**policy_fields(FROZEN, sequence, 0.25) | told)
+    """A Policy message as far as a store reads it."""
+    about = {'trainer_instance': trainer, 'stamp': SimpleNamespace(sec=sec, nanosec=0), **values}
+    return SimpleNamespace(**policy_fields(FROZEN, sequence, 0.25) | about)
 
 
-def latest(shelf: Shelf) -> tuple[str, int]:
-    assert shelf.latest is not None
-    return shelf.latest.key
+def latest(store: PolicyStore) -> tuple[str, int]:
+    assert store.latest is not None
+    return store.latest.key
 
 
 def test_of_one_trainer_the_highest_sequence_counts_however_they_arrive(
     briefing: Briefing,
 ) -> None:
-    shelf = Shelf(briefing)
+    store = PolicyStore(briefing)
     for sequence in (2, 3, 1, 3):
-        assert shelf.note(message(sequence)) is None
-    assert latest(shelf) == ('one', 3)
+        assert store.add(message(sequence)) is None
+    assert latest(store) == ('one', 3)
 
 
 def test_of_two_trainers_the_later_stamp_counts(briefing: Briefing) -> None:
-    shelf = Shelf(briefing)
-    shelf.note(message(7, 'one', sec=100))
-    shelf.note(message(1, 'two', sec=200))
-    shelf.note(message(8, 'one', sec=150))
-    assert latest(shelf) == ('two', 1)
+    store = PolicyStore(briefing)
+    store.add(message(7, 'one', sec=100))
+    store.add(message(1, 'two', sec=200))
+    store.add(message(8, 'one', sec=150))
+    assert latest(store) == ('two', 1)
 
 
 def test_once_its_trainer_is_gone_the_next_one_counts_whatever_its_clock_says(
     briefing: Briefing,
 ) -> None:
-    shelf = Shelf(briefing)
-    shelf.note(message(7, 'one', sec=100))
-    shelf.abandon()
-    assert latest(shelf) == ('one', 7)
-    shelf.note(message(1, 'two', sec=50))
-    assert latest(shelf) == ('two', 1)
-    shelf.note(message(1, 'three', sec=40))
-    assert latest(shelf) == ('two', 1)
+    store = PolicyStore(briefing)
+    store.add(message(7, 'one', sec=100))
+    store.mark_trainer_gone()
+    assert latest(store) == ('one', 7)
+    store.add(message(1, 'two', sec=50))
+    assert latest(store) == ('two', 1)
+    store.add(message(1, 'three', sec=40))
+    assert latest(store) == ('two', 1)
 
 
-def test_a_shelf_keeps_the_last_few(briefing: Briefing) -> None:
-    shelf = Shelf(briefing)
+def test_a_store_keeps_the_last_few(briefing: Briefing) -> None:
+    store = PolicyStore(briefing)
     for sequence in range(1, 11):
-        shelf.note(message(sequence))
-    kept = [sequence for sequence in range(1, 11) if shelf.get(('one', sequence))]
+        store.add(message(sequence))
+    kept = [sequence for sequence in range(1, 11) if store.get(('one', sequence))]
     assert kept == [7, 8, 9, 10]
 
 
-def test_what_is_refused_leaves_the_shelf_as_it_was(briefing: Briefing) -> None:
-    shelf = Shelf(briefing)
-    shelf.note(message(1))
-    refusal = shelf.note(message(2, sha256='0' * 64))
+def test_what_is_refused_leaves_the_store_as_it_was(briefing: Briefing) -> None:
+    store = PolicyStore(briefing)
+    store.add(message(1))
+    refusal = store.add(message(2, sha256='0' * 64))
     assert refusal is not None
     assert refusal.startswith(f"policy '{FROZEN.header.version}' of the trainer is refused: ")
-    assert latest(shelf) == ('one', 1)
-    assert shelf.note(message(2)) is None
+    assert latest(store) == ('one', 1)
+    assert store.add(message(2)) is None
 
 
 def test_what_was_heard_is_judged_anew_for_another_fleet(briefing: Briefing) -> None:
     other = brief(load('paper_8x8'))
-    shelf = Shelf(other)
-    (refusal,) = {shelf.note(message(1)), shelf.note(message(2))}
-    assert shelf.serve(briefing) == []
-    assert latest(shelf) == ('one', 2)
-    assert shelf.serve(other) == [refusal] * 2
-    assert (shelf.latest, shelf.get(('one', 2))) == (None, None)
+    store = PolicyStore(other)
+    (refusal,) = {store.add(message(1)), store.add(message(2))}
+    assert store.recheck(briefing) == []
+    assert latest(store) == ('one', 2)
+    assert store.recheck(other) == [refusal] * 2
+    assert (store.latest, store.get(('one', 2))) == (None, None)
 
 
 @pytest.mark.parametrize(
@@ -103,7 +103,7 @@ def test_what_was_heard_is_judged_anew_for_another_fleet(briefing: Briefing) -> 
 def test_values_out_of_range_are_named(
     values: dict[str, object], complaint: str, briefing: Briefing
 ) -> None:
-    assert complaint in (Shelf(briefing).note(message(1, **values)) or '')
+    assert complaint in (PolicyStore(briefing).add(message(1, **values)) or '')
 
 
 def observation(decision: int, sequence: int = 1, key: int = 5) -> Any:  # noqa: ANN401
@@ -115,17 +115,17 @@ def observation(decision: int, sequence: int = 1, key: int = 5) -> Any:  # noqa:
 def test_a_mission_waits_for_the_policy_that_its_first_observation_names(
     briefing: Briefing,
 ) -> None:
-    shelf = Shelf(briefing)
-    follower = Follower(shelf)
-    follower.begin(briefing, 0)
-    shelf.note(message(1))
-    assert not follower.is_ready(observation(0, sequence=2))
-    shelf.note(message(2))
-    assert follower.is_ready(observation(0, sequence=2))
-    follower.take_up(observation(0, sequence=1))
-    assert follower.flown is not None
-    assert follower.version == f'{FROZEN.header.version} eps 0.25'
-    assert follower.is_ready(observation(3, sequence=9))  # what it flies stays
+    store = PolicyStore(briefing)
+    topic_policy = TopicPolicy(store)
+    topic_policy.begin(briefing, 0)
+    store.add(message(1))
+    assert not topic_policy.is_ready_for(observation(0, sequence=2))
+    store.add(message(2))
+    assert topic_policy.is_ready_for(observation(0, sequence=2))
+    topic_policy.select(observation(0, sequence=1))
+    assert topic_policy.current is not None
+    assert topic_policy.version == f'{FROZEN.header.version} eps 0.25'
+    assert topic_policy.is_ready_for(observation(3, sequence=9))  # what it flies stays
 
 
 def test_exploration_follows_the_mission_seed_the_uav_and_its_decisions(

@@ -20,56 +20,56 @@ def pilot(number: int, instance: str, policy: str = 'sweep', version: str = '1')
 def roster() -> Roster:
     """Two UAVs; agent A flies the first, the second has none."""
     roster = Roster(2)
-    assert roster.ask(pilot(1, 'A')).accepted
+    assert roster.join(pilot(1, 'A')).accepted
     return roster
 
 
 @pytest.mark.parametrize('number', [0, 3, 255])
 def test_an_unknown_uav_is_refused_for_good(number: int, roster: Roster) -> None:
-    answer = roster.ask(pilot(number, 'B'))
+    answer = roster.join(pilot(number, 'B'))
     assert (answer.accepted, answer.retry) == (False, False)
     assert answer.reason == f'UAV {number} is unknown: the scenario has UAVs 1..2'
 
 
 def test_a_uav_with_an_agent_takes_no_second_one_until_that_is_gone(roster: Roster) -> None:
-    answer = roster.ask(pilot(1, 'B'))
+    answer = roster.join(pilot(1, 'B'))
     assert (answer.accepted, answer.retry) == (False, True)
     assert answer.reason == 'UAV 1 is flown by another agent, process 7 on here'
-    lost = roster.lose(1)
+    lost = roster.mark_gone(1)
     assert lost is not None
     assert lost.instance == 'A'
-    assert roster.ask(pilot(1, 'B')).accepted
+    assert roster.join(pilot(1, 'B')).accepted
     assert roster.is_flown_by(1, 'B')
     assert not roster.is_flown_by(1, 'A')
 
 
 def test_an_agent_may_ask_again(roster: Roster) -> None:
-    assert roster.ask(pilot(1, 'A')).accepted
+    assert roster.join(pilot(1, 'A')).accepted
 
 
 def test_a_mission_in_flight_goes_on_with_the_policy_it_began_with(roster: Roster) -> None:
-    roster.begin()
-    roster.lose(1)
-    answer = roster.ask(pilot(1, 'B', policy='hert'))
+    roster.begin_mission()
+    roster.mark_gone(1)
+    answer = roster.join(pilot(1, 'B', policy='hert'))
     assert (answer.accepted, answer.retry) == (False, False)
     assert "began the mission in flight with policy 'sweep'" in answer.reason
-    answer = roster.ask(pilot(1, 'B', version='2'))
+    answer = roster.join(pilot(1, 'B', version='2'))
     assert "with policy 'sweep' (1), bandwidth 'exact', not policy 'sweep' (2)" in answer.reason
-    assert roster.ask(pilot(1, 'B')).accepted
-    roster.end()
-    roster.lose(1)
-    assert roster.ask(pilot(1, 'C', policy='hert')).accepted
+    assert roster.join(pilot(1, 'B')).accepted
+    roster.end_mission()
+    roster.mark_gone(1)
+    assert roster.join(pilot(1, 'C', policy='hert')).accepted
 
 
 def test_missing_are_those_without_a_living_agent(roster: Roster) -> None:
     assert roster.missing() == [2]
-    roster.lose(1)
+    roster.mark_gone(1)
     assert roster.missing() == [1, 2]
-    roster.regain(1)
+    roster.mark_alive(1)
     assert roster.missing() == [2]
 
 
 def test_nothing_is_lost_or_regained_where_nobody_was(roster: Roster) -> None:
-    assert roster.lose(2) is None
-    roster.regain(2)
+    assert roster.mark_gone(2) is None
+    roster.mark_alive(2)
     assert roster.missing() == [2]

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 from tiny_world import tiny, uav
 from uav_collect.kernels.rows import row_of
-from uav_collect.lockstep.inbox import Cockpit
+from uav_collect.lockstep.inbox import Inbox
 from uav_collect.lockstep.roster import Pilot
 from uav_collect.missions.simulation import Event
 from uav_collect.nodes import convert
@@ -194,7 +194,7 @@ def test_what_arrives_leads_an_agent_to_the_decisions_that_were_taken_without_me
     scenario = tiny(uav(5.0), uav(10.0))
     pilots, n_heard, n_decided = Pilots(scenario, 0, 'sweep'), 0, 0
     agent = Agent(brief(scenario), 0, policy_named('sweep'), allocator_named('exact'))
-    cockpit = Cockpit(
+    inbox = Inbox(
         agent,
         'world',
         view_from=convert.view_from_msg,
@@ -206,13 +206,13 @@ def test_what_arrives_leads_an_agent_to_the_decisions_that_were_taken_without_me
         decision = pilots.decide(event)
         pilots.simulation.start(event, decision)
         if event.uav == 0:
-            cockpit.note_observation(sent(observation))
+            inbox.add_observation(sent(observation))
             for message in pilots.radio[0][n_heard:n_delivered]:
                 n_heard += 1
                 radio = convert.radio_msg(message, 'world-0', sequence=0, delivery=n_heard)
-                cockpit.note_radio(sent(radio))
-            awaited = cockpit.next_observation()
-            assert agent.decide(cockpit.take_in(awaited)) == decision
+                inbox.add_radio(sent(radio))
+            awaited = inbox.next_observation()
+            assert agent.decide(inbox.deliver(awaited)) == decision
             n_decided += 1
     assert n_heard > 2
     assert n_decided > 2

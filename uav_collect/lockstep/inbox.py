@@ -1,7 +1,7 @@
 """A UAV's messages in the order in which the world meant them, whatever order they arrive in.
 
 Topics and services are not ordered against each other: an observation says how many radio
-messages came before it, and waits for them; the history that a restarted agent is told may be
+messages came before it, and waits for them; the history that a restarted agent gets may be
 overtaken by what follows it.
 """
 
@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from uav_collect.lockstep.published_policy import Follower
+from uav_collect.lockstep.published_policy import TopicPolicy
 from uav_collect.uav.agent import Agent
 from uav_collect.uav.messages import RadioMessage
 from uav_collect.uav.view import LocalView
@@ -19,15 +19,15 @@ _NONE_YET = -1  # number of the mission before the first
 
 
 @dataclass
-class _Inbox:
-    """What came of one mission and was not taken in yet."""
+class _MissionMessages:
+    """What came of one mission and was not delivered to the agent yet."""
 
     observations: dict[int, Any] = field(default_factory=dict)  # by decision
     radio: dict[int, Any] = field(default_factory=dict)  # by delivery
 
 
-class Cockpit:
-    """Where an agent gets one message after the other, mission after mission of one world."""
+class Inbox:
+    """Hands an agent one message after the other, mission after mission of one world."""
 
     def __init__(
         self,
@@ -36,88 +36,94 @@ class Cockpit:
         *,
         view_from: Callable[[Any], LocalView],
         radio_from: Callable[[Any], RadioMessage],
-        follower: Follower | None = None,
+        topic_policy: TopicPolicy | None = None,
     ) -> None:
         """Wait for the first mission of a world.
 
         Args:
             view_from: the local view in an observation as it was received.
             radio_from: the radio message in what was received as one.
-            follower: the agent's policy, if each mission names what is flown.
+            topic_policy: the agent's policy, if each mission names what is flown.
         """
         self.agent = agent
         self._view_from, self._radio_from = view_from, radio_from
-        self._follower = follower
+        self._topic_policy = topic_policy
         self._world = world_instance
         self._mission = _NONE_YET  # number of the one that is flown
         self._decision = 0  # the next one
-        self._n_heard = 0  # radio messages taken in
-        self._inboxes: defaultdict[int, _Inbox] = defaultdict(_Inbox)  # by mission
+        self._n_heard = 0  # radio messages delivered to the agent
+        self._messages: defaultdict[int, _MissionMessages] = defaultdict(_MissionMessages)
 
-    def rebuild(self, answer: Any) -> None:
-        """Live through the mission in flight again, as far as it was answered."""
+    def replay(self, answer: Any) -> None:
+        """Let the agent live through the mission in flight again, as far as it was answered.
+
+        Args:
+            answer: of the world to the request to join.
+        """
         mission = self._number(answer.mission_id)
         if mission < self._mission:  # the next one's first observation overtook the answer
             return
         self._begin(mission)
         for message in answer.radio:
-            self.note_radio(message)
+            self.add_radio(message)
         answered = len(answer.observations) - (1 if answer.decision_pending else 0)
         for observation in answer.observations[:answered]:
-            self.agent.decide(self.take_in(observation))
+            self.agent.decide(self.deliver(observation))
         for observation in answer.observations[answered:]:
-            self.note_observation(observation)
+            self.add_observation(observation)
 
-    def note_radio(self, msg: Any) -> None:
+    def add_radio(self, msg: Any) -> None:
         """Keep a radio message until the observation that it came before."""
         mission = self._number(msg.mission_id)
         if mission > self._mission or (mission == self._mission and msg.delivery > self._n_heard):
-            self._inboxes[mission].radio[msg.delivery] = msg
+            self._messages[mission].radio[msg.delivery] = msg
 
-    def note_observation(self, msg: Any) -> None:
+    def add_observation(self, msg: Any) -> None:
         """Keep an observation until its turn; the first of a later mission begins that one."""
         mission = self._number(msg.mission_id)
         is_late = mission == self._mission and msg.decision < self._decision
         if msg.terminated or is_late or mission < max(self._mission, 0):
             return
-        self._inboxes[mission].observations[msg.decision] = msg
+        self._messages[mission].observations[msg.decision] = msg
         if mission > self._mission and msg.decision == 0:
             self._begin(mission)
 
     def next_observation(self) -> Any | None:
         """The observation to answer next, if it and all that came before it are here."""
-        inbox = self._inboxes[self._mission]
-        msg = inbox.observations.get(self._decision)
+        messages = self._messages[self._mission]
+        msg = messages.observations.get(self._decision)
         if msg is None or self.lacks_policy:
             return None
-        waited = range(self._n_heard + 1, msg.n_radio_delivered + 1)
-        return msg if all(number in inbox.radio for number in waited) else None
+        awaited = range(self._n_heard + 1, msg.n_radio_delivered + 1)
+        return msg if all(number in messages.radio for number in awaited) else None
 
     @property
     def lacks_policy(self) -> bool:
         """Whether the mission's first observation waits for the policy that it names."""
-        msg = self._inboxes[self._mission].observations.get(self._decision)
-        return msg is not None and self._follower is not None and not self._follower.is_ready(msg)
+        msg = self._messages[self._mission].observations.get(self._decision)
+        policy = self._topic_policy
+        return msg is not None and policy is not None and not policy.is_ready_for(msg)
 
-    def take_in(self, observation: Any) -> LocalView:
-        """Hear what came before an observation, then see it."""
-        inbox = self._inboxes[self._mission]
+    def deliver(self, observation: Any) -> LocalView:
+        """Let the agent hear what came before an observation, then see it."""
+        messages = self._messages[self._mission]
         for number in range(self._n_heard + 1, observation.n_radio_delivered + 1):
-            self.agent.hear(self._radio_from(inbox.radio.pop(number)))
+            self.agent.hear(self._radio_from(messages.radio.pop(number)))
         self._n_heard = observation.n_radio_delivered
-        inbox.observations.pop(observation.decision, None)
+        messages.observations.pop(observation.decision, None)
         self._decision = observation.decision + 1
         view = self._view_from(observation)
-        if self._follower is not None and observation.decision == 0:
-            self._follower.take_up(observation)
+        if self._topic_policy is not None and observation.decision == 0:
+            self._topic_policy.select(observation)
         self.agent.observe(view)
         return view
 
     def _begin(self, mission: int) -> None:
+        """Go on to a mission; what is left of those before it is of no more use."""
         self._mission = mission
         self._decision = self._n_heard = 0
-        for past in [number for number in self._inboxes if number < mission]:
-            del self._inboxes[past]
+        for past in [number for number in self._messages if number < mission]:
+            del self._messages[past]
         self.agent.begin()
 
     def _number(self, mission_id: str) -> int:

@@ -14,20 +14,20 @@ from uav_collect.uav.policy_file import policy_from_bytes
 from uav_collect.uav.policy_network import FrozenPolicy, PolicyMismatchError
 from uav_collect.uav.view import LocalView
 
-_KEPT = 4  # policies; a mission may begin with one that is no longer the latest
+_N_KEPT = 4  # policies; a mission may begin with one that is no longer the latest
 
-Key = tuple[str, int]  # trainer_instance and sequence of a Policy message
+PolicyKey = tuple[str, int]  # trainer_instance and sequence of a Policy message
 
 
 @dataclass(frozen=True, kw_only=True)
-class Published:
+class PublishedPolicy:
     """A Policy message that was checked."""
 
     message: Any
     frozen: FrozenPolicy
 
     @property
-    def key(self) -> Key:
+    def key(self) -> PolicyKey:
         """Which message it is."""
         return self.message.trainer_instance, self.message.sequence
 
@@ -36,15 +36,15 @@ class Published:
         """What commands, logs and transitions say."""
         return flown_version(self.frozen.header.version, self.message.epsilon)
 
-    def follows(self, other: 'Published') -> bool:
+    def is_newer_than(self, other: 'PublishedPolicy') -> bool:
         """Whether it was published after another one."""
         (trainer, sequence), (other_trainer, other_sequence) = self.key, other.key
         if trainer == other_trainer:
             return bool(sequence > other_sequence)
         return _stamp(self.message) > _stamp(other.message)
 
-    def pilot(self, mission_seed: int) -> ExploringPolicy:
-        """What flies a UAV in a mission."""
+    def for_mission(self, mission_seed: int) -> ExploringPolicy:
+        """What flies a UAV in a mission; it explores as the message says."""
         return ExploringPolicy(
             LearnedPolicy(self.version, self.frozen),
             self.message.epsilon,
@@ -53,7 +53,7 @@ class Published:
         )
 
 
-def checked(msg: Any, briefing: Briefing) -> Published:
+def checked_policy(msg: Any, briefing: Briefing) -> PublishedPolicy:
     """The policy in a message.
 
     Raises:
@@ -73,99 +73,99 @@ def checked(msg: Any, briefing: Briefing) -> Published:
         raise PolicyMismatchError(f'epsilon is {msg.epsilon}: must be 0 to 1')
     if not (math.isfinite(msg.hover_share) and msg.hover_share <= 1.0):
         raise PolicyMismatchError(f'hover_share is {msg.hover_share}: must be at most 1')
-    return Published(message=msg, frozen=frozen)
+    return PublishedPolicy(message=msg, frozen=frozen)
 
 
-class Shelf:
-    """The policies that one world, or one of its agents, has heard of last."""
+class PolicyStore:
+    """The latest policies that one world, or one of its agents, has received."""
 
     def __init__(self, briefing: Briefing) -> None:
         """Keep policies for a fleet and its area."""
         self._briefing = briefing
-        self._heard: deque[Any] = deque(maxlen=_KEPT)  # messages, those refused included
-        self._kept: dict[Key, Published] = {}  # in the order they came
-        self._is_abandoned = False
-        self.latest: Published | None = None
+        self._received: deque[Any] = deque(maxlen=_N_KEPT)  # messages, those refused included
+        self._kept: dict[PolicyKey, PublishedPolicy] = {}  # in the order they came
+        self._is_trainer_gone = False
+        self.latest: PublishedPolicy | None = None
 
-    def get(self, key: Key) -> Published | None:
+    def get(self, key: PolicyKey) -> PublishedPolicy | None:
         """The policy of a message, if it is still here."""
         return self._kept.get(key)
 
-    def note(self, msg: Any) -> str | None:
+    def add(self, msg: Any) -> str | None:
         """Keep the policy of a message, unless it is known; why it is refused, or None."""
         if (msg.trainer_instance, msg.sequence) in self._kept:
             return None
-        self._heard.append(msg)
+        self._received.append(msg)
         try:
-            policy = checked(msg, self._briefing)
+            policy = checked_policy(msg, self._briefing)
         except PolicyMismatchError as error:
             return f'policy {msg.version!r} of the trainer is refused: {error}'
         self._kept[policy.key] = policy
-        if len(self._kept) > _KEPT:
+        if len(self._kept) > _N_KEPT:
             del self._kept[next(iter(self._kept))]
-        if self.latest is None or self._is_abandoned or policy.follows(self.latest):
+        if self.latest is None or self._is_trainer_gone or policy.is_newer_than(self.latest):
             self.latest = policy
-            self._is_abandoned = False
+            self._is_trainer_gone = False
         return None
 
-    def serve(self, briefing: Briefing) -> list[str]:
+    def recheck(self, briefing: Briefing) -> list[str]:
         """Keep policies for another fleet or area: what was refused may fit now, or no longer.
 
         Returns:
             Why policies are refused now.
         """
-        heard = [*self._heard]
+        received = [*self._received]
         self._briefing, self.latest = briefing, None
-        self._heard.clear()
+        self._received.clear()
         self._kept.clear()
-        return [refusal for msg in heard if (refusal := self.note(msg)) is not None]
+        return [refusal for msg in received if (refusal := self.add(msg)) is not None]
 
-    def abandon(self) -> None:
-        """The trainer is gone: what the next one publishes counts, whatever its clock says."""
-        self._is_abandoned = True
+    def mark_trainer_gone(self) -> None:
+        """Let what the next trainer publishes count, whatever its clock says."""
+        self._is_trainer_gone = True
 
 
-class Follower:
-    """Flies each mission by the policy that the world names: a policy to the agent."""
+class TopicPolicy:
+    """Flies each mission by the published policy that the world names: a policy to the agent."""
 
     name = TOPIC
 
-    def __init__(self, shelf: Shelf) -> None:
-        """Follow what lies on a shelf."""
-        self._shelf = shelf
+    def __init__(self, store: PolicyStore) -> None:
+        """Fly what is in a store."""
+        self._store = store
         self._place: tuple[Briefing, int] | None = None
-        self.flown: ExploringPolicy | None = None
+        self.current: ExploringPolicy | None = None
 
     @property
     def version(self) -> str:
-        """Of the mission that is flown."""
-        return '' if self.flown is None else self.flown.version
+        """Of what flies the mission."""
+        return '' if self.current is None else self.current.version
 
-    def is_ready(self, observation: Any) -> bool:
+    def is_ready_for(self, observation: Any) -> bool:
         """Whether the policy is here that an observation names, if it is a mission's first."""
-        return observation.decision > 0 or self._shelf.get(_named_by(observation)) is not None
+        return observation.decision > 0 or self._store.get(_named_by(observation)) is not None
 
-    def take_up(self, observation: Any) -> None:
+    def select(self, observation: Any) -> None:
         """Fly the mission of its first observation by the policy that this names."""
-        policy = self._shelf.get(_named_by(observation))
+        policy = self._store.get(_named_by(observation))
         if policy is None or self._place is None:
             raise RuntimeError('a mission begins without its policy')
-        self.flown = policy.pilot(observation.exploration_key)
-        self.flown.begin(*self._place)
+        self.current = policy.for_mission(observation.exploration_key)
+        self.current.begin(*self._place)
 
     def begin(self, briefing: Briefing, uav: int) -> None:
         """Get ready to fly a UAV, by index, in the next mission."""
         self._place = briefing, uav
-        self.flown = None
+        self.current = None
 
     def choose(self, belief: Belief, view: LocalView, legal: Row[int]) -> int:
         """What the mission's policy chooses."""
-        if self.flown is None:
+        if self.current is None:
             raise RuntimeError('a policy must begin a mission before it chooses')
-        return self.flown.choose(belief, view, legal)
+        return self.current.choose(belief, view, legal)
 
 
-def _named_by(observation: Any) -> Key:
+def _named_by(observation: Any) -> PolicyKey:
     return observation.policy_trainer, observation.policy_sequence
 
 

@@ -20,14 +20,14 @@ class Pilot:
         return f'process {self.pid} on {self.host}'
 
     @property
-    def way(self) -> str:
+    def configuration(self) -> str:
         """What decides; it stays the same within a mission, whichever process flies."""
         return f'policy {self.policy!r} ({self.policy_version}), bandwidth {self.allocator!r}'
 
 
 @dataclass(frozen=True, kw_only=True)
-class Answer:
-    """What an agent is told."""
+class JoinAnswer:
+    """Whether an agent may fly the UAV that it asks for."""
 
     accepted: bool
     retry: bool = False  # the UAV's last agent seems alive, but may be dying
@@ -43,44 +43,44 @@ class Roster:
     present: set[int] = field(default_factory=set)  # UAVs whose pilot is alive
     flying: dict[int, Pilot] = field(default_factory=dict)  # as the mission in flight began
 
-    def ask(self, pilot: Pilot) -> Answer:
+    def join(self, pilot: Pilot) -> JoinAnswer:
         """Let an agent fly a UAV, or say why not."""
         if not 1 <= pilot.uav <= self.n_uavs:
-            return Answer(
+            return JoinAnswer(
                 accepted=False,
                 reason=f'UAV {pilot.uav} is unknown: the scenario has UAVs 1..{self.n_uavs}',
             )
         holder = self.pilots.get(pilot.uav)
         if holder and holder.instance != pilot.instance and pilot.uav in self.present:
             reason = f'UAV {pilot.uav} is flown by another agent, {holder}'
-            return Answer(accepted=False, retry=True, reason=reason)
+            return JoinAnswer(accepted=False, retry=True, reason=reason)
         begun = self.flying.get(pilot.uav)
-        if begun and begun.way != pilot.way:
-            return Answer(
+        if begun and begun.configuration != pilot.configuration:
+            return JoinAnswer(
                 accepted=False,
-                reason=f'UAV {pilot.uav} began the mission in flight with {begun.way}, '
-                f'not {pilot.way}',
+                reason=f'UAV {pilot.uav} began the mission in flight with {begun.configuration}, '
+                f'not {pilot.configuration}',
             )
         self.pilots[pilot.uav] = pilot
         self.present.add(pilot.uav)
-        return Answer(accepted=True)
+        return JoinAnswer(accepted=True)
 
-    def begin(self) -> None:
+    def begin_mission(self) -> None:
         """Fix the pilots of the mission that starts now."""
         self.flying = {uav: self.pilots[uav] for uav in sorted(self.present)}
 
-    def end(self) -> None:
-        """Between missions, any policy may join."""
+    def end_mission(self) -> None:
+        """Let any policy join: between missions there is none to stay with."""
         self.flying = {}
 
-    def lose(self, uav: int) -> Pilot | None:
+    def mark_gone(self, uav: int) -> Pilot | None:
         """Note that the agent of a UAV is gone; which one it was."""
         if uav not in self.present:
             return None
         self.present.discard(uav)
         return self.pilots[uav]
 
-    def regain(self, uav: int) -> None:
+    def mark_alive(self, uav: int) -> None:
         """Note that the agent of a UAV, thought to be gone, was only too slow to be heard."""
         if uav in self.pilots:
             self.present.add(uav)

@@ -8,7 +8,7 @@ from uav_collect.limits import MAX_SEED
 
 
 @dataclass
-class Schedule:
+class MissionSchedule:
     """The missions of a world: so many in a row, or those that are asked for."""
 
     n_missions: int  # to fly in a row; -1: without end; 0: only on request, without end
@@ -20,20 +20,20 @@ class Schedule:
         """Whether the last mission in a row has been started."""
         return 0 < self.n_missions <= self.n_started
 
-    def begin(self) -> int:
-        """Start the next mission; its seed."""
+    def start_next(self) -> int:
+        """Count the next mission as started; its seed."""
         seed, self.next_seed = self.next_seed, None
         if seed is None:
             raise RuntimeError('no mission is to start')
         self.n_started += 1
         return seed
 
-    def go_on(self, seed: int) -> None:
+    def plan_after(self, seed: int) -> None:
         """Plan what follows the mission with a seed."""
         if self.n_missions != 0 and not self.is_over:
             self.next_seed = seed + 1
 
-    def ask_for(self, seed: int, *, is_flying: bool) -> tuple[bool, str]:
+    def request(self, seed: int, *, is_flying: bool) -> tuple[bool, str]:
         """Plan a mission on request; whether that works, and what to say."""
         if is_flying or self.next_seed is not None:
             return False, 'a mission is in flight or about to start: abort it first'
@@ -42,7 +42,7 @@ class Schedule:
         self.next_seed = seed
         return True, 'a mission starts when the fleet is complete'
 
-    def call_off(self, *, is_flying: bool) -> tuple[bool, str]:
+    def cancel(self, *, is_flying: bool) -> tuple[bool, str]:
         """Drop the mission that is about to start; whether one can be aborted, what to say."""
         is_planned, self.next_seed = self.next_seed is not None, None
         if is_flying:
@@ -52,29 +52,31 @@ class Schedule:
         return False, 'no mission is in flight or about to start'
 
 
-class Pace:
-    """Simulated time against wall-clock time."""
+class SimulationPacer:
+    """Holds simulated time back to a multiple of wall-clock time."""
 
-    def __init__(self, factor: float, clock_s: Callable[[], float] = time.monotonic) -> None:
-        """Pass simulated time so many times as fast as the clock; 0: as fast as can be."""
-        self._factor = factor
+    def __init__(
+        self, real_time_factor: float, clock_s: Callable[[], float] = time.monotonic
+    ) -> None:
+        """Let simulated time pass so many times as fast as the clock; 0: as fast as can be."""
+        self._factor = real_time_factor
         self._clock_s = clock_s
-        self._begun_s = 0.0
+        self._started_s = 0.0
 
     @property
-    def is_free(self) -> bool:
+    def is_unlimited(self) -> bool:
         """Whether simulated time need not wait for the clock."""
         return self._factor == 0.0
 
-    def begin(self) -> None:
-        """Simulated time is 0 now."""
-        self._begun_s = self._clock_s()
+    def restart(self) -> None:
+        """Count simulated time from 0 again, from now on."""
+        self._started_s = self._clock_s()
 
     @property
     def time_s(self) -> float:
         """Simulated time that has come."""
-        return (self._clock_s() - self._begun_s) * self._factor
+        return (self._clock_s() - self._started_s) * self._factor
 
     def is_due(self, time_s: float) -> bool:
         """Whether a simulated time has come."""
-        return self.is_free or time_s <= self.time_s
+        return self.is_unlimited or time_s <= self.time_s

@@ -14,15 +14,15 @@ from rclpy.clock import Clock, ClockType
 from rclpy.task import Future
 from rclpy.utilities import remove_ros_args
 from uav_collect.limits import ALLOCATOR_NAMES, MAX_UAVS
-from uav_collect.lockstep.inbox import Cockpit
-from uav_collect.lockstep.published_policy import Follower, Shelf
+from uav_collect.lockstep.inbox import Inbox
+from uav_collect.lockstep.published_policy import PolicyStore, TopicPolicy
 from uav_collect.nodes import convert, topics
 from uav_collect.nodes.agent.transitions import Reporter
 from uav_collect.nodes.agent.world_choice import WorldChoice
 from uav_collect.nodes.parameters import add_world_option, declare, help_text, Parameter
 from uav_collect.nodes.process import MISUSED, NodeError, ProcessNode, run_node
 from uav_collect.nodes.topics import publisher, subscription
-from uav_collect.nodes.trainer_listener import follow_trainers
+from uav_collect.nodes.trainer_listener import subscribe_to_trainers
 from uav_collect.scenario.load import ConfigError, fingerprint, from_yaml, Scenario
 from uav_collect.uav.agent import Agent, allocator_named
 from uav_collect.uav.briefing import brief, Briefing
@@ -98,9 +98,9 @@ class AgentNode(ProcessNode):
             raise NodeError(str(error)) from error
         self._instance = str(uuid.uuid4())
         self._layout = _layout_named(self._value('observation_layout'))
-        self._cockpit: Cockpit | None = None
+        self._inbox: Inbox | None = None
         self._reporter: Reporter | None = None
-        self._shelf: Shelf | None = None
+        self._policies: PolicyStore | None = None
         self._asked_s = -math.inf
         self._is_member = False
         self._published_for = ''  # the instance that the publishers were made for
@@ -126,7 +126,7 @@ class AgentNode(ProcessNode):
 
     def _tick(self) -> None:
         self._world.tick()
-        if self._cockpit is not None and self._cockpit.lacks_policy:
+        if self._inbox is not None and self._inbox.lacks_policy:
             self._is_member = False  # the world has the policy, and answers with it
         self._ask()
 
@@ -135,35 +135,35 @@ class AgentNode(ProcessNode):
         """Try to join the fleet of a world, by its scenario."""
         scenario = self._checked_scenario(msg)
         briefing, uav = brief(scenario), self._uav - 1
-        policy = self._follower(briefing) or policy_for(self._policy, scenario)
+        policy = self._topic_policy(briefing) or policy_for(self._policy, scenario)
         agent = Agent(briefing, uav, policy, allocator_named(self._allocator))
-        follower = policy if isinstance(policy, Follower) else None
-        self._cockpit = Cockpit(
+        topic_policy = policy if isinstance(policy, TopicPolicy) else None
+        self._inbox = Inbox(
             agent,
             msg.world_instance,
             view_from=convert.view_from_msg,
             radio_from=partial(convert.radio_from_msg, n_cells=scenario.n_cells),
-            follower=follower,
+            topic_policy=topic_policy,
         )
-        if self._layout is not None or follower is not None:
+        if self._layout is not None or topic_policy is not None:
             self._reporter = Reporter(self._layout, briefing, uav, msg.fingerprint)
         self._is_member = False
         self._asked_s = -math.inf
         self._since_s = time.monotonic()
         self._ask()
 
-    def _follower(self, briefing: Briefing) -> Follower | None:
-        """What flies by the policies of a trainer, if that is wanted."""
+    def _topic_policy(self, briefing: Briefing) -> TopicPolicy | None:
+        """The policy that flies what trainers publish, if that is wanted."""
         if self._policy != TOPIC:
             return None
         refused = self.get_logger().error
-        if self._shelf is None:
-            self._shelf = Shelf(briefing)
-            follow_trainers(self, self._shelf, refused, self._answer_observations)
+        if self._policies is None:
+            self._policies = PolicyStore(briefing)
+            subscribe_to_trainers(self, self._policies, refused, self._answer_observations)
         else:
-            for refusal in self._shelf.serve(briefing):
+            for refusal in self._policies.recheck(briefing):
                 refused(refusal)
-        return Follower(self._shelf)
+        return TopicPolicy(self._policies)
 
     def _checked_scenario(self, msg: Any) -> Scenario:
         try:
@@ -186,7 +186,7 @@ class AgentNode(ProcessNode):
         now_s = time.monotonic()
         if self._is_member or now_s - self._asked_s < _ANSWER_S or self.end_status is not None:
             return
-        if self._cockpit is None or not self._client.service_is_ready():
+        if self._inbox is None or not self._client.service_is_ready():
             self._tell_waiting()
             return
         self._asked_s = now_s
@@ -196,15 +196,15 @@ class AgentNode(ProcessNode):
             agent_instance=self._instance,
             host=socket.gethostname(),
             pid=os.getpid(),
-            policy=self._cockpit.agent.policy.name,
-            policy_version=self._cockpit.agent.policy.version,
+            policy=self._inbox.agent.policy.name,
+            policy_version=self._inbox.agent.policy.version,
             allocator=self._allocator,
         )
         self._client.call_async(request).add_done_callback(self._on_answer)
 
     @_ending
     def _on_answer(self, future: Future) -> None:
-        if self._is_member or self._cockpit is None:
+        if self._is_member or self._inbox is None:
             return
         self._asked_s = -math.inf
         answer = future.result()
@@ -218,12 +218,12 @@ class AgentNode(ProcessNode):
             if not answer.retry or time.monotonic() - self._since_s > _PATIENCE_S:
                 self._give_up(answer.reason)
             return
-        if self._shelf is not None:
-            self._shelf.note(answer.policy)  # the world has checked it
+        if self._policies is not None:
+            self._policies.add(answer.policy)  # the world has checked it
         self._is_member = True
         self._renew_publishers()
-        self.get_logger().info(f'UAV {self._uav} flies, policy {self._cockpit.agent.policy.name}')
-        self._cockpit.rebuild(answer)
+        self.get_logger().info(f'UAV {self._uav} flies, policy {self._inbox.agent.policy.name}')
+        self._inbox.replay(answer)
         self._answer_observations()
 
     def _renew_publishers(self) -> None:
@@ -256,23 +256,23 @@ class AgentNode(ProcessNode):
 
     @_ending
     def _on_radio(self, msg: Any) -> None:
-        if self._cockpit is not None:
-            self._cockpit.note_radio(msg)
+        if self._inbox is not None:
+            self._inbox.add_radio(msg)
             self._answer_observations()
 
     @_ending
     def _on_observation(self, msg: Any) -> None:
-        if self._cockpit is not None:
-            self._cockpit.note_observation(msg)
+        if self._inbox is not None:
+            self._inbox.add_observation(msg)
             self._answer_observations()
 
     def _answer_observations(self) -> None:
-        if not self._is_member or self._cockpit is None:
+        if not self._is_member or self._inbox is None:
             return
-        agent = self._cockpit.agent
-        while (observation := self._cockpit.next_observation()) is not None:
+        agent = self._inbox.agent
+        while (observation := self._inbox.next_observation()) is not None:
             start_s = time.perf_counter()
-            view = self._cockpit.take_in(observation)
+            view = self._inbox.deliver(observation)
             self._radio.publish(
                 convert.radio_msg(
                     agent.message(view), observation.mission_id, sequence=observation.decision

@@ -4,7 +4,7 @@ from typing import Any
 
 from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.rows import new_row
-from uav_collect.lockstep.published_policy import Follower
+from uav_collect.lockstep.published_policy import TopicPolicy
 from uav_collect.nodes import convert
 from uav_collect.uav.actions import BY_POLICY
 from uav_collect.uav.agent import Agent
@@ -55,16 +55,16 @@ class Reporter:
     def _layout_of(self, agent: Agent) -> Layout:
         if self._layout is not None:
             return self._layout
-        if not isinstance(agent.policy, Follower) or agent.policy.flown is None:
+        if not isinstance(agent.policy, TopicPolicy) or agent.policy.current is None:
             raise RuntimeError('a layout is only implied by the policy of a trainer')
-        return agent.policy.flown.learned.frozen.header.layout
+        return agent.policy.current.learned.frozen.header.layout
 
     def _chosen_from(self, layout: Layout, agent: Agent, decision: Decision) -> Row[float] | None:
         """The observation as the policy has encoded it, if it did: that takes a while."""
         policy = agent.policy
-        if decision.reason != BY_POLICY or not isinstance(policy, Follower):
+        if decision.reason != BY_POLICY or not isinstance(policy, TopicPolicy):
             return None
-        learned = None if policy.flown is None else policy.flown.learned
+        learned = None if policy.current is None else policy.current.learned
         if learned is None or learned.frozen.header.layout != layout:
             return None
         return learned.observation

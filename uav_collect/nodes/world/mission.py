@@ -10,7 +10,7 @@ from typing import Any
 from uav_collect.analysis.metrics import figures, MissionFigures
 from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.rows import row_of
-from uav_collect.lockstep.published_policy import Published
+from uav_collect.lockstep.published_policy import PublishedPolicy
 from uav_collect.lockstep.roster import Pilot
 from uav_collect.missions.simulation import Event, mission_header, Simulation
 from uav_collect.nodes import convert
@@ -62,7 +62,7 @@ class Flight:
         *,
         mission_id: str,
         pilots: dict[int, Pilot],
-        policy: Published | None = None,
+        policy: PublishedPolicy | None = None,
     ) -> None:
         """Put the mission to its start, each UAV flown by its pilot, if it has one.
 
@@ -288,7 +288,7 @@ def summary(message: Mission) -> str:
     )
 
 
-def _flown_by(pilot: Pilot | None, policy: Published | None) -> str:
+def _flown_by(pilot: Pilot | None, policy: PublishedPolicy | None) -> str:
     """What the log's header says that a UAV is flown by."""
     if pilot is None:
         return _NO_AGENT

@@ -9,16 +9,16 @@ import uuid
 
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
-from uav_collect.lockstep.published_policy import Shelf
+from uav_collect.lockstep.published_policy import PolicyStore
 from uav_collect.lockstep.roster import Roster
-from uav_collect.lockstep.schedule import Pace, Schedule
+from uav_collect.lockstep.schedule import MissionSchedule, SimulationPacer
 from uav_collect.missions.simulation import Event
 from uav_collect.nodes import convert, topics
 from uav_collect.nodes.identity import Identity, identity_of, rivalry, scenario_msg
 from uav_collect.nodes.parameters import add_world_option, help_text
 from uav_collect.nodes.process import FAILED, NodeError, parse_arguments, ProcessNode, run_node
 from uav_collect.nodes.topics import subscription
-from uav_collect.nodes.trainer_listener import follow_trainers
+from uav_collect.nodes.trainer_listener import subscribe_to_trainers
 from uav_collect.nodes.world.diagnostics import Reports
 from uav_collect.nodes.world.display import Display
 from uav_collect.nodes.world.mission import FAILSAFE, Flight, mission_msg, summary
@@ -64,10 +64,10 @@ class WorldNode(ProcessNode):
             raise NodeError(f'output_dir: {error}') from error
         self._identity = Identity(born_s=time.time(), instance=str(uuid.uuid4()))
         self._roster = Roster(self._scenario.n_uavs)
-        self._shelf = Shelf(briefing)
+        self._policies = PolicyStore(briefing)
         first_seed = settings.seed if settings.missions else None
-        self._schedule = Schedule(n_missions=settings.missions, next_seed=first_seed)
-        self._pace = Pace(settings.real_time_factor)
+        self._schedule = MissionSchedule(n_missions=settings.missions, next_seed=first_seed)
+        self._pacer = SimulationPacer(settings.real_time_factor)
         self._flight: Flight | None = None
         self._asked_s = self._begun_s = time.monotonic()
         self._told_s = 0.0
@@ -92,7 +92,7 @@ class WorldNode(ProcessNode):
         self._display = Display(
             self, self._names, self._scenario, self._site, self._settings.viewer_rate_hz
         )
-        follow_trainers(self, self._shelf, partial(self._reports.note, 'policy refused'))
+        subscribe_to_trainers(self, self._policies, partial(self._reports.note, 'policy refused'))
         self._reports.note_lost(self._folder.keep_scenario(self._scenario.to_yaml()))
         self._voice.tell_scenario(scenario_msg(self._identity, self._scenario, self._site))
         self.get_logger().info(
@@ -120,10 +120,10 @@ class WorldNode(ProcessNode):
         if request.world_instance != self._identity.instance:
             return response
         pilot = convert.pilot_from_request(request)
-        response.waits_for_policy = pilot.policy == TOPIC and self._shelf.latest is None
+        response.waits_for_policy = pilot.policy == TOPIC and self._policies.latest is None
         if response.waits_for_policy:
             return response
-        answer = self._roster.ask(pilot)
+        answer = self._roster.join(pilot)
         response.accepted, response.retry = answer.accepted, answer.retry
         response.reason = answer.reason
         if not answer.accepted:
@@ -136,15 +136,15 @@ class WorldNode(ProcessNode):
         response.mission_id = self._identity.mission_id(self._schedule.n_started)
         if self._flight is not None:
             self._flight.recall(response, pilot)
-        elif self._shelf.latest is not None and pilot.policy == TOPIC:
-            response.policy = self._shelf.latest.message
+        elif self._policies.latest is not None and pilot.policy == TOPIC:
+            response.policy = self._policies.latest.message
         return response
 
     def _on_liveliness(self, uav: int, event: Any) -> None:
         if event.alive_count > 0:
-            self._roster.regain(uav)
+            self._roster.mark_alive(uav)
             return
-        lost = self._roster.lose(uav)
+        lost = self._roster.mark_gone(uav)
         if lost is not None:
             self._reports.note('agent lost', f'UAV {uav}: its agent is gone, {lost}')
 
@@ -171,9 +171,9 @@ class WorldNode(ProcessNode):
     def _on_control(self, request: Any, response: Any) -> Any:
         is_flying = self._flight is not None
         if request.command == ControlMission.Request.START:
-            answer = self._schedule.ask_for(int(request.seed), is_flying=is_flying)
+            answer = self._schedule.request(int(request.seed), is_flying=is_flying)
         elif request.command == ControlMission.Request.ABORT:
-            answer = self._schedule.call_off(is_flying=is_flying)
+            answer = self._schedule.cancel(is_flying=is_flying)
             self._end_mission(Mission.ABORTED, 'aborted by request')
         else:
             answer = (False, f'command {request.command} is neither START nor ABORT')
@@ -213,8 +213,8 @@ class WorldNode(ProcessNode):
 
     def _start_mission(self) -> None:
         mission_id = self._identity.mission_id(self._schedule.n_started)
-        seed = self._schedule.begin()
-        self._roster.begin()
+        seed = self._schedule.start_next()
+        self._roster.begin_mission()
         pilots = self._roster.flying
         flight = Flight(
             self._scenario,
@@ -222,10 +222,10 @@ class WorldNode(ProcessNode):
             seed,
             mission_id=mission_id,
             pilots=pilots,
-            policy=self._shelf.latest,
+            policy=self._policies.latest,
         )
         self._flight = flight
-        self._pace.begin()
+        self._pacer.restart()
         self._reports.note_lost(self._folder.begin(flight.header))
         self._publish_mission(flight, Mission.STARTED)
         self.get_logger().info(f'mission {flight.mission_id} starts, seed {seed}')
@@ -237,7 +237,7 @@ class WorldNode(ProcessNode):
         while self._flight is not None and self._flight.pending is None:
             flight, event = self._flight, self._flight.next_event()
             time_s = flight.simulation.end_s if event is None else event.view.time_s
-            if not self._pace.is_due(time_s):
+            if not self._pacer.is_due(time_s):
                 self._relay(flight)
                 return
             if event is None:
@@ -283,8 +283,8 @@ class WorldNode(ProcessNode):
     def _watch(self, flight: Flight, now_s: float) -> None:
         """Keep time: of the agent's answer, of the simulation, of viewers."""
         time_s = flight.simulation.time_s
-        if not self._pace.is_free:
-            time_s = min(self._pace.time_s, flight.next_time_s)
+        if not self._pacer.is_unlimited:
+            time_s = min(self._pacer.time_s, flight.next_time_s)
             self._voice.tell_time(time_s)
         self._display.show(time_s)
         timeout_s = self._settings.decision_timeout_s
@@ -320,12 +320,12 @@ class WorldNode(ProcessNode):
         flight, self._flight = self._flight, None
         if flight is None:
             return
-        self._roster.end()
+        self._roster.end_mission()
         self._folder.end()
         message = self._publish_mission(flight, phase, note)
         self._display.show(flight.simulation.end_s, now=True)
         self.get_logger().info(summary(message))
-        self._schedule.go_on(flight.seed)
+        self._schedule.plan_after(flight.seed)
         if self._schedule.is_over:
             self._reports.publish(self._roster, self._flight)
             self.end()
