@@ -100,9 +100,8 @@ def ours(errands: Errands, n_rounds: int) -> tuple[float, float]:
 def main() -> None:
     """Print the table."""
     n_missions, n_solutions = (*map(int, sys.argv[1:]), *(5, 300)[len(sys.argv) - 1 :])
-    scenario = load(SCENARIO)
-    site = build_site(scenario)
-    missions = [errands_of(scenario, site, seed, 'exact') for seed in range(n_missions)]
+    site = build_site(load(SCENARIO))
+    missions = [errands_of(site, seed, 'exact') for seed in range(n_missions)]
     ours(missions[0], 1)  # compiles
     table = Table('search', 'shortest plan s', 'limit s', 'CPU s a mission')
     kernels = os.environ.get('UAV_COLLECT_KERNELS', 'compiled')

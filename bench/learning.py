@@ -171,7 +171,7 @@ def fly_randomly(scenario: Scenario, config: TrainingConfig) -> list[Episode]:
     """As many missions as a minibatch has, by random legal actions."""
     seeds = range(config.replay.missions_per_batch)
     stepping = Stepping(layout=config.layout, reward=config.reward_kind, max_decisions=N_EVENTS)
-    flights = Flights(scenario, build_site(scenario), seeds, stepping)
+    flights = Flights(build_site(scenario), seeds, stepping)
     decisions, rng = flights.decisions, np.random.default_rng(0)
     for _ in range(N_EVENTS):
         drawn = decisions.legal * rng.uniform(0.1, 1.0, decisions.legal.shape)
@@ -298,12 +298,12 @@ def rows(measured: Case, median_s: dict[str, float]) -> Iterator[tuple[str, ...]
 def rollout_per_s(n_decisions: int) -> tuple[float, float, float]:
     """Decisions per second of CPU time: the rollout, its network alone, its world alone."""
     config, scenario = load_preset('strong'), fleet_of(2)
-    collector = Collector(scenario, build_site(scenario), config, Algorithm.AQMIX, seed=0)
+    collector = Collector(build_site(scenario), config, Algorithm.AQMIX, seed=0)
     agent = Learner(config, [brief(scenario)], Algorithm.AQMIX, seed=0).networks.agent
     n_worlds = config.rollout.missions_at_once
     observation = torch.rand(n_worlds, agent.encoder.in_features)
     hidden = torch.zeros(n_worlds, agent.hidden_size)
-    flights = Flights(scenario, build_site(scenario), range(n_worlds), Stepping(reward=1))
+    flights = Flights(build_site(scenario), range(n_worlds), Stepping(reward=1))
     found = []
     for call, n_calls, n_each in (
         (lambda: collector.collect(agent, n_decisions, 0.05), 1, n_decisions),

@@ -47,7 +47,7 @@ def marks_kbit_per_j(scenario: Scenario, n_missions: int) -> dict[str, float]:
     site, seeds = build_site(scenario), mission_seeds(VALIDATION_SEED, n_missions)
     marks = {f'{mark:.1f}': mark for mark in ROUND_MARKS_KBIT_PER_J}
     for name in HEURISTICS:
-        flown = [figures(log) for log in fly(scenario, site, seeds, name, 'equal')]
+        flown = [figures(log) for log in fly(site, seeds, name, 'equal')]
         marks[name] = float(np.mean([mission.efficiency_kbit_per_j for mission in flown]))
     return dict(sorted(marks.items(), key=lambda mark: mark[1]))
 

@@ -56,7 +56,7 @@ def scenario_for(rule: Heuristic) -> Scenario:
 def fly_once(rule: Heuristic, n_worlds: int) -> Cost:
     """Whole missions in the kernel, logged."""
     scenario = scenario_for(rule)
-    briefing, ground = brief(scenario), lay_out(scenario, build_site(scenario))
+    briefing, ground = brief(scenario), lay_out(build_site(scenario))
     start_s = time.process_time()
     batch = new_batch(briefing, ground, range(n_worlds))
     log = new_log(n_worlds, CAPACITY)
@@ -70,10 +70,9 @@ def fly_once(rule: Heuristic, n_worlds: int) -> Cost:
 
 def log_once(n_worlds: int) -> float:
     """HERT's missions as logs in Python, CPU time per decision [us]."""
-    scenario = scenario_for(Heuristic.HERT)
-    site = build_site(scenario)
+    site = build_site(scenario_for(Heuristic.HERT))
     start_s = time.process_time()
-    logs = fly(scenario, site, range(n_worlds), 'hert', 'equal')
+    logs = fly(site, range(n_worlds), 'hert', 'equal')
     return (time.process_time() - start_s) / sum(len(log.events) for log in logs) * 1e6
 
 
@@ -85,8 +84,8 @@ def random_actions(legal: Bools, rng: np.random.Generator) -> Ints:
 
 def step_once(layout: Layout, n_worlds: int) -> float:
     """Missions stepped from Python by random actions, chosen off the clock [us]."""
-    scenario, rng = scenario_for(Heuristic.HERT), np.random.default_rng(0)
-    flights = Flights(scenario, build_site(scenario), range(n_worlds), Stepping(layout=layout))
+    site, rng = build_site(scenario_for(Heuristic.HERT)), np.random.default_rng(0)
+    flights = Flights(site, range(n_worlds), Stepping(layout=layout))
     decisions, spent_s, n_decisions = flights.decisions, 0.0, 0
     for _ in range(STEPS):
         actions = random_actions(decisions.legal, rng)
@@ -99,8 +98,8 @@ def step_once(layout: Layout, n_worlds: int) -> float:
 
 def copy_once(layout: Layout, n_worlds: int) -> float:
     """Copying as many observations as a step hands out, CPU time per decision [us]."""
-    scenario = scenario_for(Heuristic.HERT)
-    flights = Flights(scenario, build_site(scenario), range(n_worlds), Stepping(layout=layout))
+    site = build_site(scenario_for(Heuristic.HERT))
+    flights = Flights(site, range(n_worlds), Stepping(layout=layout))
     table = flights.decisions.observation
     target = np.empty_like(table)
     start_s = time.process_time()
@@ -133,12 +132,11 @@ def draw_channels(ground: Ground, n_draws: int) -> float:
 
 def draw_once() -> float:
     """The channels that a decision of HERT needs, on average, drawn alone [us]."""
-    scenario = scenario_for(Heuristic.HERT)
-    site = build_site(scenario)
-    logs = fly(scenario, site, range(20), 'hert', 'equal')
+    site = build_site(scenario_for(Heuristic.HERT))
+    logs = fly(site, range(20), 'hert', 'equal')
     n_served = sum(int(log.events['n_sensors'].sum()) for log in logs)
     start_s = time.process_time()
-    draw_channels(lay_out(scenario, site), N_DRAWS)
+    draw_channels(lay_out(site), N_DRAWS)
     draw_us = (time.process_time() - start_s) / N_DRAWS * 1e6
     return draw_us * n_served / sum(len(log.events) for log in logs)
 

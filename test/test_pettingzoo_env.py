@@ -42,7 +42,7 @@ def short(n_uavs: int = 2) -> Scenario:
 
 def sweep(scenario: Scenario, allocator: str = 'exact') -> Ints:
     """The actions of a mission of the sweep, in order."""
-    [log] = fly(scenario, build_site(scenario), [SEED], 'sweep', allocator)
+    [log] = fly(build_site(scenario), [SEED], 'sweep', allocator)
     actions: Ints = log.events['action'][log.events['action'] != HOME]
     return actions
 
@@ -88,7 +88,7 @@ def test_pettingzoos_seed_test_passes(make: Callable[[], AECEnv]) -> None:
 @pytest.mark.parametrize('rule', ['sweep', 'random'])
 def test_a_mission_leaves_the_log_of_a_rollout_to_the_byte(rule: str, allocator: str) -> None:
     scenario = fleet() if rule == 'sweep' else short()
-    logs = fly(scenario, build_site(scenario), [SEED, SEED + 1], rule, allocator)
+    logs = fly(build_site(scenario), [SEED, SEED + 1], rule, allocator)
     world = env(scenario, bandwidth=allocator)
     for log in logs:
         own = log.events[log.events['action'] != HOME]
@@ -104,7 +104,7 @@ def test_a_mission_leaves_the_log_of_a_rollout_to_the_byte(rule: str, allocator:
 
 def test_what_a_uav_sees_and_may_do_is_what_a_learned_policy_gets() -> None:
     scenario = fleet()
-    flights = Flights(scenario, build_site(scenario), [SEED], Stepping(allocator='exact'))
+    flights = Flights(build_site(scenario), [SEED], Stepping(allocator='exact'))
     world = env(scenario)
     world.reset(seed=SEED)
     for action in sweep(scenario):
@@ -136,7 +136,7 @@ def test_each_uav_earns_what_the_team_earns_between_its_decisions(reward: str) -
     scenario = fleet()
     actions, gamma = sweep(scenario), scenario.reward.discount_per_s
     how = Stepping(allocator='exact', reward=Reward[reward.upper()])
-    flights = Flights(scenario, build_site(scenario), [SEED], how)
+    flights = Flights(build_site(scenario), [SEED], how)
     uavs, times_s, rewards = [], [], []
     for action in actions:
         uavs.append(int(flights.decisions.uav[0]))
@@ -161,7 +161,7 @@ def test_each_uav_earns_what_the_team_earns_between_its_decisions(reward: str) -
 
 def test_the_return_of_every_uav_is_that_of_the_team() -> None:
     scenario = fleet()
-    [log] = fly(scenario, build_site(scenario), [SEED], 'sweep', 'exact')
+    [log] = fly(build_site(scenario), [SEED], 'sweep', 'exact')
     gamma = scenario.reward.discount_per_s
     of_team = (gamma ** log.events['time_s'] * log.events['reward']).sum()
     told = flown(env(scenario), sweep(scenario))

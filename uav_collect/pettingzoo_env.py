@@ -105,12 +105,12 @@ class MissionEnv(AECEnv):
         """
         super().__init__()
         self.render_mode = render_mode
-        self._scenario, self._site = scenario, build_site(scenario)
-        self._ground = lay_out(scenario, self._site)
+        self._site = build_site(scenario)
+        self._ground = lay_out(self._site)
         self._discount_per_s = scenario.reward.discount_per_s
         self._max_decisions = max_decisions
         self._seed = -1  # of the mission in flight
-        self._flights = Flights(scenario, self._site, [0], stepping)
+        self._flights = Flights(self._site, [0], stepping)
         self.possible_agents = [f'uav_{uav + 1}' for uav in range(scenario.n_uavs)]
         briefing, most_bit = self._flights.briefing, _most_bit(self._ground)
         bound = observation_bound(stepping.layout, briefing, most_bit)
@@ -205,7 +205,7 @@ class MissionEnv(AECEnv):
 
         demand_bit = new_row(self._site.n_sensors, 0.0)
         draw_demand(self._ground, self._seed, demand_bit)
-        return pixels(self.mission_log(), self._site, np.asarray(demand_bit), self._scenario)
+        return pixels(self.mission_log(), self._site, np.asarray(demand_bit))
 
     def close(self) -> None:
         """Nothing is held open."""

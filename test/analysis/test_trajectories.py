@@ -15,7 +15,7 @@ from uav_collect.analysis.lanes import corners_m, lane_shifts, narrowest_lane, s
 from uav_collect.kernels.arrays import Floats
 from uav_collect.missions import rollout
 from uav_collect.recording.mission_log import MissionLog
-from uav_collect.scenario.load import load, Scenario, with_uavs
+from uav_collect.scenario.load import load, with_uavs
 from uav_collect.scenario.site import build_site, Site
 
 PNG = b'\x89PNG\r\n\x1a\n'
@@ -28,11 +28,10 @@ class Scene:
     log: MissionLog
     site: Site
     demand_bit: Floats
-    scenario: Scenario
 
     def draw(self) -> bytes:
         file = io.BytesIO()
-        trajectories.trajectories(self.log, self.site, self.demand_bit, self.scenario, file)
+        trajectories.trajectories(self.log, self.site, self.demand_bit, file)
         return file.getvalue()
 
 
@@ -47,7 +46,7 @@ def scene(n_uavs: int, scripts: list[list[str]], *, name: str = 'paper_8x8') -> 
         cells=scenario.area.cells_per_side,
     )
     head = replace(head, cell_size_m=scenario.area.cell_size_m)
-    return Scene(log=fly(head, scripts), site=site, demand_bit=demand_bit, scenario=scenario)
+    return Scene(log=fly(head, scripts), site=site, demand_bit=demand_bit)
 
 
 @pytest.fixture
@@ -89,10 +88,9 @@ def test_the_picture_has_150_dots_per_inch_and_tells_no_software() -> None:
     [('paper_8x8', 1, 'sweep'), ('lillgrund', 3, 'hert'), ('paper_20x20', 16, 'sweep')],
 )
 def test_every_scenario_and_fleet_can_be_drawn(name: str, n_uavs: int, policy: str) -> None:
-    scenario = with_uavs(load(name), n_uavs)
-    site = build_site(scenario)
-    (log,) = rollout.fly(scenario, site, [1], policy, 'exact')
-    one = Scene(log=log, site=site, demand_bit=np.zeros(site.n_sensors), scenario=scenario)
+    site = build_site(with_uavs(load(name), n_uavs))
+    (log,) = rollout.fly(site, [1], policy, 'exact')
+    one = Scene(log=log, site=site, demand_bit=np.zeros(site.n_sensors))
     assert one.draw().startswith(PNG)
 
 
@@ -135,7 +133,7 @@ def test_no_two_of_sixteen_uavs_look_the_same(drawn: Callable[[Scene], Axes]) ->
 
 def test_data_left_behind_is_marked_and_explained(drawn: Callable[[Scene], Axes]) -> None:
     left = scene(1, [HOME])
-    row, column = divmod(int(left.site.cell[0]), left.scenario.area.cells_per_side)
+    row, column = divmod(int(left.site.cell[0]), left.site.scenario.area.cells_per_side)
     there = ['right'] * column + ['forward'] * row
     served = scene(1, [[*there, f'hover 3 {left.demand_bit.sum() / 1e6}', 'home']])
     assert 'data left behind' in legend_of(drawn(left))
@@ -149,7 +147,7 @@ def test_start_and_home_are_told_apart_where_they_differ(drawn: Callable[[Scene]
     one = scene(1, [HOME])
     assert 'start and home' in legend_of(drawn(one))
     elsewhere = load('paper_8x8', {'fleet.default.home': {'cell': [7, 7]}})
-    names = legend_of(drawn(replace(one, scenario=with_uavs(elsewhere, 1))))
+    names = legend_of(drawn(replace(one, site=build_site(with_uavs(elsewhere, 1)))))
     assert {'start', 'home'} <= set(names)
 
 

@@ -24,7 +24,7 @@ from uav_collect.recording import bag_reader
 from uav_collect.recording.bag_reader import RecordedMission
 from uav_collect.recording.mission_log import MissionLog, read
 from uav_collect.scenario.load import fingerprint, load, Scenario, with_uavs
-from uav_collect.scenario.site import build_site
+from uav_collect.scenario.site import build_site, Site
 
 MEASURES = (
     'efficiency_kbit_per_j',
@@ -125,7 +125,7 @@ def test_evaluate_writes_the_means_of_the_missions_it_flew(
     path = tmp_path / 'figures.json'
     assert evaluate(*SMALL, '--policy', 'hert', '--json', str(path)) == 0
     written = json.loads(path.read_text())['hert']
-    logs = rollout.fly(small, build_site(small), range(5, 17), 'hert', 'exact')
+    logs = rollout.fly(build_site(small), range(5, 17), 'hert', 'exact')
     flown = [figures(log) for log in logs]
     assert written['completion_s']['mean'] == pytest.approx(
         np.mean([one.completion_s for one in flown]), rel=1e-12
@@ -183,7 +183,7 @@ def test_compare_subtracts_each_other_policy_from_the_first_mission_by_mission(
     sweep, hert = (
         np.array([figures(log).completion_s for log in logs])
         for logs in (
-            rollout.fly(small, build_site(small), range(5, 17), policy, 'exact')
+            rollout.fly(build_site(small), range(5, 17), policy, 'exact')
             for policy in ('sweep', 'hert')
         )
     )
@@ -279,11 +279,11 @@ def test_ctrl_c_shows_what_was_flown_and_writes_nothing(
     whole = rollout.fly
 
     def fly_some(
-        scenario: Scenario, site: object, seeds: Sequence[int], policy: Callable, allocator: str
+        site: Site, seeds: Sequence[int], policy: Callable, allocator: str
     ) -> list[MissionLog]:
         if next(calls) == 3:  # the second policy's second turn
             raise KeyboardInterrupt
-        return whole(scenario, site, seeds, policy, allocator)
+        return whole(site, seeds, policy, allocator)
 
     monkeypatch.setattr(rollout, 'fly', fly_some)
     arguments = ['--missions', '120', '--policy', 'hert', 'sweep']
@@ -478,7 +478,7 @@ def test_new_files_have_the_permissions_of_the_user(tmp_path: Path) -> None:
 @pytest.fixture(scope='module')
 def run_folder(small: Scenario, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp('run')
-    (log,) = rollout.fly(small, build_site(small), [4], 'sweep', 'exact')
+    (log,) = rollout.fly(build_site(small), [4], 'sweep', 'exact')
     (folder / 'mission.jsonl').write_bytes(log.to_jsonl())
     (folder / 'scenario.yaml').write_text(small.to_yaml())
     return folder
@@ -556,7 +556,6 @@ def recorded(scenario: Scenario, log: MissionLog, *, is_complete: bool) -> Recor
     site = build_site(scenario)
     return RecordedMission(
         log=log,
-        scenario=scenario,
         site=site,
         demand_bit=np.zeros(site.n_sensors),
         n_radio_messages=31,

@@ -32,7 +32,7 @@ def command(processes: Processes, *arguments: str, **environment: str) -> Runnin
 
 
 def text(scenario: Scenario, policy: str) -> bytes:
-    [log] = rollout.fly(scenario, build_site(scenario), [SEED], policy)
+    [log] = rollout.fly(build_site(scenario), [SEED], policy)
     return log.to_jsonl()
 
 

@@ -17,7 +17,7 @@ from rosbags.interfaces import (
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 from uav_collect.recording.bag_writer import BagWriter, MessageTypes
 from uav_collect.recording.mission_log import header_line, MissionLog
-from uav_collect.scenario.load import fingerprint, Scenario
+from uav_collect.scenario.load import fingerprint
 from uav_collect.scenario.site import Site
 
 STARTED, ENDED, ABORTED = 0, 1, 2
@@ -66,14 +66,14 @@ class HandMadeBag:
         self._n_written += 1
         self.writer.write(self._topics[topic], self._n_written, bytes(content))
 
-    def add_scenario(self, scenario: Scenario, site: Site, world: str = 'world') -> None:
+    def add_scenario(self, site: Site, world: str = 'world') -> None:
         """Write what a world says first."""
         self.add(
             '/world/scenario',
             'Scenario',
             world_instance=world,
-            yaml=scenario.to_yaml(),
-            fingerprint=fingerprint(scenario),
+            yaml=site.scenario.to_yaml(),
+            fingerprint=fingerprint(site.scenario),
             sensor_id=list(site.sensor_ids),
             sensor_x_m=site.position_m[:, 0].copy(),
             sensor_y_m=site.position_m[:, 1].copy(),

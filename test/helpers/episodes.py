@@ -131,7 +131,7 @@ class Flown(NamedTuple):
 def flown(scenario: Scenario, seeds: Sequence[int], max_decisions: int, **how: object) -> Flown:
     """Fly missions by random legal actions, up to so many decisions of each."""
     stepping = Stepping(max_decisions=max_decisions, **how)  # type: ignore[arg-type]
-    flights = Flights(scenario, build_site(scenario), seeds, stepping)
+    flights = Flights(build_site(scenario), seeds, stepping)
     rng = np.random.default_rng(0)
     observations: list[list[Floats]] = [[] for _ in seeds]
     decisions = flights.decisions

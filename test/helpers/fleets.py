@@ -35,7 +35,7 @@ def logs(
     scenario: Scenario, seeds: Sequence[int], policy: str = 'sweep', allocator: str = 'exact'
 ) -> list[bytes]:
     """The logs of missions flown in this process."""
-    flown = fly(scenario, build_site(scenario), seeds, policy, allocator)
+    flown = fly(build_site(scenario), seeds, policy, allocator)
     return [log.to_jsonl() for log in flown]
 
 
@@ -43,7 +43,7 @@ class Pilots:
     """The agents of one mission in this process."""
 
     def __init__(self, scenario: Scenario, seed: int, policy: str) -> None:
-        self.simulation = Simulation(scenario, build_site(scenario), seed)
+        self.simulation = Simulation(build_site(scenario), seed)
         briefing, allocator = self.simulation.briefing, allocator_named('exact')
         self.agents = [
             Agent(briefing, uav, policy_named(policy), allocator) for uav in range(scenario.n_uavs)

@@ -47,7 +47,7 @@ def digest(case: Case) -> tuple[int, str]:
     scenario = with_uavs(scenario, case.n_uavs)
     policy = policy_for(case.policy, scenario)
     site, seeds = build_site(scenario), [case.mission_seed]
-    [log] = fly(scenario, site, seeds, lambda: replace(policy), case.bandwidth)
+    [log] = fly(site, seeds, lambda: replace(policy), case.bandwidth)
     return len(log.events), hashlib.sha256(log.to_jsonl()).hexdigest()
 
 

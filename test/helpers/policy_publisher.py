@@ -27,7 +27,7 @@ def explored_logs(
 ) -> list[bytes]:
     """The logs of missions flown at once in this process, with exploration."""
     rules = Stepping(layout=frozen.header.layout, allocator=allocator, is_logged=True)
-    flights = Flights(scenario, build_site(scenario), seeds, rules)
+    flights = Flights(build_site(scenario), seeds, rules)
     n_uavs = scenario.n_uavs
     hidden = frozen.new_hidden(len(seeds) * n_uavs)
     chosen = np.zeros(len(seeds), dtype=np.int64)

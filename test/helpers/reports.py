@@ -66,19 +66,16 @@ class MissionSetup:
     def joiner(self, **values: object) -> MissionJoiner:
         """What joins the reports of its missions."""
         site = build_site(self.scenario)
-        builder = EpisodeBuilder(
-            self.scenario, site, self.layout, self.reward, self.discount_per_s
-        )
+        builder = EpisodeBuilder(site, self.layout, self.reward, self.discount_per_s)
         builder.warm_up()
-        spec = report_spec(self.scenario, self.layout, site.n_sensors)
+        spec = report_spec(site, self.layout)
         settings = {'max_decisions': self.max_decisions, **values}
         return MissionJoiner(spec, builder, **settings)  # type: ignore[arg-type]
 
     def episodes(self, seeds: Sequence[int]) -> list[Episode]:
         """Missions as the training's rollout records them."""
         flights = Flights(
-            self.scenario.with_discount(self.discount_per_s),
-            build_site(self.scenario),
+            build_site(self.scenario).with_discount(self.discount_per_s),
             seeds,
             Stepping(layout=self.layout, reward=self.reward, max_decisions=self.max_decisions),
         )
@@ -127,7 +124,7 @@ class ReportingFlight:
 
     def __init__(self, setup: MissionSetup, seed: int, mission_id: str = '') -> None:
         self._setup = setup
-        self._simulation = Simulation(setup.scenario, build_site(setup.scenario), seed)
+        self._simulation = Simulation(build_site(setup.scenario), seed)
         self._fingerprint = fingerprint(setup.scenario)
         self._briefing = self._simulation.briefing
         self._seed, self._id = seed, mission_id or f'world-{seed}'

@@ -106,14 +106,14 @@ def fly_scripts(
 ) -> MissionLog:
     """The log of a mission, each UAV flown by its list of actions."""
     site = build_site(scenario)
-    return fly(scenario, site, [seed], lambda: Script(scripts), allocator)[0]
+    return fly(site, [seed], lambda: Script(scripts), allocator)[0]
 
 
 class Flight:
     """A mission flown by hand, one action at a time; the UAVs believe and talk as they do."""
 
     def __init__(self, scenario: Scenario, seed: int = 0, allocator: str = 'exact') -> None:
-        self.simulation = Simulation(scenario, build_site(scenario), seed)
+        self.simulation = Simulation(build_site(scenario), seed)
         briefing = self.simulation.briefing
         self.agents = [
             Agent(briefing, uav, _Told(self), allocator_named(allocator))

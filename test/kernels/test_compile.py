@@ -48,7 +48,7 @@ from uav_collect.scenario.load import load
 from uav_collect.missions.simulation import Simulation
 from uav_collect.scenario.site import build_site
 scenario = load('paper_8x8')
-simulation = Simulation(scenario, build_site(scenario), 0)
+simulation = Simulation(build_site(scenario), 0)
 event = simulation.next_event()
 """
     subprocess.run([sys.executable, '-c', script], check=True)

@@ -37,7 +37,7 @@ def collector_of(
     algorithm: Algorithm = Algorithm.AQMIX, seed: int = 0, **overrides: object
 ) -> Collector:
     scenario = tiny(*FLEET)
-    return Collector(scenario, build_site(scenario), small(**overrides), algorithm, seed)
+    return Collector(build_site(scenario), small(**overrides), algorithm, seed)
 
 
 def collected(collector: Collector, n_missions: int, epsilon: float = 0.5) -> list[Episode]:
@@ -53,7 +53,7 @@ def flown_again(episode: Episode, scenario: Scenario) -> MissionLog:
     records = episode.records
     scripts = [records.action[records.uav == each].tolist() for each in range(scenario.n_uavs)]
     site = build_site(scenario)
-    return fly(scenario, site, [episode.mission_seed], lambda: Script(scripts), 'equal')[0]
+    return fly(site, [episode.mission_seed], lambda: Script(scripts), 'equal')[0]
 
 
 def whole_missions() -> list[Episode]:
@@ -133,11 +133,9 @@ def test_without_exploration_it_flies_what_the_network_holds_best_from_a_fresh_h
     network = agent(seed=3)
     ended = [*collector_of(rollout__max_decisions_per_cell=1.875).collect(network, 300, 0.0)]
     assert len(ended) >= 8  # in four places: most of them after another mission
-    scenario = tiny(*FLEET)
+    site = build_site(tiny(*FLEET))
     for episode in ended:
-        flights = Flights(
-            scenario, build_site(scenario), [episode.mission_seed], Stepping(layout=0)
-        )
+        flights = Flights(site, [episode.mission_seed], Stepping(layout=0))
         hidden, decisions = torch.zeros(2, 8), flights.decisions
         for uav_index, action in zip(episode.records.uav, episode.records.action, strict=True):
             if action == NONE:
@@ -196,7 +194,7 @@ def test_a_restored_collector_flies_on_as_the_one_that_was_saved() -> None:
 
 def flown(scenario: Scenario, actions: Sequence[int], **how: object) -> list[Decisions]:
     """What a mission waits for after each action."""
-    flights = Flights(scenario, build_site(scenario), [0], Stepping(**how))  # type: ignore[arg-type]
+    flights = Flights(build_site(scenario), [0], Stepping(**how))  # type: ignore[arg-type]
     waits = []
     for action in actions:
         decisions = flights.step(np.array([action]))
@@ -217,7 +215,7 @@ def test_a_hovers_reward_sums_to_its_data_and_the_bonus_appears_once() -> None:
     assert rewards(flown(scenario, path)) == pytest.approx([0, 1.0, 0, 0, 0, 0.75], abs=1e-9)
     fleet = tiny(*FLEET, **undiscounted)
     config = small(rollout__max_decisions_per_cell=25.0)
-    ended = collected(Collector(fleet, build_site(fleet), config, Algorithm.AQMIX, seed=0), 6)
+    ended = collected(Collector(build_site(fleet), config, Algorithm.AQMIX, seed=0), 6)
     bonuses = []
     for episode in ended:
         events = flown_again(episode, fleet).events

@@ -167,7 +167,7 @@ def test_an_independent_uavs_loss_is_of_its_own_values() -> None:
 def synchronous_missions(scenario: Scenario, learner: Learner) -> list[Episode]:
     """Missions in which all UAVs decide at the same instants, always greedily."""
     config = small(rollout__max_decisions_per_cell=1.5)
-    collector = Collector(scenario, build_site(scenario), config, QMIX, seed=0)
+    collector = Collector(build_site(scenario), config, QMIX, seed=0)
     episodes: list[Episode] = []
     while len(episodes) < 4:
         episodes += collector.collect(learner.networks.agent, 50, epsilon=0.0)

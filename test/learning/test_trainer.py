@@ -162,7 +162,7 @@ def test_a_validation_tells_how_the_policy_flies_its_missions() -> None:
     assert progress.validation is not None
     assert policy.header.validation.missions == 2
     seeds = [2**60, 2**60 + 1]
-    logs = fly(scenario, build_site(scenario), seeds, lambda: LearnedPolicy('it', policy), 'equal')
+    logs = fly(build_site(scenario), seeds, lambda: LearnedPolicy('it', policy), 'equal')
     efficiencies = [
         log.events['collected_bit'].sum() / log.events['energy_j'].sum() / 1e3 for log in logs
     ]

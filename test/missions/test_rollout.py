@@ -60,7 +60,7 @@ def logs(
     policy: str | Callable[[], Policy],
     allocator: str = 'exact',
 ) -> list[MissionLog]:
-    return fly(scenario, build_site(scenario), seeds, policy, allocator)
+    return fly(build_site(scenario), seeds, policy, allocator)
 
 
 def text(log: MissionLog) -> bytes:

@@ -196,8 +196,8 @@ class Curious:
 
 @pytest.mark.parametrize('seed', [0, 1, 2])
 def test_what_is_refused_is_exactly_what_the_mask_forbids(seed: int) -> None:
-    scenario = load('paper_8x8', {'fleet.default.energy_budget_kj': 30.0})
-    simulation = Simulation(scenario, build_site(scenario), seed)
+    site = build_site(load('paper_8x8', {'fleet.default.energy_budget_kj': 30.0}))
+    simulation = Simulation(site, seed)
     exact = allocator_named('exact')
     agents = [Agent(simulation.briefing, unit, Curious(seed), exact) for unit in range(2)]
     while (event := simulation.next_event()) is not None:
@@ -218,9 +218,9 @@ def test_what_is_refused_is_exactly_what_the_mask_forbids(seed: int) -> None:
 
 def start_refusal(scenario: Scenario) -> str:
     with pytest.raises(ConfigError) as alone:
-        Simulation(scenario, build_site(scenario), 0)
+        Simulation(build_site(scenario), 0)
     with pytest.raises(ConfigError) as in_a_batch:
-        fly(scenario, build_site(scenario), [0], 'sweep')
+        fly(build_site(scenario), [0], 'sweep')
     assert str(alone.value) == str(in_a_batch.value)
     return str(alone.value)
 
@@ -257,9 +257,9 @@ def test_a_mission_in_which_one_uav_cannot_even_fly_home_does_not_start() -> Non
 
 
 def test_an_area_of_one_cell_is_hovered_over() -> None:
-    scenario = tiny(uav(5.0), sensors=[(20.0, 30.0, 1.0)], area__cells_per_side=1)
+    site = build_site(tiny(uav(5.0), sensors=[(20.0, 30.0, 1.0)], area__cells_per_side=1))
     for policy in ('hert', 'sweep', 'random'):
-        events = fly(scenario, build_site(scenario), [0], policy)[0].events
+        events = fly(site, [0], policy)[0].events
         assert events['action'].tolist() == [HOVER, HOME]
         assert events['reason'].tolist() == [BY_POLICY, MAP_COMPLETE]
 

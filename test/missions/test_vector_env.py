@@ -35,7 +35,7 @@ def paper() -> Scenario:
 
 
 def flights_of(scenario: Scenario, seeds: Sequence[int] = SEEDS, **how: object) -> Flights:
-    return Flights(scenario, build_site(scenario), seeds, Stepping(**how))
+    return Flights(build_site(scenario), seeds, Stepping(**how))
 
 
 def kept(decisions: Decisions) -> Decisions:
@@ -79,7 +79,7 @@ def noted(scenario: Scenario, seed: int) -> tuple[MissionLog, list[tuple[Floats,
     """A mission of the sweep, and the notes of all UAVs in order."""
     notes: list[tuple[Floats, list[bool]]] = []
     site = build_site(scenario)
-    logs = fly(scenario, site, [seed], lambda: Noted(policy_named('sweep'), notes), 'equal')
+    logs = fly(site, [seed], lambda: Noted(policy_named('sweep'), notes), 'equal')
     return logs[0], notes
 
 
@@ -217,13 +217,13 @@ def test_collecting_all_by_hand_earns_the_data_and_the_bonus() -> None:
     scenario = tiny(reward__discount_per_s=1.0, reward__move_penalty_per_s=0.0)
     waits = stepped_by_the_sweep(scenario)
     budget_j = scenario.uavs[0].energy_budget_j
-    log = fly(scenario, build_site(scenario), [0], 'sweep', 'equal')[0]
+    log = fly(build_site(scenario), [0], 'sweep', 'equal')[0]
     bonus = budget_j * TOTAL_BIT / 1e6 / log.events['energy_j'].sum()
     assert sum(wait.reward[0] for wait in waits) == pytest.approx(TOTAL_BIT / 1e6 + bonus)
 
 
 def stepped_by_the_sweep(scenario: Scenario) -> list[Decisions]:
-    log = fly(scenario, build_site(scenario), [0], 'sweep', 'equal')[0]
+    log = fly(build_site(scenario), [0], 'sweep', 'equal')[0]
     return stepped(flights_of(scenario, [0]), [decided(log)])
 
 

@@ -208,10 +208,9 @@ def test_rviz_shows_the_topics_of_the_world_as_they_are_published(display: str, 
 def test_rviz_can_switch_every_kind_of_marker() -> None:
     pytest.importorskip('rclpy')
     viewers = importlib.import_module('uav_collect.nodes.world.markers')
-    scenario = load('paper_8x8')
-    site = build_site(scenario)
-    drawn = viewers.Viewers(scenario, site)
-    drawn.begin(Simulation(scenario, site, 0))
+    site = build_site(load('paper_8x8'))
+    drawn = viewers.Viewers(site)
+    drawn.begin(Simulation(site, 0))
     markers = drawn.markers(0.0, viewers.Header().stamp).markers[1:]
     namespaces = displays()['MarkerArray']['Namespaces']
     assert set(namespaces) == {marker.ns for marker in markers}

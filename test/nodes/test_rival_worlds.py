@@ -76,7 +76,7 @@ class FakeWorld:
         self._scenarios = publisher(ears.node, topics.SCENARIO)
         scenario = scenario_of(1)
         identity = Identity(born_s=born_s, instance=instance)
-        self._scenarios.publish(scenario_msg(identity, scenario, build_site(scenario)))
+        self._scenarios.publish(scenario_msg(identity, build_site(scenario)))
 
     def serve(self) -> 'FakeWorld':
         """Answer agents from now on."""

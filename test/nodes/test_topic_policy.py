@@ -176,7 +176,7 @@ def test_an_agent_that_missed_the_policy_of_a_mission_asks_the_world_for_it(
     policies = [random_policy(header(n_uavs=1, version=f'run@{it}'), seed=it) for it in (1, 2)]
     published = [policy_fields(policy, it, 0.0) for it, policy in enumerate(policies, start=1)]
     site = build_site(scenario)
-    simulation = Simulation(scenario, site, SEED)
+    simulation = Simulation(site, SEED)
     event = simulation.next_event()
     assert event is not None
     world = Identity(born_s=time.time(), instance='world-of-the-test')
@@ -199,7 +199,7 @@ def test_an_agent_that_missed_the_policy_of_a_mission_asks_the_world_for_it(
     with listener(command) as ears:
         ears.node.create_service(Join, topics.JOIN_SERVICE, answer)
         shown = publisher(ears.node, topics.uav_topics(1).observation)
-        publisher(ears.node, topics.SCENARIO).publish(scenario_msg(world, scenario, site))
+        publisher(ears.node, topics.SCENARIO).publish(scenario_msg(world, site))
         fleet = Fleet(processes=processes, scenario=scenario, folder=tmp_path / 'run')
         agent = fleet.start_agent(1, 'topic')
         ears.wait_until(lambda: n_asked == 1)

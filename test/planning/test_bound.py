@@ -44,7 +44,7 @@ def cache_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def bound(scenario: Scenario, seed: int = 0, allocator: str = 'exact') -> Bound:
-    return bound_of(scenario, build_site(scenario), seed, allocator)
+    return bound_of(build_site(scenario), seed, allocator)
 
 
 def plans(found: Bound) -> tuple[Plan, Plan]:
@@ -143,7 +143,7 @@ def best_together(scenario: Scenario, errands: Errands) -> tuple[float, float]:
 def test_plans_of_tiny_worlds_are_those_that_trying_everything_finds() -> None:
     for seed in range(200):
         scenario = random_world(seed)
-        errands = errands_of(scenario, build_site(scenario), seed, 'exact')
+        errands = errands_of(build_site(scenario), seed, 'exact')
         least_s, least_j = best_together(scenario, errands)
         found = bound(scenario, seed)
         shortest, thriftiest = plans(found)
@@ -155,7 +155,7 @@ def test_plans_of_tiny_worlds_are_those_that_trying_everything_finds() -> None:
 
 def test_trying_everything_tries_all_orders() -> None:
     scenario = random_world(7)
-    errands = errands_of(scenario, build_site(scenario), 7, 'exact')
+    errands = errands_of(build_site(scenario), 7, 'exact')
     config, side = scenario.uavs[0], errands.cells_per_side
     place_m = [
         ((cell % side + 0.5) * CELL_M, (cell // side + 0.5) * CELL_M) for cell in errands.cell
@@ -265,7 +265,7 @@ def test_no_policy_that_collects_everything_gets_beyond_the_limits(
     policy: str, allocator: str
 ) -> None:
     scenario = load('paper_8x8')
-    logs = fly(scenario, build_site(scenario), range(20), policy, allocator)
+    logs = fly(build_site(scenario), range(20), policy, allocator)
     for mission in map(figures, logs):
         found = bound(scenario, mission.mission_seed, allocator)
         assert mission.is_complete
@@ -293,7 +293,7 @@ def test_the_limit_of_energy_is_close_in_the_papers_scenario() -> None:
 def test_limits_hold_whatever_steps_are_made_to() -> None:
     for seed in range(30):
         scenario = random_world(seed)
-        errands = errands_of(scenario, build_site(scenario), seed, 'exact')
+        errands = errands_of(build_site(scenario), seed, 'exact')
         least_s, least_j = best_together(scenario, errands)
         for factor in (0.5, 1.0, 3.0):
             assert least_completion_s(errands, factor * 500.0, factor * least_s) <= least_s
@@ -302,8 +302,8 @@ def test_limits_hold_whatever_steps_are_made_to() -> None:
 
 def test_no_visit_of_any_uav_draws_a_shorter_hover_than_the_limit_counts_with() -> None:
     scenario = tiny(sensors=[(60.0, 40.0, 1.0)], **FADING)
-    errands = errands_of(scenario, build_site(scenario), 0, 'exact')
-    ground = lay_out(scenario, build_site(scenario))
+    errands = errands_of(build_site(scenario), 0, 'exact')
+    ground = lay_out(build_site(scenario))
     best = max(
         channel_draw(
             0, index, 0, visit, 1, ground.los_probability[0], ground.path_gain[0],
@@ -323,9 +323,8 @@ def test_no_visit_of_any_uav_draws_a_shorter_hover_than_the_limit_counts_with() 
 
 
 def bounds_of_a_few() -> str:
-    scenario = load('paper_8x8')
-    site = build_site(scenario)
-    return repr([bound_module._find(errands_of(scenario, site, seed, 'exact'), seed, 200)
+    site = build_site(load('paper_8x8'))
+    return repr([bound_module._find(errands_of(site, seed, 'exact'), seed, 200)
                  for seed in range(3)])  # fmt: skip
 
 
@@ -354,7 +353,7 @@ def test_a_bound_is_searched_once(monkeypatch: pytest.MonkeyPatch) -> None:
     assert seeds == [5]
     bound(scenario, 6)
     bound(scenario, 5, 'equal')
-    bound_of(scenario, build_site(scenario), 5, n_rounds=10)
+    bound_of(build_site(scenario), 5, n_rounds=10)
     bound(tiny(**FADING, demand__cell_share=0.5), 5)
     assert seeds == [5, 6, 5, 5, 5]
     assert bound(scenario, 5, 'cvxpy') == first
@@ -416,7 +415,7 @@ def shown(table: object) -> str:
 
 def test_tables_of_a_mission_tell_how_near_it_came() -> None:
     scenario = load('paper_8x8')
-    [log] = fly(scenario, build_site(scenario), [4], 'sweep')
+    [log] = fly(build_site(scenario), [4], 'sweep')
     mission, found = figures(log), bound(scenario, 4)
     lines = shown(mission_tables(log.header, mission, None, found)).splitlines()
     for name, share in (
@@ -499,7 +498,7 @@ def test_evaluate_shows_how_near_policies_come_to_the_plans(
     assert '% of the clairvoyant plan' in capsys.readouterr().out
     document = json.loads(files[0].read_text())
     scenario = load('paper_8x8')
-    logs = fly(scenario, build_site(scenario), range(5, 11), 'hert', 'equal')
+    logs = fly(build_site(scenario), range(5, 11), 'hert', 'equal')
     reached = [
         time_share(figures(log), bound(scenario, log.header.mission_seed, 'equal')) for log in logs
     ]
@@ -523,7 +522,7 @@ def test_report_tells_how_near_a_mission_came(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     scenario = load('paper_8x8')
-    [log] = fly(scenario, build_site(scenario), [4], 'sweep', 'equal')
+    [log] = fly(build_site(scenario), [4], 'sweep', 'equal')
     (tmp_path / 'mission.jsonl').write_bytes(log.to_jsonl())
     assert main(['report', str(tmp_path)]) == 0
     share = time_share(figures(log), bound(scenario, 4, 'equal'))
@@ -537,8 +536,8 @@ def test_report_is_silent_where_a_bound_takes_too_long(
     from uav_collect.commands import report
 
     monkeypatch.setattr(report, '_MAX_DATA_CELLS', 19)  # 0.3 of 64 is more
-    scenario = load('paper_8x8')
-    [log] = fly(scenario, build_site(scenario), [4], 'sweep')
+    site = build_site(load('paper_8x8'))
+    [log] = fly(site, [4], 'sweep')
     (tmp_path / 'mission.jsonl').write_bytes(log.to_jsonl())
     assert main(['report', str(tmp_path)]) == 0
     assert 'clairvoyant' not in capsys.readouterr().out

@@ -1,5 +1,6 @@
 """What is read from a recording, and what is said of one that cannot be read."""
 
+from dataclasses import replace
 from pathlib import Path
 
 from bags import ABORTED, ENDED, HandMadeBag, STARTED
@@ -25,15 +26,13 @@ def site(paper: Scenario) -> Site:
 
 
 @pytest.fixture(scope='module')
-def flown(paper: Scenario, site: Site) -> list[MissionLog]:
-    return fly(paper, site, [3, 4], 'sweep')
+def flown(site: Site) -> list[MissionLog]:
+    return fly(site, [3, 4], 'sweep')
 
 
-def record(
-    folder: Path, scenario: Scenario, site: Site, log: MissionLog, **mission: object
-) -> Path:
+def record(folder: Path, site: Site, log: MissionLog, **mission: object) -> Path:
     bag = HandMadeBag(folder)
-    bag.add_scenario(scenario, site)
+    bag.add_scenario(site)
     bag.add_mission(log, 'first', **mission)  # type: ignore[arg-type]
     bag.writer.close()
     return folder
@@ -45,19 +44,18 @@ def read_one(folder: Path) -> RecordedMission:
 
 
 def test_the_log_in_a_bag_is_the_log_that_was_flown_to_the_byte(
-    tmp_path: Path, paper: Scenario, site: Site, flown: list[MissionLog]
+    tmp_path: Path, site: Site, flown: list[MissionLog]
 ) -> None:
-    mission = read_one(record(tmp_path / 'bag', paper, site, flown[0]))
+    mission = read_one(record(tmp_path / 'bag', site, flown[0]))
     assert mission.log.to_jsonl() == flown[0].to_jsonl()
     assert mission.is_complete
 
 
 def test_every_bit_of_heard_survives_a_fleet_of_64(tmp_path: Path) -> None:
-    scenario = tiny(*[uav() for _ in range(64)])
-    site = build_site(scenario)
-    (log,) = fly(scenario, site, [0], 'sweep')
+    site = build_site(tiny(*[uav() for _ in range(64)]))
+    (log,) = fly(site, [0], 'sweep')
     assert (log.events['heard'] >= 2**63).any()
-    mission = read_one(record(tmp_path / 'bag', scenario, site, log))
+    mission = read_one(record(tmp_path / 'bag', site, log))
     assert mission.log.to_jsonl() == log.to_jsonl()
 
 
@@ -65,18 +63,18 @@ def test_scenario_site_and_demand_come_from_the_bag_alone(
     tmp_path: Path, paper: Scenario, site: Site, flown: list[MissionLog]
 ) -> None:
     demand_bit = np.linspace(0.0, 1e6, site.n_sensors)
-    mission = read_one(record(tmp_path / 'bag', paper, site, flown[0], demand_bit=demand_bit))
-    assert mission.scenario == paper
+    mission = read_one(record(tmp_path / 'bag', site, flown[0], demand_bit=demand_bit))
+    assert mission.site.scenario == paper
     assert mission.site.sensor_ids == site.sensor_ids
     np.testing.assert_array_equal(mission.site.position_m, site.position_m)
     np.testing.assert_array_equal(mission.demand_bit, demand_bit)
 
 
 def test_radio_messages_are_counted_for_each_mission(
-    tmp_path: Path, paper: Scenario, site: Site, flown: list[MissionLog]
+    tmp_path: Path, site: Site, flown: list[MissionLog]
 ) -> None:
     bag = HandMadeBag(tmp_path / 'bag')
-    bag.add_scenario(paper, site)
+    bag.add_scenario(site)
     bag.add_mission(flown[0], 'first', n_radio_messages=3)
     bag.add_mission(flown[1], 'second', n_radio_messages=5)
     bag.writer.close()
@@ -84,10 +82,10 @@ def test_radio_messages_are_counted_for_each_mission(
 
 
 def test_missions_come_in_the_order_they_were_flown(
-    tmp_path: Path, paper: Scenario, site: Site, flown: list[MissionLog]
+    tmp_path: Path, site: Site, flown: list[MissionLog]
 ) -> None:
     bag = HandMadeBag(tmp_path / 'bag')
-    bag.add_scenario(paper, site)
+    bag.add_scenario(site)
     bag.add_mission(flown[1], 'z')
     bag.add_mission(flown[0], 'a')
     bag.writer.close()
@@ -98,46 +96,46 @@ def test_missions_come_in_the_order_they_were_flown(
 def test_each_mission_has_the_scenario_of_its_world(
     tmp_path: Path, paper: Scenario, site: Site, flown: list[MissionLog]
 ) -> None:
-    other = tiny()
-    (log,) = fly(other, build_site(other), [0], 'sweep')
+    other = build_site(tiny())
+    (log,) = fly(other, [0], 'sweep')
     bag = HandMadeBag(tmp_path / 'bag')
-    bag.add_scenario(paper, site, world='old')
+    bag.add_scenario(site, world='old')
     bag.add_mission(flown[0], 'first', world='old')
-    bag.add_scenario(other, build_site(other), world='new')
+    bag.add_scenario(other, world='new')
     bag.add_mission(log, 'second', world='new')
     bag.writer.close()
-    assert [m.scenario.name for m in read_missions(tmp_path / 'bag')] == [paper.name, 'tiny']
+    assert [m.site.scenario.name for m in read_missions(tmp_path / 'bag')] == [paper.name, 'tiny']
 
 
 @pytest.mark.parametrize('missed', [[0], [5], [0, 1, 2]])
 def test_a_mission_with_a_missed_event_is_incomplete(
-    tmp_path: Path, paper: Scenario, site: Site, flown: list[MissionLog], missed: list[int]
+    tmp_path: Path, site: Site, flown: list[MissionLog], missed: list[int]
 ) -> None:
-    mission = read_one(record(tmp_path / 'bag', paper, site, flown[0], leave_out=missed))
+    mission = read_one(record(tmp_path / 'bag', site, flown[0], leave_out=missed))
     assert not mission.is_complete
     assert len(mission.log.events) == len(flown[0].events) - len(missed)
 
 
 def test_a_mission_without_its_last_event_is_incomplete(
-    tmp_path: Path, paper: Scenario, site: Site, flown: list[MissionLog]
+    tmp_path: Path, site: Site, flown: list[MissionLog]
 ) -> None:
     last = len(flown[0].events) - 1
-    mission = read_one(record(tmp_path / 'bag', paper, site, flown[0], leave_out=[last]))
+    mission = read_one(record(tmp_path / 'bag', site, flown[0], leave_out=[last]))
     assert not mission.is_complete
 
 
 @pytest.mark.parametrize('phases', [[STARTED], [STARTED, ABORTED]])
 def test_a_mission_that_did_not_end_is_incomplete(
-    tmp_path: Path, paper: Scenario, site: Site, flown: list[MissionLog], phases: list[int]
+    tmp_path: Path, site: Site, flown: list[MissionLog], phases: list[int]
 ) -> None:
-    mission = read_one(record(tmp_path / 'bag', paper, site, flown[0], phases=phases))
+    mission = read_one(record(tmp_path / 'bag', site, flown[0], phases=phases))
     assert not mission.is_complete
 
 
 def test_a_mission_whose_start_was_missed_is_known_by_its_end(
-    tmp_path: Path, paper: Scenario, site: Site, flown: list[MissionLog]
+    tmp_path: Path, site: Site, flown: list[MissionLog]
 ) -> None:
-    mission = read_one(record(tmp_path / 'bag', paper, site, flown[0], phases=[ENDED]))
+    mission = read_one(record(tmp_path / 'bag', site, flown[0], phases=[ENDED]))
     assert mission.is_complete
     assert mission.log.to_jsonl() == flown[0].to_jsonl()
 
@@ -153,27 +151,27 @@ def test_a_folder_without_a_bag_is_named(tmp_path: Path) -> None:
 
 
 def test_a_bag_that_was_cut_off_says_how_to_repair_it(
-    tmp_path: Path, paper: Scenario, site: Site, flown: list[MissionLog]
+    tmp_path: Path, site: Site, flown: list[MissionLog]
 ) -> None:
-    folder = record(tmp_path / 'bag', paper, site, flown[0])
+    folder = record(tmp_path / 'bag', site, flown[0])
     (folder / 'metadata.yaml').unlink()
     with pytest.raises(BagError, match=f'recorder --repair {folder}'):
         read_missions(folder)
 
 
 def test_a_bag_whose_file_is_torn_says_how_to_repair_it(
-    tmp_path: Path, paper: Scenario, site: Site, flown: list[MissionLog]
+    tmp_path: Path, site: Site, flown: list[MissionLog]
 ) -> None:
-    folder = record(tmp_path / 'bag', paper, site, flown[0])
+    folder = record(tmp_path / 'bag', site, flown[0])
     with (folder / 'bag.mcap').open('r+b') as file:
         file.truncate(2000)
     with pytest.raises(BagError, match=f'recorder --repair {folder}'):
         read_missions(folder)
 
 
-def test_a_bag_without_a_mission_says_so(tmp_path: Path, paper: Scenario, site: Site) -> None:
+def test_a_bag_without_a_mission_says_so(tmp_path: Path, site: Site) -> None:
     bag = HandMadeBag(tmp_path / 'bag')
-    bag.add_scenario(paper, site)
+    bag.add_scenario(site)
     bag.writer.close()
     with pytest.raises(BagError, match='holds no mission'):
         read_missions(tmp_path / 'bag')
@@ -198,8 +196,9 @@ def test_a_mission_whose_scenario_was_missed_is_named(
 def test_sensors_other_than_the_scenario_draws_are_refused(
     tmp_path: Path, paper: Scenario, flown: list[MissionLog]
 ) -> None:
-    other = build_site(load('paper_8x8', {'sensors.seed': 99}))
-    folder = record(tmp_path / 'bag', paper, other, flown[0])
+    elsewhere = build_site(load('paper_8x8', {'sensors.seed': 99}))
+    site = replace(elsewhere, scenario=paper)
+    folder = record(tmp_path / 'bag', site, flown[0])
     with pytest.raises(BagError, match='sensors are not those'):
         read_missions(folder)
 

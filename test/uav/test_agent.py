@@ -52,7 +52,7 @@ class Noting:
 
 
 def first_view(scenario: Scenario, unit: int = 0) -> LocalView:
-    simulation = Simulation(scenario, build_site(scenario), 0)
+    simulation = Simulation(build_site(scenario), 0)
     for _ in range(unit):
         event = simulation.next_event()
         assert event is not None

@@ -79,11 +79,11 @@ def test_other_missions_uavs_and_decisions_explore_otherwise() -> None:
 
 
 def test_a_mission_explores_the_same_alone_and_in_any_place_of_a_batch() -> None:
-    scenario = tiny(uav(5.0), uav(10.0), uav(7.5))
+    site = build_site(tiny(uav(5.0), uav(10.0), uav(7.5)))
     together, alone = ([3, 4, 5], 1), ([4], 0)
     found = []
     for seeds, place in (together, alone):
-        flights = Flights(scenario, build_site(scenario), seeds, Stepping())
+        flights = Flights(site, seeds, Stepping())
         actions = []
         for _ in range(30):
             explored = flights.explore(0.5, 0.3)
@@ -97,7 +97,7 @@ def test_a_mission_explores_the_same_alone_and_in_any_place_of_a_batch() -> None
 
 
 def test_exploring_again_gives_the_same_and_moves_nothing() -> None:
-    flights = Flights(tiny(), build_site(tiny()), range(6), Stepping())
+    flights = Flights(build_site(tiny()), range(6), Stepping())
     before = flights.decisions.observation.copy()
     first = flights.explore(0.5, 0.6)
     assert flights.explore(0.5, 0.6).tolist() == first.tolist()

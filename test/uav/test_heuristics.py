@@ -38,7 +38,7 @@ def logs(
     n_missions: int,
     allocator: str = 'equal',
 ) -> list[MissionLog]:
-    return fly(scenario, build_site(scenario), range(n_missions), policy, allocator)
+    return fly(build_site(scenario), range(n_missions), policy, allocator)
 
 
 def mean_efficiency(flown: Sequence[MissionLog]) -> float:

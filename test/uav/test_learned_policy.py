@@ -77,7 +77,7 @@ def by_agents(frozen: FrozenPolicy) -> Callable[[], Policy]:
 def texts(
     scenario: Scenario, seeds: list[int], policy: str | Callable[[], Policy], allocator: str
 ) -> list[bytes]:
-    logs = fly(scenario, build_site(scenario), seeds, policy, allocator)
+    logs = fly(build_site(scenario), seeds, policy, allocator)
     return [log.to_jsonl() for log in logs]
 
 
@@ -138,7 +138,7 @@ def test_a_mission_flies_alike_whatever_flies_beside_it() -> None:
 
 def test_what_a_learned_policy_flies_adds_up() -> None:
     scenario, frozen = scenario_of(3), frozen_of(Layout.PAPER, 3)
-    for log in fly(scenario, build_site(scenario), SEEDS, at_once(frozen)):
+    for log in fly(build_site(scenario), SEEDS, at_once(frozen)):
         check_log(log)
         assert figures(log).is_safe
         assert {unit.policy for unit in log.header.uavs} == {'mine'}
@@ -151,8 +151,8 @@ def test_a_batch_may_be_empty() -> None:
 def test_a_learned_policy_flies_with_cvxpy_too() -> None:
     scenario = scenario_of(2, **{'demand.cell_share': 0.1})
     frozen = frozen_of(Layout.EGOCENTRIC, 2)
-    (solved,) = fly(scenario, build_site(scenario), [2], at_once(frozen), 'cvxpy')
-    (exact,) = fly(scenario, build_site(scenario), [2], at_once(frozen), 'exact')
+    (solved,) = fly(build_site(scenario), [2], at_once(frozen), 'cvxpy')
+    (exact,) = fly(build_site(scenario), [2], at_once(frozen), 'exact')
     assert solved.events['action'].tolist() == exact.events['action'].tolist()
     assert [unit.allocator for unit in solved.header.uavs] == ['cvxpy', 'cvxpy']
 
@@ -162,7 +162,7 @@ def test_a_learned_policy_flies_with_cvxpy_too() -> None:
 
 def test_a_policy_remembers_within_a_mission_and_forgets_between_missions() -> None:
     scenario, frozen = scenario_of(2), frozen_of(Layout.EGOCENTRIC, 2)
-    simulation = Simulation(scenario, build_site(scenario), 0)
+    simulation = Simulation(build_site(scenario), 0)
     event = simulation.next_event()
     assert event is not None
     belief = belief_of(new_beliefs(simulation.briefing, 1), 0)
@@ -187,7 +187,7 @@ def test_the_uavs_of_a_fleet_share_weights_and_no_memory() -> None:
         Agent(briefing, uav, LearnedPolicy('mine', frozen), allocator_named('exact'))
         for uav in range(2)
     ]
-    simulation = Simulation(scenario, build_site(scenario), 0)
+    simulation = Simulation(build_site(scenario), 0)
     event = simulation.next_event()
     assert event is not None
     agents[event.uav].observe(event.view)
@@ -200,7 +200,7 @@ def test_the_uavs_of_a_fleet_share_weights_and_no_memory() -> None:
 
 def test_a_policy_takes_the_best_of_the_legal_actions_alone() -> None:
     scenario, frozen = scenario_of(2), frozen_of(Layout.EGOCENTRIC, 2)
-    simulation = Simulation(scenario, build_site(scenario), 0)
+    simulation = Simulation(build_site(scenario), 0)
     event = simulation.next_event()
     assert event is not None
     belief = belief_of(new_beliefs(simulation.briefing, 1), 0)
@@ -213,7 +213,7 @@ def test_a_policy_takes_the_best_of_the_legal_actions_alone() -> None:
 
 def test_a_policy_must_begin_before_it_chooses() -> None:
     policy = LearnedPolicy('mine', frozen_of(Layout.PAPER, 2))
-    simulation = Simulation(scenario_of(2), build_site(scenario_of(2)), 0)
+    simulation = Simulation(build_site(scenario_of(2)), 0)
     event = simulation.next_event()
     assert event is not None
     belief = belief_of(new_beliefs(simulation.briefing, 1), 0)
@@ -269,7 +269,7 @@ def test_strong_is_what_is_shipped_for_the_scenario_and_its_fleet(shipped: Path)
     saved(shipped, 'paper_10x10_n3_aqmix', header(n_uavs=3))
     assert policy_for(STRONG, scenario_of(2)).name == 'paper_10x10_n2_aqmix'
     assert policy_for(STRONG, scenario_of(3)).name == 'paper_10x10_n3_aqmix'
-    log = fly(scenario_of(2), build_site(scenario_of(2)), [0], STRONG)[0]
+    log = fly(build_site(scenario_of(2)), [0], STRONG)[0]
     assert log.header.uavs[0].policy == 'paper_10x10_n2_aqmix'
 
 

@@ -26,7 +26,7 @@ HELPERS = Path(__file__).parents[1] / 'helpers'
 
 def flown(policy: str, scenario: Scenario | None = None) -> list[MissionLog]:
     scenario = scenario or scenario_of(2, fleet__default__energy_budget_kj=60.0)
-    return fly(scenario, build_site(scenario), SEEDS, policy)
+    return fly(build_site(scenario), SEEDS, policy)
 
 
 def failure(policy: str, scenario: Scenario | None = None) -> str:
@@ -75,8 +75,8 @@ def test_what_a_function_gets_has_the_same_types_compiled_and_interpreted() -> N
 def test_a_class_remembers_for_one_uav_and_one_mission() -> None:
     name = 'user_policies:Wanderer'
     scenario = scenario_of(3, fleet__default__energy_budget_kj=20.0)
-    together = fly(scenario, build_site(scenario), [0, 1], name)
-    [alone] = fly(scenario, build_site(scenario), [1], name)
+    together = fly(build_site(scenario), [0, 1], name)
+    [alone] = fly(build_site(scenario), [1], name)
     assert together[1].to_jsonl() == alone.to_jsonl()
     # Hover, north and east are legal in the corner; counts begin with the UAV's index.
     firsts = alone.events[alone.events['decision'] == 0]

@@ -71,7 +71,7 @@ def test_no_uav_is_ever_short_of_its_reserve(policy: str) -> None:
     for number in range(N_SCENARIOS):
         scenario = random_scenario(number)
         allocator = ('exact', 'equal')[number % 2]
-        for log in fly(scenario, build_site(scenario), range(N_SEEDS), policy, allocator):
+        for log in fly(build_site(scenario), range(N_SEEDS), policy, allocator):
             for spare_j, landed_j, budget_j in reserves_j(scenario, log):
                 assert spare_j.min() >= -ROUNDING * budget_j
                 assert landed_j >= -ROUNDING * budget_j
@@ -87,23 +87,23 @@ def test_no_uav_is_ever_short_of_its_reserve(policy: str) -> None:
 @pytest.mark.parametrize('policy', POLICIES)
 def test_the_log_of_a_random_scenario_adds_up(policy: str) -> None:
     for number in range(N_SCENARIOS):
-        scenario = random_scenario(number)
-        log = fly(scenario, build_site(scenario), [99], policy)[0]
+        site = build_site(random_scenario(number))
+        log = fly(site, [99], policy)[0]
         check_log(log)
 
 
 @pytest.mark.parametrize('budget_kj', [20.0, 50.0, 100.0, 400.0])
 @pytest.mark.parametrize('policy', POLICIES)
 def test_the_papers_fleet_lands_safely_on_any_budget(policy: str, budget_kj: float) -> None:
-    scenario = load('paper_10x10', {'fleet.default.energy_budget_kj': budget_kj})
-    for log in fly(scenario, build_site(scenario), range(5), policy):
+    site = build_site(load('paper_10x10', {'fleet.default.energy_budget_kj': budget_kj}))
+    for log in fly(site, range(5), policy):
         assert figures(log).is_safe
 
 
 def test_a_uav_goes_home_for_its_reserve_only_when_nothing_else_is_affordable() -> None:
     scenario = load('paper_10x10', {'fleet.default.energy_budget_kj': 20.0})
     moves_j = [flight_power_w(speed_mps) * 50.0 / speed_mps for speed_mps in (5.0, 10.0)]
-    for log in fly(scenario, build_site(scenario), range(20), 'random'):
+    for log in fly(build_site(scenario), range(20), 'random'):
         for unit, (spare_j, _, _) in enumerate(reserves_j(scenario, log)):
             own = log.events[log.events['uav'] == unit + 1]
             assert own['reason'][-1] == REASON_NAMES.index('energy reserve')
@@ -115,4 +115,4 @@ def test_a_uav_goes_home_for_its_reserve_only_when_nothing_else_is_affordable() 
 def test_a_mission_that_cannot_start_says_why(policy: str) -> None:
     scenario = load('paper_10x10', {'fleet.default.energy_budget_kj': 1.5})
     with pytest.raises(ConfigError, match=r'no UAV has the energy for a single move: UAV 1 has'):
-        fly(scenario, build_site(scenario), [0], policy)
+        fly(build_site(scenario), [0], policy)

@@ -80,8 +80,10 @@ def test_a_hover_split_by_events_of_others_is_still_worth_its_data() -> None:
 
 @pytest.mark.parametrize('policy', ['hert', 'sweep'])
 def test_undiscounted_rewards_sum_to_data_less_penalties_and_one_bonus(policy: str) -> None:
-    scenario = load('paper_8x8', {'reward.discount_per_s': 1.0, 'radio.csi_error_variance': 0.01})
-    for log in fly(scenario, build_site(scenario), range(5), policy):
+    site = build_site(
+        load('paper_8x8', {'reward.discount_per_s': 1.0, 'radio.csi_error_variance': 0.01})
+    )
+    for log in fly(site, range(5), policy):
         mission = figures(log)
         flight_s = sum(unit.flight_s for unit in mission.uavs)
         expected = mission.collected_bit / 1e6 - PENALTY * flight_s + bonus(log)
@@ -164,7 +166,7 @@ def in_flight() -> tuple[Briefing, Ground, Mission]:
     """One UAV hovers over A for 0.94 s, the other one flies east for 10 s."""
     scenario = tiny(uav(5.0, start=(0, 1)), uav(5.0), sensors=[(75.0, 25.0, 2.0)])
     site = build_site(scenario)
-    briefing, ground = brief(scenario), lay_out(scenario, site)
+    briefing, ground = brief(scenario), lay_out(site)
     mission = mission_of(new_missions(briefing, ground, [0]), 0)
     rows = new_view_rows(most_sensors(ground))
     for unit, action in enumerate((HOVER, FORWARD)):

@@ -29,7 +29,7 @@ def everywhere(cell_share: float, **overrides: object) -> Scenario:
 
 def demands(scenario: Scenario, n_missions: int = N_MISSIONS) -> Iterator[Floats]:
     site = build_site(scenario)
-    ground = lay_out(scenario, site)
+    ground = lay_out(site)
     demand_bit = new_row(site.n_sensors, math.nan)
     for mission_seed in range(n_missions):
         draw_demand(ground, mission_seed, demand_bit)
@@ -129,8 +129,7 @@ def test_a_sensors_amount_does_not_depend_on_which_cells_have_data() -> None:
 
 
 def test_the_largest_seed_draws_as_any_other() -> None:
-    scenario = everywhere(0.25)
-    site = build_site(scenario)
-    last = Simulation(scenario, site, 2**63 - 1).demand_bit
-    assert last != Simulation(scenario, site, 2**62 - 1).demand_bit
+    site = build_site(everywhere(0.25))
+    last = Simulation(site, 2**63 - 1).demand_bit
+    assert last != Simulation(site, 2**62 - 1).demand_bit
     assert sum(last) > 0.0

@@ -68,37 +68,33 @@ def trajectories(
     log: MissionLog,
     site: Site,
     demand_bit: Floats,
-    scenario: Scenario,
     file: Path | BinaryIO,
 ) -> None:
     """Draw a mission into a PNG file.
 
     Args:
         log: the mission, finished or not.
-        site: where the sensors are.
+        site: where it was flown.
         demand_bit: data waiting at each sensor at the start [bit], shape (S,).
-        scenario: the area and the fleet.
         file: to be written; the same mission gives the same bytes.
 
     Raises:
         ValueError: the demand does not fit the site.
         OSError: the file cannot be written.
     """
-    side_in = float(np.clip(2.6 + 0.3 * scenario.area.cells_per_side, 5.0, 8.6))
+    side_in = float(np.clip(2.6 + 0.3 * site.scenario.area.cells_per_side, 5.0, 8.6))
     figure, axes = _canvas(side_in)
-    handles = draw_mission(axes, log, site, demand_bit, scenario, side_in)
+    handles = draw_mission(axes, log, site, demand_bit, side_in)
     _write_title(axes, log, figures(log))
     _write_legend(axes, handles)
     # No software name in the file: the bytes are the mission's.
     figure.savefig(file, dpi=DPI, format='png', metadata={'Software': None})
 
 
-def pixels(
-    log: MissionLog, site: Site, demand_bit: Floats, scenario: Scenario
-) -> NDArray[np.uint8]:
+def pixels(log: MissionLog, site: Site, demand_bit: Floats) -> NDArray[np.uint8]:
     """The picture that `trajectories` draws, as red, green and blue, (height, width, 3)."""
     file = BytesIO()
-    trajectories(log, site, demand_bit, scenario, file)
+    trajectories(log, site, demand_bit, file)
     file.seek(0)
     return np.asarray(imread(file)[..., :3] * 255.0).round().astype(np.uint8)
 
@@ -108,7 +104,6 @@ def draw_mission(
     log: MissionLog,
     site: Site,
     demand_bit: Floats,
-    scenario: Scenario,
     side_in: float,
 ) -> list[Line2D]:
     """Draw a mission into axes.
@@ -124,10 +119,11 @@ def draw_mission(
         ValueError: the demand does not fit the site.
     """
     check_shape(demand_bit, (len(site.position_m),), 'demand_bit')
+    scenario = site.scenario
     cell_pt = side_in * 72.0 / scenario.area.cells_per_side
     paths = [_path_of(log, scenario, index) for index in range(len(log.header.uavs))]
     _draw_area(axes, scenario)
-    _draw_sensors(axes, site, demand_bit, _is_left(log, site, demand_bit, scenario), cell_pt)
+    _draw_sensors(axes, site, demand_bit, _is_left(log, site, demand_bit), cell_pt)
     _draw_paths(axes, paths, scenario.area.cell_size_m, cell_pt)
     _draw_hovers(axes, paths, cell_pt)
     _draw_ends(axes, scenario, cell_pt)
@@ -162,13 +158,13 @@ def _path_of(log: MissionLog, scenario: Scenario, index: int) -> _Path:
     )
 
 
-def _is_left(log: MissionLog, site: Site, demand_bit: Floats, scenario: Scenario) -> Bools:
+def _is_left(log: MissionLog, site: Site, demand_bit: Floats) -> Bools:
     """Whether each sensor's data were left: nobody ever hovered in its cell."""
     hovers = log.events[log.events['action'] == HOVER]
-    size_m = scenario.area.cell_size_m
-    column: Ints = (hovers['x_m'] // size_m).astype(np.int64)
-    row: Ints = (hovers['y_m'] // size_m).astype(np.int64)
-    served = np.isin(site.cell, row * scenario.area.cells_per_side + column)
+    area = site.scenario.area
+    column: Ints = (hovers['x_m'] // area.cell_size_m).astype(np.int64)
+    row: Ints = (hovers['y_m'] // area.cell_size_m).astype(np.int64)
+    served = np.isin(site.cell, row * area.cells_per_side + column)
     return (demand_bit > 0) & ~served
 
 

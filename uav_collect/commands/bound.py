@@ -87,7 +87,7 @@ def _plan(arguments: argparse.Namespace, scenario: 'Scenario') -> '_Bounds':
     with progress.counting(len(seeds) * len(bounds), 'plans') as advance:
         for bandwidth, found in bounds.items():
             for seed in seeds:
-                found.append(bound_of(scenario, site, seed, bandwidth, n_rounds))
+                found.append(bound_of(site, seed, bandwidth, n_rounds))
                 advance(1)
     return bounds
 

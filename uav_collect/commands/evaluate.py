@@ -162,10 +162,10 @@ def _fly(
         for start in range(0, len(seeds), at_once):
             some = seeds[start : start + at_once]
             for bandwidth, found in bounds.items():
-                found |= {seed: bound_of(scenario, site, seed, bandwidth) for seed in some}
+                found |= {seed: bound_of(site, seed, bandwidth) for seed in some}
             for contender, missions in flown.items():
                 make_policy = partial(replace, contender.policy)
-                logs = fly(scenario, site, some, make_policy, contender.bandwidth)
+                logs = fly(site, some, make_policy, contender.bandwidth)
                 missions += [figures(log) for log in logs]
                 advance(len(some))
 

@@ -117,9 +117,9 @@ def _compare(log: Path, scenario: 'Scenario', bandwidth: str) -> None:
         missions, site = {name: figures(flown)}, build_site(scenario)
         for rule in _RULES:
             if rule != name:
-                [other] = fly(scenario, site, [seed], rule, bandwidth)
+                [other] = fly(site, [seed], rule, bandwidth)
                 missions[rule] = figures(other)
-        bound = report.bound_shown(flown.header, scenario, site)
+        bound = report.bound_shown(flown.header, site)
         Console().print(comparison_table(missions, bound))
     # Whatever it is: the mission itself was flown, recorded and told.
     except Exception as error:

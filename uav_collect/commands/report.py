@@ -34,7 +34,6 @@ class FlownMission:
     """A mission and where it was flown."""
 
     log: MissionLog
-    scenario: 'Scenario'
     site: 'Site'
     demand_bit: 'Floats'  # (S,) at the start
     n_radio_messages: int | None = None  # None: a log does not tell
@@ -74,29 +73,29 @@ def show(mission: FlownMission, picture: Path, console: 'Console') -> None:
     if mission.is_whole:
         check_log(mission.log)
     summary = figures(mission.log)
-    bound = bound_shown(mission.log.header, mission.scenario, mission.site)
+    bound = bound_shown(mission.log.header, mission.site)
     console.print(mission_tables(mission.log.header, summary, mission.n_radio_messages, bound))
     if not mission.is_whole:
         what = 'warning: not all of the mission was recorded; these are the figures of what was'
         console.print(what, style='bold red', highlight=False)
     drawn = io.BytesIO()
-    trajectories(mission.log, mission.site, mission.demand_bit, mission.scenario, drawn)
+    trajectories(mission.log, mission.site, mission.demand_bit, drawn)
     files.write_atomically(picture, drawn.getvalue())
     console.print(f'picture: {picture}', highlight=False, markup=False, soft_wrap=True)
 
 
-def bound_shown(header: MissionHeader, scenario: 'Scenario', site: 'Site') -> 'Bound | None':
+def bound_shown(header: MissionHeader, site: 'Site') -> 'Bound | None':
     """The clairvoyant bound of a mission; None where that takes too long."""
     import numpy as np
     from uav_collect.planning.bound import bound_of, KERNELS
 
-    share = scenario.demand.cell_share
-    n_cells = np.unique(site.cell).size
-    if (n_cells if share == 'all' else min(share * scenario.n_cells, n_cells)) > _MAX_DATA_CELLS:
+    share, n_cells = site.scenario.demand.cell_share, np.unique(site.cell).size
+    n_wanted = site.scenario.n_cells * (1.0 if share == 'all' else share)
+    if min(n_wanted, n_cells) > _MAX_DATA_CELLS:
         return None
     is_equal = all(uav.allocator == 'equal' for uav in header.uavs)
     progress.say_if_compiling(KERNELS)
-    return bound_of(scenario, site, header.mission_seed, 'equal' if is_equal else 'exact')
+    return bound_of(site, header.mission_seed, 'equal' if is_equal else 'exact')
 
 
 def _find(path: Path) -> Iterator[tuple[FlownMission, Path]]:
@@ -135,8 +134,8 @@ def flown_mission(log: MissionLog, scenario: 'Scenario') -> FlownMission:
 
     site = build_site(scenario)
     demand_bit = np.zeros(site.n_sensors)
-    draw_demand(lay_out(scenario, site), log.header.mission_seed, demand_bit)
-    return FlownMission(log=log, scenario=scenario, site=site, demand_bit=demand_bit)
+    draw_demand(lay_out(site), log.header.mission_seed, demand_bit)
+    return FlownMission(log=log, site=site, demand_bit=demand_bit)
 
 
 def _scenario_of(log: MissionLog, file: Path) -> 'Scenario':
@@ -167,7 +166,6 @@ def _recorded(path: Path, pictures: Path) -> Iterator[tuple[FlownMission, Path]]
     for recorded in missions:
         mission = FlownMission(
             log=recorded.log,
-            scenario=recorded.scenario,
             site=recorded.site,
             demand_bit=recorded.demand_bit,
             n_radio_messages=recorded.n_radio_messages,

@@ -26,7 +26,7 @@ from uav_collect.missions.experience import (
     observations,
     Records,
 )
-from uav_collect.scenario.load import ConfigError, Scenario
+from uav_collect.scenario.load import ConfigError
 from uav_collect.scenario.site import Site
 from uav_collect.uav.actions import HOME, NONE
 from uav_collect.uav.briefing import brief, Briefing
@@ -66,10 +66,8 @@ class _Events(NamedTuple):
 class EpisodeBuilder:
     """Turns the reports of missions of one scenario into episodes."""
 
-    def __init__(
-        self, scenario: Scenario, site: Site, layout: Layout, reward: Reward, discount_per_s: float
-    ) -> None:
-        """Lay the scenario out once for all its missions.
+    def __init__(self, site: Site, layout: Layout, reward: Reward, discount_per_s: float) -> None:
+        """Lay the site out once for all its missions.
 
         Args:
             layout: of the observations that the learner takes.
@@ -80,6 +78,7 @@ class EpisodeBuilder:
             ConfigError: the scenario's own reward is to be learned, but under another discount
                 than that by which the world sums it up.
         """
+        scenario = site.scenario
         if reward is Reward.PAPER and scenario.reward.discount_per_s != discount_per_s:
             raise ConfigError(
                 f'reward.discount_per_s is {discount_per_s:g}: must be '
@@ -89,7 +88,7 @@ class EpisodeBuilder:
         self._layout, self._reward = layout, reward
         self._first_sensor = site.first_sensor.tolist()
         self._briefing = brief(scenario)
-        self._ground = lay_out(scenario.with_discount(discount_per_s), site)
+        self._ground = lay_out(site.with_discount(discount_per_s))
         self._mission = mission_of(new_missions(self._briefing, self._ground, [0]), 0)
         self._union: Any = np.zeros(scenario.n_cells, dtype=np.uint8)
 

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from uav_collect.missions.experience import n_map_bytes
-from uav_collect.scenario.load import fingerprint, Scenario
+from uav_collect.scenario.load import fingerprint
+from uav_collect.scenario.site import Site
 from uav_collect.uav import actions
 from uav_collect.uav.actions import HOME, N_ACTIONS, NONE
 from uav_collect.uav.observation import Layout, observation_size
@@ -189,18 +190,19 @@ class ReportSpec:
         _numbers(where, name, np.frombuffer(content, FLOAT64))
 
 
-def report_spec(scenario: Scenario, layout: Layout, n_sensors: int) -> ReportSpec:
-    """What reports of missions of a scenario must match.
+def report_spec(site: Site, layout: Layout) -> ReportSpec:
+    """What reports of missions at a site must match.
 
     Raises:
         ConfigError: the layout has no room for the fleet.
     """
+    scenario = site.scenario
     return ReportSpec(
         layout=layout,
         scenario_fingerprint=fingerprint(scenario),
         n_uavs=scenario.n_uavs,
         n_cells=scenario.n_cells,
-        n_sensors=n_sensors,
+        n_sensors=site.n_sensors,
         observation_size=observation_size(layout, scenario.area.cells_per_side, scenario.n_uavs),
     )
 

@@ -10,7 +10,6 @@ from uav_collect.learning.minibatch import Algorithm
 from uav_collect.learning.network import Drqn
 from uav_collect.missions.experience import Episode
 from uav_collect.missions.vector_env import Decisions, Flights, Stepping
-from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import Site
 from uav_collect.training.config import TrainingConfig
 from uav_collect.training.progress import RecentMissions
@@ -29,7 +28,6 @@ class Collector:
 
     def __init__(
         self,
-        scenario: Scenario,
         site: Site,
         config: TrainingConfig,
         algorithm: Algorithm,
@@ -39,15 +37,14 @@ class Collector:
         """Take off.
 
         Args:
-            scenario: with the training's discount in its reward.
+            site: with the training's discount in its reward.
         """
         n_worlds = config.rollout.missions_at_once
         self._config = config
-        self._max_decisions = config.max_decisions(scenario.n_cells)
+        self._max_decisions = config.max_decisions(site.scenario.n_cells)
         self._device = torch.device(device)
         self._next_seed = _FIRST_SEED + seed % _N_RUNS * _SEEDS_PER_RUN
         self._flights = Flights(
-            scenario,
             site,
             [self._draw_seed() for _ in range(n_worlds)],
             Stepping(
@@ -58,7 +55,7 @@ class Collector:
                 max_decisions=self._max_decisions,
             ),
         )
-        size = (n_worlds, scenario.n_uavs, config.network.hidden_size)
+        size = (n_worlds, site.scenario.n_uavs, config.network.hidden_size)
         self._hidden = torch.zeros(size, device=self._device)
         self._places = torch.arange(n_worlds, device=self._device)
         self.recent = RecentMissions()

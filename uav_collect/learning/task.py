@@ -52,9 +52,8 @@ class Source(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class Course:
-    """A scenario, where experience with it comes from, and what was collected."""
+    """A site, where experience with its scenario comes from, and what was collected."""
 
-    scenario: Scenario
     site: Site
     briefing: Briefing
     source: Source
@@ -74,7 +73,7 @@ class Course:
 
     def validate(self, pilot: LearnedPolicy, mission_seeds: Sequence[int]) -> list[MissionLog]:
         """Fly missions as the scenario has them, bandwidth shared equally as the paper trains."""
-        return fly(self.scenario, self.site, mission_seeds, lambda: pilot, 'equal')
+        return fly(self.site, mission_seeds, lambda: pilot, 'equal')
 
 
 def new_courses(
@@ -99,14 +98,12 @@ def new_courses(
     for index, scenario in enumerate(scenarios):
         site, briefing = build_site(scenario), brief(scenario)
         if sources is None:
-            learned = scenario.with_discount(config.reward.discount_per_s)
-            source: Source = Collector(learned, site, config, algorithm, seed, device)
+            learned = site.with_discount(config.reward.discount_per_s)
+            source: Source = Collector(learned, config, algorithm, seed, device)
         else:
             source = sources[index]
         replay = Replay(replay_size, briefing)
-        courses.append(
-            Course(scenario=scenario, site=site, briefing=briefing, source=source, replay=replay)
-        )
+        courses.append(Course(site=site, briefing=briefing, source=source, replay=replay))
     return courses
 
 

@@ -41,7 +41,6 @@ _FIRST_CAPACITY = 256  # events of a mission that the log has room for before it
 
 
 def fly(
-    scenario: Scenario,
     site: Site,
     mission_seeds: Sequence[int],
     policy: str | Callable[[], Policy],
@@ -60,15 +59,15 @@ def fly(
         AllocationError: there is no such allocator.
         ConfigError: the fleet has not the energy to start.
     """
-    make_policy = _maker(policy, scenario)
+    make_policy = _maker(policy, site.scenario)
     pilot = make_policy()
     allocator_named(allocator)  # raises before anything flies
     if allocator != 'cvxpy':
         if isinstance(pilot, RulePolicy):
-            return _fly_by_rule(scenario, site, mission_seeds, pilot, allocator)
+            return _fly_by_rule(site, mission_seeds, pilot, allocator)
         if isinstance(pilot, LearnedPolicy):
-            return _fly_learned(scenario, site, mission_seeds, pilot, allocator)
-    return [_fly_by_agents(scenario, site, seed, make_policy, allocator) for seed in mission_seeds]
+            return _fly_learned(site, mission_seeds, pilot, allocator)
+    return [_fly_by_agents(site, seed, make_policy, allocator) for seed in mission_seeds]
 
 
 def _maker(policy: str | Callable[[], Policy], scenario: Scenario) -> Callable[[], Policy]:
@@ -79,14 +78,13 @@ def _maker(policy: str | Callable[[], Policy], scenario: Scenario) -> Callable[[
 
 
 def _fly_by_agents(
-    scenario: Scenario,
     site: Site,
     mission_seed: int,
     make_policy: Callable[[], Policy],
     allocator: str,
 ) -> MissionLog:
-    simulation = Simulation(scenario, site, mission_seed)
-    n_uavs = scenario.n_uavs
+    simulation = Simulation(site, mission_seed)
+    n_uavs = site.scenario.n_uavs
     agents = [
         Agent(simulation.briefing, uav, make_policy(), allocator_named(allocator))
         for uav in range(n_uavs)
@@ -105,19 +103,18 @@ def _fly_by_agents(
             raise PolicyMismatchError(f'UAV {event.uav + 1}, event {event.index}: {refusal}')
         simulation.start(event, decision)
     names, allocators = [agent.policy.name for agent in agents], [allocator] * n_uavs
-    header = mission_header(scenario, mission_seed, simulation.demand_bit, names, allocators)
+    header = mission_header(site.scenario, mission_seed, simulation.demand_bit, names, allocators)
     return simulation.log(header)
 
 
 def _fly_by_rule(
-    scenario: Scenario,
     site: Site,
     mission_seeds: Sequence[int],
     policy: RulePolicy,
     allocator: str,
 ) -> list[MissionLog]:
-    briefing, ground = brief(scenario), lay_out(scenario, site)
-    check_can_start(scenario, briefing)
+    briefing, ground = brief(site.scenario), lay_out(site)
+    check_can_start(site.scenario, briefing)
     n_worlds = len(mission_seeds)
     batch = new_batch(briefing, ground, mission_seeds)
     log = new_log(n_worlds, _FIRST_CAPACITY)
@@ -127,7 +124,7 @@ def _fly_by_rule(
         log = grown_log(log, n_worlds)
         flown = fly_batch(rule, share, briefing, ground, batch, log, flown)
     names, allocators = [policy.name] * briefing.n_uavs, [allocator] * briefing.n_uavs
-    header = mission_header(scenario, 0, (), names, allocators)
+    header = mission_header(site.scenario, 0, (), names, allocators)
     return [
         MissionLog(
             header=replace(header, mission_seed=seed, total_bit=math.fsum(demand_bit)),
@@ -140,18 +137,17 @@ def _fly_by_rule(
 
 
 def _fly_learned(
-    scenario: Scenario,
     site: Site,
     mission_seeds: Sequence[int],
     policy: LearnedPolicy,
     allocator: str,
 ) -> list[MissionLog]:
     """All missions at once: what they wait for is one batch of decisions after the other."""
-    policy.begin(brief(scenario), 0)
+    policy.begin(brief(site.scenario), 0)
     frozen = policy.frozen
     rules = Stepping(layout=frozen.header.layout, allocator=allocator, is_logged=True)
-    flights = Flights(scenario, site, mission_seeds, rules)
-    n_worlds, n_uavs = len(mission_seeds), scenario.n_uavs
+    flights = Flights(site, mission_seeds, rules)
+    n_worlds, n_uavs = len(mission_seeds), site.scenario.n_uavs
     hidden = frozen.new_hidden(n_worlds * n_uavs)  # by mission, then UAV
     chosen = np.zeros(n_worlds, dtype=np.int64)
     decisions = flights.decisions

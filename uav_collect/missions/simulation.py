@@ -92,15 +92,15 @@ def mission_header(
 class Simulation:
     """A mission in flight: ask for the event, transmit, start the action; until it is over."""
 
-    def __init__(self, scenario: Scenario, site: Site, mission_seed: int) -> None:
+    def __init__(self, site: Site, mission_seed: int) -> None:
         """Put the mission to its start.
 
         Raises:
             ConfigError: no UAV has the energy to start.
         """
-        self.briefing = brief(scenario)
-        check_can_start(scenario, self.briefing)
-        self._ground = lay_out(scenario, site)
+        self.briefing = brief(site.scenario)
+        check_can_start(site.scenario, self.briefing)
+        self._ground = lay_out(site)
         missions = new_missions(self.briefing, self._ground, [mission_seed])
         self._mission = mission_of(missions, 0)
         self._radios = new_beliefs(self.briefing, self.briefing.n_uavs)

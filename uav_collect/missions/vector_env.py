@@ -36,7 +36,6 @@ from uav_collect.missions.experience import (
 from uav_collect.missions.simulation import mission_header
 from uav_collect.physics.bandwidth import AllocationError, EQUAL, EXACT
 from uav_collect.recording.mission_log import MissionLog
-from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import Site
 from uav_collect.uav.actions import check_can_start, N_ACTIONS, NONE
 from uav_collect.uav.briefing import brief, Briefing
@@ -80,9 +79,7 @@ class Decisions:
 class Flights:
     """Missions in flight that ask for one decision each."""
 
-    def __init__(
-        self, scenario: Scenario, site: Site, mission_seeds: Sequence[int], stepping: Stepping
-    ) -> None:
+    def __init__(self, site: Site, mission_seeds: Sequence[int], stepping: Stepping) -> None:
         """Take off.
 
         Args:
@@ -92,9 +89,9 @@ class Flights:
             AllocationError: the allocator is not one that kernels know.
             ConfigError: no UAV has the energy to start, or the layout has no room for the fleet.
         """
-        self._scenario, self._stepping = scenario, stepping
-        briefing, ground = brief(scenario), lay_out(scenario, site)
-        check_can_start(scenario, briefing)
+        self._scenario, self._stepping = site.scenario, stepping
+        briefing, ground = brief(site.scenario), lay_out(site)
+        check_can_start(site.scenario, briefing)
         rules = _rules(stepping)
         n_worlds = len(mission_seeds)
         self._air = Air(

@@ -5,7 +5,7 @@ import math
 from typing import Any
 
 from uav_collect.nodes.convert import stamp
-from uav_collect.scenario.load import fingerprint, Scenario
+from uav_collect.scenario.load import fingerprint
 from uav_collect.scenario.site import Site
 from uav_collect_msgs.msg import Scenario as ScenarioMsg
 
@@ -52,13 +52,13 @@ def rivalry(msg: Any, *, gives_way: bool) -> str:
     return f'{text}; it came later and has to give way'
 
 
-def scenario_msg(identity: Identity, scenario: Scenario, site: Site) -> ScenarioMsg:
+def scenario_msg(identity: Identity, site: Site) -> ScenarioMsg:
     """What a world tells the fleet."""
     return ScenarioMsg(
         stamp=stamp(identity.born_s),
         world_instance=identity.instance,
-        yaml=scenario.to_yaml(),
-        fingerprint=fingerprint(scenario),
+        yaml=site.scenario.to_yaml(),
+        fingerprint=fingerprint(site.scenario),
         sensor_id=list(site.sensor_ids),
         sensor_x_m=site.position_m[:, 0].tolist(),
         sensor_y_m=site.position_m[:, 1].tolist(),

@@ -78,7 +78,6 @@ class Bound:
 
 
 def bound_of(
-    scenario: Scenario,
     site: Site,
     mission_seed: int,
     allocator: str = 'exact',
@@ -93,11 +92,11 @@ def bound_of(
         n_rounds: of the search for each plan; with more of them better plans may be found.
     """
     share = 'equal' if allocator == 'equal' else 'exact'
-    kind = f'{fingerprint(scenario)}_{share}_{n_rounds}'
+    kind = f'{fingerprint(site.scenario)}_{share}_{n_rounds}'
     file = cache_folder() / 'bounds' / kind / f'{mission_seed}.json'
     bound = _read(file)
     if bound is None:
-        bound = _find(errands_of(scenario, site, mission_seed, share), mission_seed, n_rounds)
+        bound = _find(errands_of(site, mission_seed, share), mission_seed, n_rounds)
         _write(file, bound)
     return bound
 

@@ -10,7 +10,6 @@ from uav_collect.kernels.compile import kernel
 from uav_collect.kernels.rows import new_row, row_of
 from uav_collect.physics.bandwidth import EQUAL, EXACT, share_bandwidth
 from uav_collect.physics.radio import channel_draw
-from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import Site
 from uav_collect.uav.actions import cell_at
 from uav_collect.uav.briefing import brief, Briefing
@@ -53,7 +52,7 @@ class _Desk(NamedTuple):
     share_hz: Row[float]
 
 
-def errands_of(scenario: Scenario, site: Site, mission_seed: int, allocator: str) -> Errands:
+def errands_of(site: Site, mission_seed: int, allocator: str) -> Errands:
     """The errands of a mission, by the mission's own draws of demand and channels.
 
     The channels are those of a UAV's first visit to a cell: a plan serves a cell the first time
@@ -62,13 +61,13 @@ def errands_of(scenario: Scenario, site: Site, mission_seed: int, allocator: str
     Args:
         allocator: how bandwidth is shared, one of `limits.ALLOCATOR_NAMES`; cvxpy counts as exact.
     """
-    briefing, ground = brief(scenario), lay_out(scenario, site)
+    briefing, ground = brief(site.scenario), lay_out(site)
     demand_bit = new_row(site.n_sensors, 0.0)
     draw_demand(ground, mission_seed, demand_bit)
     first = ground.first_sensor
     cells = [
         cell
-        for cell in range(scenario.n_cells)
+        for cell in range(site.scenario.n_cells)
         if any(demand_bit[sensor] > 0.0 for sensor in range(first[cell], first[cell + 1]))
     ]
     way_m = _ways_m(briefing, np.array(cells, dtype=np.int64))

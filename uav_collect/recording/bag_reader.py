@@ -16,7 +16,7 @@ from uav_collect.recording.mission_log import (
     MissionLog,
     MissionLogError,
 )
-from uav_collect.scenario.load import ConfigError, from_yaml, Scenario
+from uav_collect.scenario.load import ConfigError, from_yaml
 from uav_collect.scenario.site import build_site, Site
 
 # What topics end with: worlds may have a namespace.
@@ -36,7 +36,6 @@ class RecordedMission:
     """One mission of a bag."""
 
     log: MissionLog  # of the events that were recorded
-    scenario: Scenario
     site: Site
     demand_bit: Floats  # (S,) data of each sensor at the start
     n_radio_messages: int  # delivered between UAVs
@@ -80,9 +79,7 @@ def read_missions(path: Path) -> list[RecordedMission]:
     found = [parts for parts in missions.values() if parts.start is not None]
     if not found:
         raise BagError(f'{path}: holds no mission, neither start nor end of one was recorded')
-    sites: dict[str, tuple[Scenario, Site]] = {}
-    for world, message in scenarios.items():
-        sites[world] = _site(path, message)
+    sites = {world: _site(path, message) for world, message in scenarios.items()}
     return [_mission(path, parts, sites) for parts in found]
 
 
@@ -115,25 +112,21 @@ def _reader(path: Path) -> Iterator[AnyReader]:
         ) from error
 
 
-def _site(path: Path, message: Any) -> tuple[Scenario, Site]:  # noqa: ANN401 - a message
+def _site(path: Path, message: Any) -> Site:  # noqa: ANN401 - a message
     try:
-        scenario = from_yaml(message.yaml)
-        site = build_site(scenario)
+        site = build_site(from_yaml(message.yaml))
     except ConfigError as error:
         raise BagError(f'{path}: its scenario is not valid here: {error}') from error
     recorded_m = np.column_stack([message.sensor_x_m, message.sensor_y_m])
     if not np.array_equal(site.position_m, recorded_m):
         raise BagError(f'{path}: its sensors are not those that this version draws')
-    return scenario, site
+    return site
 
 
-def _mission(
-    path: Path, parts: _Parts, sites: dict[str, tuple[Scenario, Site]]
-) -> RecordedMission:
+def _mission(path: Path, parts: _Parts, sites: dict[str, Site]) -> RecordedMission:
     start = parts.start
     if start.world_instance not in sites:
         raise BagError(f'{path}: the scenario of mission {start.mission_id} was not recorded')
-    scenario, site = sites[start.world_instance]
     epochs = [parts.epochs[event] for event in sorted(parts.epochs)]
     try:
         header = header_from_line(start.log_header)
@@ -141,8 +134,7 @@ def _mission(
         raise BagError(f'{path}: mission {start.mission_id}: {error}') from error
     return RecordedMission(
         log=MissionLog(header=header, events=_events(epochs)),
-        scenario=scenario,
-        site=site,
+        site=sites[start.world_instance],
         demand_bit=np.array(start.demand_bit, dtype=np.float64),
         n_radio_messages=parts.n_radio_messages,
         is_complete=_ENDED in parts.phases

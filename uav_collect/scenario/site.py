@@ -1,6 +1,6 @@
-"""The site of a scenario: its sensors, drawn or read, sorted by cell."""
+"""The site of a scenario: the scenario, and its sensors, drawn or read, sorted by cell."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 
 import numpy as np
@@ -9,7 +9,6 @@ from uav_collect.kernels.arrays import Floats, Ints, Row
 from uav_collect.kernels.compile import kernel
 from uav_collect.kernels.keyed_random import draw_poisson, draw_uniform, shuffle_first
 from uav_collect.scenario.load import (
-    AreaConfig,
     ConfigError,
     DrawnSensors,
     ListedSensors,
@@ -24,8 +23,12 @@ _SENSOR_POSITION = keyed_random.SENSOR_POSITION
 
 @dataclass(frozen=True, kw_only=True)
 class Site:
-    """Where the sensors are; those of cell c are first_sensor[c] : first_sensor[c + 1]."""
+    """A scenario and where its sensors are.
 
+    Those of cell c are first_sensor[c] : first_sensor[c + 1].
+    """
+
+    scenario: Scenario
     sensor_ids: tuple[str, ...]  # (S,)
     position_m: Floats  # (S, 2) east and north of the area's south-west corner
     cell: Ints  # (S,) row * H + column
@@ -37,6 +40,10 @@ class Site:
         """Number of sensors."""
         return len(self.sensor_ids)
 
+    def with_discount(self, discount_per_s: float) -> 'Site':
+        """The same site under another discount of the reward."""
+        return replace(self, scenario=self.scenario.with_discount(discount_per_s))
+
 
 def build_site(scenario: Scenario) -> Site:
     """Draw or place the sensors of a scenario.
@@ -46,13 +53,14 @@ def build_site(scenario: Scenario) -> Site:
     """
     match scenario.sensors:
         case DrawnSensors() as drawn:
-            return _drawn_site(drawn, scenario.area)
+            return _drawn_site(scenario, drawn)
         case ListedSensors() as listed:
-            return _listed_site(listed, scenario.area, amounts=scenario.demand.data_mbit == 'csv')
+            return _listed_site(scenario, listed)
 
 
-def _drawn_site(drawn: DrawnSensors, area: AreaConfig) -> Site:
-    n_cells = area.cells_per_side * area.cells_per_side
+def _drawn_site(scenario: Scenario, drawn: DrawnSensors) -> Site:
+    area = scenario.area
+    n_cells = scenario.n_cells
     n_dense = math.floor(drawn.dense_cell_share * n_cells + 0.5)
     order, counts = np.arange(n_cells), np.zeros(n_cells, dtype=np.int64)
     draw_counts(order, counts, n_cells, n_dense, drawn.dense_mean, drawn.sparse_mean, drawn.seed)
@@ -66,6 +74,7 @@ def _drawn_site(drawn: DrawnSensors, area: AreaConfig) -> Site:
     draw_positions(x_m, y_m, counts, area.cells_per_side, area.cell_size_m, drawn.seed)
     digits = len(str(n_sensors))
     return Site(
+        scenario=scenario,
         sensor_ids=tuple(f'S{number:0{digits}d}' for number in range(1, n_sensors + 1)),
         position_m=np.column_stack([x_m, y_m]),
         cell=np.repeat(np.arange(n_cells), counts),
@@ -74,15 +83,17 @@ def _drawn_site(drawn: DrawnSensors, area: AreaConfig) -> Site:
     )
 
 
-def _listed_site(listed: ListedSensors, area: AreaConfig, *, amounts: bool) -> Site:
-    side = area.cells_per_side
+def _listed_site(scenario: Scenario, listed: ListedSensors) -> Site:
+    side, cell_size_m = scenario.area.cells_per_side, scenario.area.cell_size_m
+    amounts = scenario.demand.data_mbit == 'csv'
     position_m = np.array([[sensor.x_m, sensor.y_m] for sensor in listed.entries])
     # The area's north and east edges belong to its last cells.
-    column, row = np.minimum(position_m // area.cell_size_m, side - 1).astype(np.int64).T
+    column, row = np.minimum(position_m // cell_size_m, side - 1).astype(np.int64).T
     order = np.argsort(row * side + column, kind='stable')
     cell = (row * side + column)[order]
     data_mbit = [sensor.data_mbit if amounts else None for sensor in listed.entries]
     return Site(
+        scenario=scenario,
         sensor_ids=tuple(listed.entries[index].id for index in order),
         position_m=position_m[order],
         cell=cell,

@@ -41,8 +41,9 @@ class Ground(NamedTuple):
     bonus_j: float  # alpha of the terminal reward: the largest energy budget
 
 
-def lay_out(scenario: Scenario, site: Site) -> Ground:
-    """The ground of a site under a scenario's radio, demand and reward."""
+def lay_out(site: Site) -> Ground:
+    """The ground of a site under its scenario's radio, demand and reward."""
+    scenario = site.scenario
     config = scenario.radio
     centre_m = _cell_centres_m(scenario)[site.cell]
     horizontal_m = np.hypot(*(site.position_m - centre_m).T).tolist()

@@ -257,11 +257,11 @@ def _new_joiner(run: PlannedRun, known_ids: Sequence[str]) -> MissionJoiner:
     scenario, config = run.scenarios[0], run.config
     site = build_site(scenario)
     discount_per_s = config.reward.discount_per_s
-    builder = EpisodeBuilder(scenario, site, config.layout, config.reward_kind, discount_per_s)
+    builder = EpisodeBuilder(site, config.layout, config.reward_kind, discount_per_s)
     if kernels_are_compiled():
         builder.warm_up()
     return MissionJoiner(
-        report_spec(scenario, config.layout, site.n_sensors),
+        report_spec(site, config.layout),
         builder,
         max_decisions=config.max_decisions(scenario.n_cells),
         known_ids=known_ids,

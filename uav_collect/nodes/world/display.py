@@ -7,7 +7,6 @@ from uav_collect.missions.simulation import Event, Simulation
 from uav_collect.nodes import convert
 from uav_collect.nodes.topics import publisher, WorldTopics
 from uav_collect.nodes.world.markers import Viewers
-from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import Site
 from uav_collect.uav.messages import Decision
 
@@ -15,13 +14,11 @@ from uav_collect.uav.messages import Decision
 class Display:
     """Markers and grid, at most so many times per second of wall-clock time."""
 
-    def __init__(
-        self, node: Node, names: WorldTopics, scenario: Scenario, site: Site, rate_hz: float
-    ) -> None:
+    def __init__(self, node: Node, names: WorldTopics, site: Site, rate_hz: float) -> None:
         """Advertise both topics; a rate of 0 publishes nothing."""
         self._period_s = 1.0 / rate_hz if rate_hz > 0.0 else None
         self._shown_s = 0.0
-        self._viewers = Viewers(scenario, site)
+        self._viewers = Viewers(site)
         self._markers = publisher(node, names.markers)
         self._grid = publisher(node, names.completed_cells)
 

@@ -14,7 +14,6 @@ from geometry_msgs.msg import Point, Pose, Vector3
 from nav_msgs.msg import MapMetaData, OccupancyGrid
 from std_msgs.msg import ColorRGBA, Header
 from uav_collect.missions.simulation import Event, Simulation
-from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import Site
 from uav_collect.uav import actions
 from uav_collect.uav.messages import Decision
@@ -66,8 +65,9 @@ class Viewers:
     nothing; `markers` and `completed_cells` do the work, as often as the node wants pictures.
     """
 
-    def __init__(self, scenario: Scenario, site: Site) -> None:
+    def __init__(self, site: Site) -> None:
         """Build what all missions have in common."""
+        scenario = site.scenario
         self._area = scenario.area
         self._cell_of_sensor: list[int] = site.cell.tolist()
         self._sensor_points = [_point(x_m, y_m, 0.0) for x_m, y_m in site.position_m.tolist()]

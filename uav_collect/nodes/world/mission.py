@@ -15,7 +15,6 @@ from uav_collect.lockstep.roster import Pilot
 from uav_collect.missions.simulation import Event, mission_header, Simulation
 from uav_collect.nodes import convert
 from uav_collect.recording.mission_log import Events, header_line, MissionHeader, REASON_NAMES
-from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import Site
 from uav_collect.uav import actions
 from uav_collect.uav.messages import Decision
@@ -56,7 +55,6 @@ class Flight:
 
     def __init__(
         self,
-        scenario: Scenario,
         site: Site,
         seed: int,
         *,
@@ -72,7 +70,8 @@ class Flight:
         self.mission_id = mission_id
         self.policy = policy
         self.seed = seed
-        self.simulation = Simulation(scenario, site, seed)
+        self.simulation = Simulation(site, seed)
+        scenario = site.scenario
         ids = range(1, scenario.n_uavs + 1)
         self.header: MissionHeader = mission_header(
             scenario,

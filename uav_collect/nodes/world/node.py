@@ -25,7 +25,7 @@ from uav_collect.nodes.world.mission import FAILSAFE, Flight, mission_msg, summa
 from uav_collect.nodes.world.publishers import Voice
 from uav_collect.nodes.world.settings import PARAMETERS, read_settings
 from uav_collect.recording.mission_folder import RunFolder
-from uav_collect.scenario.load import ConfigError, load, Scenario
+from uav_collect.scenario.load import ConfigError, load
 from uav_collect.scenario.site import build_site, Site
 from uav_collect.uav.actions import check_can_start
 from uav_collect.uav.briefing import brief
@@ -53,17 +53,17 @@ class WorldNode(ProcessNode):
         self._names = topics.world_topics(topics.world_of(self.get_namespace()))
         self._settings = settings = read_settings(self)
         try:
-            self._scenario: Scenario = load(settings.scenario)
-            self._site: Site = build_site(self._scenario)
-            briefing = brief(self._scenario)
-            check_can_start(self._scenario, briefing)
+            scenario = load(settings.scenario)
+            self._site: Site = build_site(scenario)
+            briefing = brief(scenario)
+            check_can_start(scenario, briefing)
             self._folder = RunFolder(settings.output_dir)
         except ConfigError as error:
             raise NodeError(str(error)) from error
         except OSError as error:
             raise NodeError(f'output_dir: {error}') from error
         self._identity = Identity(born_s=time.time(), instance=str(uuid.uuid4()))
-        self._roster = Roster(self._scenario.n_uavs)
+        self._roster = Roster(scenario.n_uavs)
         self._policies = PolicyStore(briefing)
         first_seed = settings.seed if settings.missions else None
         self._schedule = MissionSchedule(n_missions=settings.missions, next_seed=first_seed)
@@ -84,20 +84,18 @@ class WorldNode(ProcessNode):
 
     def _open(self) -> None:
         self._is_open = True
-        self._voice = Voice(self, self._names, self._scenario.n_uavs)
-        for uav in range(1, self._scenario.n_uavs + 1):
+        scenario = self._site.scenario
+        self._voice = Voice(self, self._names, scenario.n_uavs)
+        for uav in range(1, scenario.n_uavs + 1):
             self._listen_to(uav, self._names.uav(uav))
         self.create_service(Join, self._names.join_service, self._on_join)
         self.create_service(ControlMission, self._names.control_service, self._on_control)
-        self._display = Display(
-            self, self._names, self._scenario, self._site, self._settings.viewer_rate_hz
-        )
+        self._display = Display(self, self._names, self._site, self._settings.viewer_rate_hz)
         subscribe_to_trainers(self, self._policies, partial(self._reports.note, 'policy refused'))
-        self._reports.note_lost(self._folder.keep_scenario(self._scenario.to_yaml()))
-        self._voice.tell_scenario(scenario_msg(self._identity, self._scenario, self._site))
+        self._reports.note_lost(self._folder.keep_scenario(scenario.to_yaml()))
+        self._voice.tell_scenario(scenario_msg(self._identity, self._site))
         self.get_logger().info(
-            f'scenario {self._scenario.name}: {self._scenario.n_uavs} UAVs, '
-            f'{self._site.n_sensors} sensors'
+            f'scenario {scenario.name}: {scenario.n_uavs} UAVs, {self._site.n_sensors} sensors'
         )
 
     def _listen_to(self, uav: int, own: topics.UavTopics) -> None:
@@ -217,7 +215,6 @@ class WorldNode(ProcessNode):
         self._roster.begin_mission()
         pilots = self._roster.flying
         flight = Flight(
-            self._scenario,
             self._site,
             seed,
             mission_id=mission_id,

@@ -48,15 +48,14 @@ def flights(
     Raises:
         PolicyMismatchError: the policy does not fit the scenario.
     """
-    scenario = from_yaml(job.scenario)
-    site, policy = build_site(scenario), _policy(job, policies)
+    site, policy = build_site(from_yaml(job.scenario)), _policy(job, policies)
     seeds = mission_seeds(job.first_seed, job.n_missions)
     logs: list[MissionLog] = []
     for start in range(0, len(seeds), _AT_ONCE):
         if is_stopping():
             return
         some = seeds[start : start + _AT_ONCE]
-        logs += fly(scenario, site, some, partial(replace, policy), job.bandwidth)
+        logs += fly(site, some, partial(replace, policy), job.bandwidth)
         yield len(logs) / len(seeds)
     flown = [figures(log) for log in logs]
     rows = [_row(log, mission) for log, mission in zip(logs, flown, strict=True)]
@@ -67,14 +66,13 @@ def flights(
 
 def plans(job: PlansJob, is_stopping: Callable[[], bool]) -> Iterator[Step]:
     """Plan missions; what has no plan within the budgets has empty cells."""
-    scenario = from_yaml(job.scenario)
-    site = build_site(scenario)
+    site = build_site(from_yaml(job.scenario))
     seeds = mission_seeds(job.first_seed, job.n_missions)
     rows: list[dict[str, float]] = []
     for seed in seeds:
         if is_stopping():
             return
-        bound = bound_of(scenario, site, seed, job.bandwidth, job.n_rounds)
+        bound = bound_of(site, seed, job.bandwidth, job.n_rounds)
         about = {'mission_seed': seed, 'data_cells': bound.n_data_cells}
         rows.append(about | {'total_mbit': bound.total_bit / 1e6} | bound_numbers(bound))
         if len(rows) % _AT_ONCE == 0:

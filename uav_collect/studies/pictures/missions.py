@@ -5,7 +5,6 @@ from uav_collect.analysis.metrics import figures
 from uav_collect.analysis.trajectories import draw_mission
 from uav_collect.kernels.arrays import Floats
 from uav_collect.recording.mission_log import ACTION_NAMES, from_jsonl, MissionLog
-from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import build_site, Site
 from uav_collect.studies.findings import Findings
 from uav_collect.studies.jobs.flights import log_name
@@ -22,8 +21,8 @@ _LOG_COLUMNS = (
 
 def draw_topology(study: TopologyStudy) -> Drawn:
     """Draw where the sensors are, coloured by what they hold in a mission."""
-    scenario, site = study.scenario, build_site(study.scenario)
-    demand_mbit = _demand_bit(scenario, site, study.mission_seed) / 1e6
+    site = build_site(study.scenario)
+    demand_mbit = _demand_bit(site, study.mission_seed) / 1e6
     n_active = int((demand_mbit > 0).sum())
     note = f'Fig. {study.figure} of the paper; mission seed {study.mission_seed}'
     figure, [[axes]] = panels(1, 1, study.title, note, size_in=(5.6, 4.6))
@@ -38,11 +37,9 @@ def draw_topology(study: TopologyStudy) -> Drawn:
         cmap='viridis', linewidths=0, label=f'with data ({n_active} sensors)',
     )  # fmt: skip
     figure.colorbar(dots, ax=axes, label='data [Mbit]')
-    side_m, size_m = scenario.area.side_m, scenario.area.cell_size_m
-    ticks_m = np.arange(scenario.area.cells_per_side + 1) * size_m
-    axes.set(
-        xlim=(0.0, side_m), ylim=(0.0, side_m), aspect='equal', xticks=ticks_m, yticks=ticks_m
-    )
+    area = study.scenario.area
+    limits_m, ticks_m = (0.0, area.side_m), np.arange(area.cells_per_side + 1) * area.cell_size_m
+    axes.set(xlim=limits_m, ylim=limits_m, aspect='equal', xticks=ticks_m, yticks=ticks_m)
     finish(axes, 'east [m]', 'north', 'm')
     axes.legend(
         loc='upper center', bbox_to_anchor=(0.5, -0.12), frameon=False, fontsize=8, ncols=2
@@ -58,14 +55,14 @@ def draw_trajectories(study: TrajectoriesStudy, findings: Findings) -> Drawn:
     Raises:
         StoreError: a job of it is not done.
     """
-    scenario, site = study.scenario, build_site(study.scenario)
-    demand_bit = _demand_bit(scenario, site, study.mission_seed)
+    site = build_site(study.scenario)
+    demand_bit = _demand_bit(site, study.mission_seed)
     note = f'Fig. {study.figure} of the paper; {study.about}; mission seed {study.mission_seed}'
     figure, [row] = panels(1, len(study.flown), study.title, note, size_in=_SIZE_IN)
     rows: list[list[object]] = []
     for axes, (label, digest) in zip(row, study.flown.items(), strict=True):
         log = from_jsonl(findings.file(digest, log_name(study.mission_seed)))
-        handles = draw_mission(axes, log, site, demand_bit, scenario, _SIDE_IN)
+        handles = draw_mission(axes, log, site, demand_bit, _SIDE_IN)
         axes.set_title(_merits(label, log), fontsize=8.5)
         axes.legend(
             handles=handles, loc='upper center', bbox_to_anchor=(0.5, -0.13), frameon=False,
@@ -95,7 +92,7 @@ def _rows(label: str, log: MissionLog) -> list[list[object]]:
     ]
 
 
-def _demand_bit(scenario: Scenario, site: Site, mission_seed: int) -> Floats:
+def _demand_bit(site: Site, mission_seed: int) -> Floats:
     demand_bit = np.zeros(site.n_sensors)
-    draw_demand(lay_out(scenario, site), mission_seed, demand_bit)
+    draw_demand(lay_out(site), mission_seed, demand_bit)
     return demand_bit
