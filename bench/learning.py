@@ -21,8 +21,7 @@ from rich.table import Table
 import torch
 from torch import nn, Tensor
 from uav_collect.learning.collector import Collector
-from uav_collect.learning.learner import Learner, Networks
-from uav_collect.learning.memory import keep_freed_memory
+from uav_collect.learning.learner import keep_freed_memory, Learner, Networks
 from uav_collect.learning.minibatch import Algorithm, Minibatch, minibatch, NOBODY
 from uav_collect.learning.network import Drqn
 from uav_collect.missions.experience import Episode

@@ -21,7 +21,7 @@ from rich.table import Table
 import torch
 from uav_collect.analysis.metrics import figures
 from uav_collect.analysis.statistics import mission_seeds
-from uav_collect.learning.memory import keep_freed_memory
+from uav_collect.learning.learner import keep_freed_memory
 from uav_collect.learning.trainer import Trainer, VALIDATION_SEED
 from uav_collect.missions.rollout import fly
 from uav_collect.scenario.load import load, Scenario

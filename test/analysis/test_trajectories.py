@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scripted_logs import fly, header, uav
 from uav_collect.analysis import trajectories
-from uav_collect.analysis.lanes import corners_m, lane_shifts, narrowest_lane, steps
+from uav_collect.analysis.trajectories import corners_m, lane_shifts, narrowest_lane, steps
 from uav_collect.kernels.arrays import Floats
 from uav_collect.missions import rollout
 from uav_collect.recording.mission_log import MissionLog

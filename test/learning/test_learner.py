@@ -2,6 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+import os
+from pathlib import Path
+import platform
+import subprocess
+import sys
 
 from episodes import batch_of, drawn_episode, single_threaded_torch, small
 import numpy as np
@@ -18,6 +23,26 @@ from bench.learning import padded, plain_loss, values_by_step
 
 THREE = uav(5.0), uav(10.0), uav(7.5)
 RATE = 1e-3
+COUNT_PAGES = """
+import resource
+import numpy as np
+from uav_collect.learning.learner import keep_freed_memory
+
+if {keeps}:
+    keep_freed_memory()
+
+def taken():
+    return resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+
+for _ in range(3):
+    pair = [np.ones(2_000_000) for _ in range(3)]
+    del pair
+before = taken()
+for _ in range(10):
+    pair = [np.ones(2_000_000) for _ in range(3)]
+    del pair
+print(taken() - before)
+"""
 
 
 def learner_of(
@@ -258,3 +283,18 @@ def test_a_scan_is_the_plain_recursion(size: int) -> None:
         expected.append(total)
     solved = scan(values, factors)
     torch.testing.assert_close(solved, torch.tensor(expected[::-1], dtype=torch.float64))
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != 'glibc', reason='malloc is not glibc')
+def test_arrays_made_again_and_again_take_no_more_pages_from_the_system() -> None:
+    environment = os.environ | {'PYTHONPATH': str(Path(__file__).parents[2])}
+    pages = [
+        int(
+            subprocess.run(
+                [sys.executable, '-c', COUNT_PAGES.format(keeps=keeps)],
+                env=environment, check=True, capture_output=True, text=True,
+            ).stdout
+        )
+        for keeps in (False, True)
+    ]  # fmt: skip
+    assert pages[1] < 100 < pages[0]

@@ -18,13 +18,12 @@ from study_jobs import (
     training,
 )
 from uav_collect.scenario.load import load, with_uavs
-from uav_collect.studies import catalogue, variants
+from uav_collect.studies import catalogue
 from uav_collect.studies.claims import judging
 from uav_collect.studies.claims.judging import Samples, Verdict
+from uav_collect.studies.comparisons import with_budget
 from uav_collect.studies.jobs.costs import disk_bytes, rates_of, spent
-from uav_collect.studies.jobs.flights import MISSIONS
-from uav_collect.studies.jobs.jobs import digest_of, FlightsJob, Job, PlansJob
-from uav_collect.studies.jobs.learning_files import POLICY
+from uav_collect.studies.jobs.jobs import digest_of, FlightsJob, Job, MISSIONS, PlansJob, POLICY
 from uav_collect.studies.jobs.processes import Processes
 from uav_collect.studies.jobs.store import Store, StoreError
 from uav_collect.studies.jobs.worker_messages import (
@@ -85,7 +84,7 @@ def test_a_digest_changes_with_anything_that_the_result_depends_on() -> None:
         flights(training()),
         flights(bandwidth='equal'),
         flights(first_seed=6),
-        flights(scenario=variants.with_budget(FIELD, 30.0).to_yaml()),
+        flights(scenario=with_budget(FIELD, 30.0).to_yaml()),
         PlansJob(
             scenario=FIELD.to_yaml(), bandwidth='exact', first_seed=5, n_missions=3, n_rounds=10
         ),

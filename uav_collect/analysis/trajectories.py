@@ -1,13 +1,16 @@
 """The picture of a mission: who flew where, hovered where, and which sensors had data.
 
 After the paper's Fig. trajectories: a green cross for start and home, stars where a UAV hovered,
-black and grey dots for sensors with and without data. Where paths run along the same two cells
-they are drawn side by side.
+black and grey dots for sensors with and without data. A path that has the edge between two cells
+for itself runs on it; paths that share one, or one path that passes it more than once, are spread
+around it, each in a lane of its own.
 """
 
 from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from io import BytesIO
+from itertools import pairwise
 import math
 from pathlib import Path
 from typing import BinaryIO
@@ -22,7 +25,6 @@ from matplotlib.patheffects import Normal, withStroke
 from matplotlib.transforms import Affine2D
 import numpy as np
 from numpy.typing import NDArray
-from uav_collect.analysis.lanes import corners_m, lane_shifts, narrowest_lane, steps
 from uav_collect.analysis.metrics import figures, HOME, HOVER, MissionFigures, percent
 from uav_collect.kernels.arrays import Bools, check_shape, Floats, Ints
 from uav_collect.recording.mission_log import MissionLog
@@ -43,6 +45,11 @@ _RED = '#E31A1C'
 _BLACK = '#111111'
 _GREY = '#A9A9A9'
 _FONT_PT = 9.0
+_LANE_SHARE = 0.13  # of a cell, between two lanes
+_LANES_SHARE = 0.6  # of a cell, at most, for all lanes of an edge
+_JOG_SHARE = 0.1  # of a cell, before and after its centre, where a way changes its lane
+
+_Edge = tuple[float, ...]  # the centres of two neighbouring cells: east and north of each
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -351,3 +358,71 @@ def _mark(marker: str, colour: str, size_pt: float, label: str, *, edge: str = '
         [], [], linestyle='none', marker=marker, markersize=size_pt, markerfacecolor=colour,
         markeredgecolor=edge, markeredgewidth=0.8, label=label,
     )  # fmt: skip
+
+
+def steps(place_m: Floats) -> Iterator[tuple[Floats, Floats]]:
+    """The moves between the places where a UAV decided, shape (T, 2): from where to where."""
+    for here_m, there_m in pairwise(place_m):
+        if (here_m != there_m).any():
+            yield here_m, there_m
+
+
+def lane_shifts(ways_m: Sequence[Floats]) -> list[list[float]]:
+    """How far each step of each way is shifted [cells]: north if it runs east or west, else east.
+
+    Args:
+        ways_m: one per UAV, the places where it decided [m], shape (T, 2).
+    """
+    n_lanes = _lane_counts(ways_m)
+    taken: Counter[_Edge] = Counter()
+    shifts: list[list[float]] = []
+    for way_m in ways_m:
+        shifts.append([])
+        for step in steps(way_m):
+            edge = _edge(*step)
+            lane = taken[edge] - (n_lanes[edge] - 1) / 2
+            shifts[-1].append(lane * _lane_width(n_lanes[edge]))
+            taken[edge] += 1
+    return shifts
+
+
+def narrowest_lane(ways_m: Sequence[Floats]) -> float:
+    """The least distance between two lanes [cells]."""
+    return _lane_width(max(_lane_counts(ways_m).values(), default=1))
+
+
+def _lane_counts(ways_m: Sequence[Floats]) -> Counter[_Edge]:
+    return Counter(_edge(*step) for way_m in ways_m for step in steps(way_m))
+
+
+def _lane_width(n_lanes: int) -> float:
+    return min(_LANE_SHARE, _LANES_SHARE / n_lanes)
+
+
+def _edge(here_m: Floats, there_m: Floats) -> _Edge:
+    low, high = sorted([tuple(here_m.tolist()), tuple(there_m.tolist())])
+    return (*low, *high)
+
+
+def corners_m(way_m: Floats, shifts: Sequence[float], cell_size_m: float) -> Floats:
+    """The corners of a way in its lanes [m], shape (K, 2)."""
+    if not shifts:
+        return way_m[:1]
+    moves = list(steps(way_m))
+    heads = [(there_m - here_m) / cell_size_m for here_m, there_m in moves]
+    sides = [shift * np.abs(head[::-1]) for head, shift in zip(heads, shifts, strict=True)]
+    corners = [moves[0][0] + sides[0] * cell_size_m]
+    for index in range(1, len(moves)):
+        joint = _joint(heads[index - 1], sides[index - 1], heads[index], sides[index])
+        corners += [moves[index][0] + shift * cell_size_m for shift in joint]
+    corners.append(moves[-1][1] + sides[-1] * cell_size_m)
+    return np.array(corners)
+
+
+def _joint(head_in: Floats, side_in: Floats, head_out: Floats, side_out: Floats) -> list[Floats]:
+    """The corners of a way within one cell, in cells from its centre."""
+    if head_in @ head_out == 0:  # a turn: both lanes meet in one corner
+        return [side_in + side_out]
+    if (head_in != head_out).any() or (side_in == side_out).all():  # straight back, or straight on
+        return [side_in, side_out]
+    return [side_in - _JOG_SHARE * head_in, side_out + _JOG_SHARE * head_out]

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from uav_collect import files
-from uav_collect.commands import options, progress
+from uav_collect.commands import options, terminal
 
 if TYPE_CHECKING:  # loaded when searching, so that --help answers at once
     from uav_collect.analysis.statistics import Estimate
@@ -83,8 +83,8 @@ def _plan(arguments: argparse.Namespace, scenario: 'Scenario') -> '_Bounds':
     seeds = mission_seeds(arguments.seed, arguments.missions)
     n_rounds = N_ROUNDS if arguments.rounds is None else arguments.rounds
     bounds: dict[str, list[Bound]] = {bandwidth: [] for bandwidth in arguments.bandwidth}
-    progress.say_if_compiling(KERNELS)
-    with progress.counting(len(seeds) * len(bounds), 'plans') as advance:
+    terminal.say_if_compiling(KERNELS)
+    with terminal.counting(len(seeds) * len(bounds), 'plans') as advance:
         for bandwidth, found in bounds.items():
             for seed in seeds:
                 found.append(bound_of(site, seed, bandwidth, n_rounds))
@@ -100,7 +100,7 @@ def _show(
     estimates: Mapping[str, 'Estimate'],
 ) -> None:
     from rich.console import Console
-    from uav_collect.analysis.bound_tables import bound_table
+    from uav_collect.analysis.tables import bound_table
 
     console = Console()
     console.print(

@@ -15,7 +15,7 @@ from time import monotonic
 from typing import TYPE_CHECKING
 
 from uav_collect import files
-from uav_collect.commands import options, progress
+from uav_collect.commands import options, terminal
 
 if TYPE_CHECKING:  # loaded when flying, so that --help answers at once
     from uav_collect.analysis.metrics import MissionFigures
@@ -157,8 +157,8 @@ def _fly(
     site = build_site(scenario)
     seeds = mission_seeds(arguments.seed, arguments.missions)
     at_once = 1 if 'cvxpy' in arguments.bandwidth else _AT_ONCE
-    progress.say_if_compiling(_kernels(flown, is_planned=bool(bounds)))
-    with progress.counting(len(seeds) * len(flown), 'missions') as advance:
+    terminal.say_if_compiling(_kernels(flown, is_planned=bool(bounds)))
+    with terminal.counting(len(seeds) * len(flown), 'missions') as advance:
         for start in range(0, len(seeds), at_once):
             some = seeds[start : start + at_once]
             for bandwidth, found in bounds.items():
@@ -190,8 +190,7 @@ def _show(
 ) -> _Findings:
     """Print the figures of what was flown; they are the findings returned."""
     from rich.console import Console
-    from uav_collect.analysis.bound_tables import share_table
-    from uav_collect.analysis.tables import difference_table, evaluation_table
+    from uav_collect.analysis.tables import difference_table, evaluation_table, share_table
 
     console = Console()
     n_missions = min(len(missions) for missions in flown.values())

@@ -9,8 +9,8 @@ import sys
 from typing import TYPE_CHECKING
 
 from uav_collect import files
-from uav_collect.commands import options, progress
-from uav_collect.commands.interruption import Interruption, noted
+from uav_collect.commands import options, terminal
+from uav_collect.commands.terminal import Interruption, noted
 from uav_collect.training.run_record import TrainingRunError
 
 if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
@@ -108,7 +108,7 @@ def _have_done(arguments: argparse.Namespace, plan: 'Plan') -> int:
     from uav_collect.studies.jobs.schedule import have_done
 
     if arguments.engine == 'local':
-        progress.say_if_compiling(plan.kernels())
+        terminal.say_if_compiling(plan.kernels())
     with noted() as interruption, showing(plan) as show:
         standing = have_done(
             plan.jobs,

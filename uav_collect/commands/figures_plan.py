@@ -16,7 +16,7 @@ from uav_collect.studies import catalogue
 from uav_collect.studies.jobs.costs import disk_bytes, GUESSED, Rates, rates_of, spent
 from uav_collect.studies.jobs.jobs import FlightsJob, Job, kind_of, PlansJob, TrainingJob
 from uav_collect.studies.jobs.store import Store
-from uav_collect.studies.jobs.warming import kernels_of
+from uav_collect.studies.jobs.work import kernels_of
 from uav_collect.studies.requests import Requests
 from uav_collect.studies.scale import load_scale, ScaleConfig
 from uav_collect.studies.study import Study
@@ -186,7 +186,7 @@ def _rates(
     if first is None or scale.measured_s == 0.0 or not importlib.util.find_spec('torch'):
         return GUESSED
     sys.stderr.write(f'measuring what a decision takes: {scale.measured_s:.0f} s\n')
-    from uav_collect.studies.jobs.measuring import measured
+    from uav_collect.studies.jobs.learning import measured
 
     return measured(_usual(scale, trainings, first), scale.measured_s)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from uav_collect import files
-from uav_collect.commands import progress
+from uav_collect.commands import terminal
 from uav_collect.recording.mission_log import MissionHeader, MissionLog, MissionLogError, read
 
 if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
@@ -94,7 +94,7 @@ def bound_shown(header: MissionHeader, site: 'Site') -> 'Bound | None':
     if min(n_wanted, n_cells) > _MAX_DATA_CELLS:
         return None
     is_equal = all(uav.allocator == 'equal' for uav in header.uavs)
-    progress.say_if_compiling(KERNELS)
+    terminal.say_if_compiling(KERNELS)
     return bound_of(site, header.mission_seed, 'equal' if is_equal else 'exact')
 
 

@@ -4,10 +4,9 @@ import argparse
 from pathlib import Path
 import sys
 
-from uav_collect.commands import options, progress
-from uav_collect.commands.interruption import noted
+from uav_collect.commands import options, terminal
+from uav_collect.commands.terminal import noted
 from uav_collect.commands.training_plan import ALGORITHMS, planned, Training
-from uav_collect.learning.memory import keep_freed_memory
 from uav_collect.limits import MAX_SEED
 from uav_collect.training.run_record import TrainingRunError
 
@@ -97,7 +96,7 @@ def run(arguments: argparse.Namespace) -> int:
     _check_device(training.runs[0].record.device)
     from uav_collect.missions.vector_env import KERNELS
 
-    progress.say_if_compiling(KERNELS)
+    terminal.say_if_compiling(KERNELS)
     status = _train_all(training, arguments.checkpoint_minutes * 60.0)
     if len(training.folders) > 1 and status == 0:
         _draw_together(training)
@@ -140,6 +139,7 @@ def _fill_in(arguments: argparse.Namespace) -> None:
 
 def _check_device(device: str) -> None:
     import torch
+    from uav_collect.learning.learner import keep_freed_memory
 
     if device == 'cuda' and not torch.cuda.is_available():
         raise TrainingRunError(f'--device cuda: torch {torch.__version__} finds no CUDA device')

@@ -3,16 +3,20 @@
 from collections.abc import Callable, Mapping
 import math
 
-from uav_collect.studies import variants
 from uav_collect.studies.comparisons import (
     all_trained,
     area_panel,
+    field_of,
     fleets_of,
     panel_of,
     tested_alike,
     tested_each,
     tested_with_both_bandwidths,
     usual_trained,
+    with_budget,
+    with_csi_error,
+    with_density,
+    with_range,
 )
 from uav_collect.studies.requests import Requests
 from uav_collect.studies.scale import FieldConfig
@@ -55,7 +59,7 @@ def _topology(requests: Requests) -> Study:
         figure=3,
         title='Sensors of the small field, and the data of one mission',
         about='nothing is flown',
-        scenario=variants.field_of(scale.fields.small),
+        scenario=field_of(scale.fields.small),
         mission_seed=scale.tests.first_seed,
     )
 
@@ -96,8 +100,8 @@ def _learning_uavs(requests: Requests) -> Study:
 
 def _energy(requests: Requests) -> Study:
     scale = requests.scale
-    field = variants.field_of(scale.fields.usual)
-    scenarios = [variants.with_budget(field, budget_kj) for budget_kj in scale.budgets_kj]
+    field = field_of(scale.fields.usual)
+    scenarios = [with_budget(field, budget_kj) for budget_kj in scale.budgets_kj]
     return LinesStudy(
         name='energy',
         figure=6,
@@ -114,8 +118,8 @@ def _energy(requests: Requests) -> Study:
 
 def _density(requests: Requests) -> Study:
     scale = requests.scale
-    field = variants.field_of(scale.fields.usual)
-    scenarios = [variants.with_density(field, density) for density in scale.densities]
+    field = field_of(scale.fields.usual)
+    scenarios = [with_density(field, density) for density in scale.densities]
     return LinesStudy(
         name='density',
         figure=7,
@@ -154,8 +158,8 @@ def _uavs(requests: Requests) -> Study:
 
 def _range(requests: Requests) -> Study:
     scale = requests.scale
-    field = variants.field_of(scale.fields.usual)
-    scenarios = [variants.with_range(field, range_m) for range_m in scale.ranges_m]
+    field = field_of(scale.fields.usual)
+    scenarios = [with_range(field, range_m) for range_m in scale.ranges_m]
     decisions, n_seeds = scale.fields.usual.decisions, scale.seeds.ranges
     trained = [all_trained(requests, scenario, decisions, n_seeds) for scenario in scenarios]
     return LinesStudy(
@@ -175,7 +179,7 @@ def _range(requests: Requests) -> Study:
 def _kernel(requests: Requests) -> Study:
     scale = requests.scale
     config = scale.fields.large
-    field = variants.field_of(config)
+    field = field_of(config)
     curves = [
         Trained(
             label=f'{kernel}x{kernel}',
@@ -201,8 +205,8 @@ def _kernel(requests: Requests) -> Study:
 
 def _csi(requests: Requests) -> Study:
     scale = requests.scale
-    field = variants.field_of(scale.fields.small)
-    scenarios = [variants.with_csi_error(field, error) for error in scale.csi_errors]
+    field = field_of(scale.fields.small)
+    scenarios = [with_csi_error(field, error) for error in scale.csi_errors]
     return LinesStudy(
         name='csi',
         figure=11,
@@ -219,10 +223,8 @@ def _csi(requests: Requests) -> Study:
 
 def _bandwidth(requests: Requests) -> Study:
     scale = requests.scale
-    field = variants.with_csi_error(
-        variants.field_of(scale.fields.small), scale.bandwidth_csi_error
-    )
-    scenarios = [variants.with_density(field, density) for density in scale.densities]
+    field = with_csi_error(field_of(scale.fields.small), scale.bandwidth_csi_error)
+    scenarios = [with_density(field, density) for density in scale.densities]
     return LinesStudy(
         name='bandwidth',
         figure=12,
@@ -241,7 +243,7 @@ def _bandwidth(requests: Requests) -> Study:
 def _trajectories(requests: Requests) -> Study:
     scale = requests.scale
     config = scale.fields.small
-    field = variants.field_of(config)
+    field = field_of(config)
     trained = all_trained(requests, field, config.decisions, scale.seeds.small)
     seed = scale.tests.first_seed
     return TrajectoriesStudy(
@@ -272,7 +274,7 @@ _MAKERS: Mapping[str, _Make] = {
 
 
 def _cells(config: FieldConfig) -> str:
-    side = variants.field_of(config).area.cells_per_side
+    side = field_of(config).area.cells_per_side
     return f'{side}x{side} cells'
 
 

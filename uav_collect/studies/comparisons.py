@@ -1,9 +1,8 @@
-"""What several studies have in common: who is trained where, and what is compared with what."""
+"""What studies have in common: scenarios with one thing changed, trainings, what is compared."""
 
 from collections.abc import Mapping, Sequence
 
-from uav_collect.scenario.load import Scenario, with_uavs
-from uav_collect.studies import variants
+from uav_collect.scenario.load import from_yaml, load, Scenario, with_uavs
 from uav_collect.studies.requests import Requests
 from uav_collect.studies.scale import FieldConfig
 from uav_collect.studies.study import (
@@ -18,6 +17,41 @@ from uav_collect.studies.study import (
 )
 
 
+def field_of(config: FieldConfig) -> Scenario:
+    """The scenario that stands for one of the paper's areas.
+
+    Raises:
+        ConfigError: there is none of that name, or an override does not fit.
+    """
+    return load(config.scenario, config.set)
+
+
+def with_budget(scenario: Scenario, budget_kj: float) -> Scenario:
+    """Each UAV with another energy budget."""
+    uavs = [uav.model_copy(update={'energy_budget_kj': budget_kj}) for uav in scenario.uavs]
+    return _checked(scenario, fleet=scenario.fleet.model_copy(update={'uavs': tuple(uavs)}))
+
+
+def with_density(scenario: Scenario, density: float) -> Scenario:
+    """Another share of cells with data."""
+    return _checked(scenario, demand=scenario.demand.model_copy(update={'cell_share': density}))
+
+
+def with_range(scenario: Scenario, range_m: float) -> Scenario:
+    """Another communication range."""
+    return _checked(scenario, radio=scenario.radio.model_copy(update={'contact_range_m': range_m}))
+
+
+def with_csi_error(scenario: Scenario, variance: float) -> Scenario:
+    """Another channel estimation error, relative to the path gain."""
+    changed = {'csi_error_variance': variance}
+    return _checked(scenario, radio=scenario.radio.model_copy(update=changed))
+
+
+def _checked(scenario: Scenario, **parts: object) -> Scenario:
+    return from_yaml(scenario.model_copy(update=parts).to_yaml())
+
+
 def all_trained(
     requests: Requests, scenario: Scenario, decisions: int, n_seeds: int
 ) -> dict[str, Trained]:
@@ -28,14 +62,14 @@ def all_trained(
 def usual_trained(requests: Requests) -> dict[str, Trained]:
     """Ask for the trainings of each algorithm on the usual field, by label."""
     config = requests.scale.fields.usual
-    field = variants.field_of(config)
+    field = field_of(config)
     return all_trained(requests, field, config.decisions, requests.scale.seeds.usual)
 
 
 def fleets_of(requests: Requests) -> dict[int, tuple[Scenario, int, int]]:
     """By number of UAVs: the scenario, and the decisions and seeds of its trainings."""
     scale = requests.scale
-    field = variants.field_of(scale.fields.usual)
+    field = field_of(scale.fields.usual)
     fleets = {}
     for fleet in scale.fleets:
         scenario = with_uavs(field, fleet.n_uavs)
@@ -47,7 +81,7 @@ def fleets_of(requests: Requests) -> dict[int, tuple[Scenario, int, int]]:
 
 def area_panel(requests: Requests, label: str, config: FieldConfig, n_seeds: int) -> CurvesPanel:
     """The trainings on one of the paper's areas."""
-    field = variants.field_of(config)
+    field = field_of(config)
     trained = all_trained(requests, field, config.decisions, n_seeds)
     return panel_of(requests, label, label.split()[0], field, trained)
 
@@ -99,7 +133,7 @@ def tested_with_both_bandwidths(
     """AQMIX's policy of the small field with optimal and with equal bandwidth, and the others."""
     scale = requests.scale
     config = scale.fields.small
-    field = variants.field_of(config)
+    field = field_of(config)
     trained = requests.trained(AQMIX, field, config.decisions, scale.seeds.small)
     lines = []
     for bandwidth, title in (('exact', 'optimal'), ('equal', 'equal')):

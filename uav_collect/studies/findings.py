@@ -7,8 +7,7 @@ import io
 import numpy as np
 from uav_collect.analysis.statistics import column_estimates, Estimate
 from uav_collect.kernels.arrays import Floats
-from uav_collect.studies.jobs.flights import MISSIONS
-from uav_collect.studies.jobs.learning_files import CURVE, POLICY
+from uav_collect.studies.jobs.jobs import CURVE, MISSIONS, POLICY
 from uav_collect.studies.jobs.store import Store
 from uav_collect.studies.study import Measure, Tested, Trained
 from uav_collect.training.curves import LearningCurve, mean_curve

@@ -22,7 +22,7 @@ from uav_collect.ingest.rebuild import EpisodeBuilder
 from uav_collect.ingest.reports import FleetReport, RefusedError, report_spec
 from uav_collect.kernels.compile import kernels_are_cached, kernels_are_compiled
 from uav_collect.learning.background import Ending, Flown, Learning
-from uav_collect.learning.memory import keep_freed_memory
+from uav_collect.learning.learner import keep_freed_memory
 from uav_collect.learning.replay import replay_bytes
 from uav_collect.missions import vector_env
 from uav_collect.nodes import topics

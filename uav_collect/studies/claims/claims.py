@@ -8,8 +8,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
 from uav_collect.studies.claims import learning, tests
-from uav_collect.studies.claims.claim_sources import Sources
-from uav_collect.studies.claims.judging import Evidence, together, Verdict
+from uav_collect.studies.claims.judging import Evidence, Sources, together, Verdict
 from uav_collect.studies.findings import Findings
 from uav_collect.studies.study import Study
 

@@ -4,13 +4,24 @@ A difference is paired: by mission where policies flew the same missions, by see
 were trained from the same seeds. The interval decides, never a person.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
 from uav_collect.analysis.statistics import column_estimates, Estimate
 from uav_collect.kernels.arrays import Floats
+from uav_collect.studies.findings import Findings
+from uav_collect.studies.study import (
+    CurvesPanel,
+    CurvesStudy,
+    LinesStudy,
+    Measure,
+    Study,
+    Tested,
+    Trained,
+    TrajectoriesStudy,
+)
 
 # Fewer seeds agree by chance too often: of five that toss a coin, all fall alike once in sixteen.
 MIN_SEEDS = 6
@@ -55,6 +66,50 @@ class Samples:
             )
         known = np.isfinite(self.value) & np.isfinite(other.value)
         return self.value[known], other.value[known]
+
+
+@dataclass(frozen=True)
+class Sources:
+    """The studies that were run, and what was found."""
+
+    studies: Mapping[str, Study]
+    findings: Findings
+
+    def lines(self, name: str) -> LinesStudy:
+        """A study of tests."""
+        study = self.studies[name]
+        if not isinstance(study, LinesStudy):
+            raise TypeError(f'{name} is no study of tests')
+        return study
+
+    def panels(self, name: str) -> tuple[CurvesPanel, ...]:
+        """The panels of a study of trainings."""
+        study = self.studies[name]
+        if not isinstance(study, CurvesStudy):
+            raise TypeError(f'{name} is no study of trainings')
+        return study.panels
+
+    def trajectories(self, name: str) -> TrajectoriesStudy:
+        """A study of single missions."""
+        study = self.studies[name]
+        if not isinstance(study, TrajectoriesStudy):
+            raise TypeError(f'{name} is no study of single missions')
+        return study
+
+    def tested(self, study: LinesStudy, label: str, index: int, measure: Measure) -> Samples:
+        """A measure by mission, of a line at the value of that index."""
+        return self.missions(study.line(label).tests[index], measure)
+
+    def missions(self, tested: Tested, measure: Measure) -> Samples:
+        """A measure by mission."""
+        column = self.findings.column(tested, measure)
+        if column is None:
+            raise ValueError(f'plans have no {measure.title}')
+        return Samples(value=column.value, noun='mission')
+
+    def ends(self, trained: Trained, key: str, n_seeds: int | None = None) -> Samples:
+        """What trainings achieved in their last fifth, by seed."""
+        return Samples(value=self.findings.ends(trained, key)[:n_seeds], noun='seed')
 
 
 def is_above(what: str, unit: str, high: Samples, low: Samples) -> Evidence:

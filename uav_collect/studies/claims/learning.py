@@ -3,13 +3,13 @@
 from collections.abc import Iterator
 
 import numpy as np
-from uav_collect.studies.claims.claim_sources import Sources
 from uav_collect.studies.claims.judging import (
     changed_percent,
     Evidence,
     is_above,
     is_within,
     Samples,
+    Sources,
 )
 from uav_collect.studies.study import AIQL, AQMIX, CurvesPanel, EFFICIENCY, QMIX, REWARD
 

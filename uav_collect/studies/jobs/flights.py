@@ -19,13 +19,11 @@ from uav_collect.planning.bound import bound_of
 from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.load import from_yaml
 from uav_collect.scenario.site import build_site
-from uav_collect.studies.jobs.jobs import FlightsJob, PlansJob
+from uav_collect.studies.jobs.jobs import FlightsJob, MISSIONS, PlansJob, SUMMARY
 from uav_collect.uav.policy import LearnedPolicy, policy_named, RulePolicy
 from uav_collect.uav.policy_file import policy_from_bytes
 from uav_collect.uav.policy_network import FrozenPolicy, PolicyMismatchError, Validation
 
-MISSIONS = 'missions.csv'
-SUMMARY = 'summary.json'
 MISSION_COLUMNS = (
     'mission_seed', 'efficiency_kbit_per_j', 'completion_s', 'energy_kj', 'collected_mbit',
     'total_mbit', 'collected_share', 'is_complete', 'is_safe', 'collecting_s', 'shared_cells',

@@ -19,6 +19,20 @@ from uav_collect.training.config import TrainingConfig
 _FORMATS = {'training': 1, 'flights': 1, 'plans': 1}
 _DIGEST_LENGTH = 24  # hex digits: 96 bits
 
+# The files that come out of jobs.
+MISSIONS = 'missions.csv'  # flights, plans
+POLICY = 'policy.safetensors'
+CURVE = 'curve.csv'
+SUMMARY = 'summary.json'
+
+# A row for each validation. Of the training's own missions, which explore, what the last ones
+# gave; for QMIX these are synchronous.
+CURVE_COLUMNS = (
+    'n_decisions', 'n_updates', 'training_reward', 'training_efficiency_kbit_per_j',
+    'efficiency_kbit_per_j', 'completion_s', 'energy_kj', 'collected_share', 'complete_share',
+    'safe_share', 'team_reward',
+)  # fmt: skip
+
 
 @dataclass(frozen=True, kw_only=True)
 class TrainingJob:

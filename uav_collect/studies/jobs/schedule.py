@@ -4,8 +4,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from uav_collect.studies.jobs.jobs import inputs_of, Job
-from uav_collect.studies.jobs.learning_files import POLICY
+from uav_collect.studies.jobs.jobs import inputs_of, Job, POLICY
 from uav_collect.studies.jobs.store import Store
 from uav_collect.studies.jobs.worker_messages import (
     Began,

@@ -1,10 +1,13 @@
 """Does a job, here: a stream of events that ends with what came out.
 
-Every engine runs this one function, so results do not depend on the engine.
+Every engine runs this one function, so results do not depend on the engine. One process compiles
+kernels, while others that need them wait for its copy.
 """
 
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
+import fcntl
 from importlib import metadata
 import os
 import pickle
@@ -12,11 +15,17 @@ import platform
 import socket
 from time import monotonic, process_time
 
-from uav_collect.kernels.compile import sources_digest
+from uav_collect.kernels.compile import (
+    cache_folder,
+    kernels_are_cached,
+    kernels_are_compiled,
+    sources_digest,
+)
+from uav_collect.missions import rollout, vector_env
+from uav_collect.planning import bound
 from uav_collect.revision import git_revision, VERSION
 from uav_collect.studies.jobs.flights import flights, plans
-from uav_collect.studies.jobs.jobs import FlightsJob, PlansJob, TrainingJob
-from uav_collect.studies.jobs.warming import in_turn
+from uav_collect.studies.jobs.jobs import FlightsJob, Job, PlansJob, TrainingJob
 from uav_collect.studies.jobs.worker_messages import (
     Began,
     Cost,
@@ -62,7 +71,42 @@ def perform(task: Task, is_stopping: Callable[[], bool] = lambda: False) -> Iter
     Raises:
         ValueError: the job cannot be done: `ConfigError`, `PolicyMismatchError` and such.
     """
-    return in_turn(task.job, _perform(task, is_stopping))
+    return _in_turn(task.job, _perform(task, is_stopping))
+
+
+def _in_turn(job: Job, events: Iterator[Event]) -> Iterator[Event]:
+    """Events of a job; where its kernels are not compiled yet, up to the first step in turn."""
+    if not kernels_are_compiled():
+        yield from events
+        return
+    with _turn():
+        if not kernels_are_cached(kernels_of(job)):
+            for event in events:
+                yield event
+                if not isinstance(event, Began):
+                    break
+    yield from events
+
+
+@contextmanager
+def _turn() -> Iterator[None]:
+    """Hold the lock of this machine's kernels."""
+    folder = cache_folder()
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / 'studies.lock').open('w') as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield
+
+
+def kernels_of(job: Job) -> tuple[Callable[..., object], ...]:
+    """The kernels that do most of a job."""
+    match job:
+        case TrainingJob():
+            return vector_env.KERNELS
+        case FlightsJob(trainings=trainings):
+            return vector_env.KERNELS if trainings else rollout.KERNELS
+        case PlansJob():
+            return bound.KERNELS
 
 
 def _perform(task: Task, is_stopping: Callable[[], bool]) -> Iterator[Event]:
