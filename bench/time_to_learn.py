@@ -19,7 +19,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 import torch
-from uav_collect.analysis.metrics import figures
+from uav_collect.analysis.metrics import mission_metrics
 from uav_collect.analysis.statistics import mission_seeds
 from uav_collect.learning.learner import keep_freed_memory
 from uav_collect.learning.trainer import Trainer, VALIDATION_SEED
@@ -47,7 +47,7 @@ def marks_kbit_per_j(scenario: Scenario, n_missions: int) -> dict[str, float]:
     site, seeds = build_site(scenario), mission_seeds(VALIDATION_SEED, n_missions)
     marks = {f'{mark:.1f}': mark for mark in ROUND_MARKS_KBIT_PER_J}
     for name in HEURISTICS:
-        flown = [figures(log) for log in fly(site, seeds, name, 'equal')]
+        flown = [mission_metrics(log) for log in fly(site, seeds, name, 'equal')]
         marks[name] = float(np.mean([mission.efficiency_kbit_per_j for mission in flown]))
     return dict(sorted(marks.items(), key=lambda mark: mark[1]))
 

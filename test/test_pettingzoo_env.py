@@ -10,7 +10,7 @@ from pettingzoo import AECEnv
 from pettingzoo.test import api_test, seed_test
 import pytest
 from tiny_world import tiny, uav
-from uav_collect.analysis.metrics import check_log, figures
+from uav_collect.analysis.metrics import check_log, mission_metrics
 from uav_collect.kernels.arrays import Ints
 from uav_collect.missions.rollout import fly
 from uav_collect.missions.vector_env import Flights, Stepping
@@ -207,7 +207,7 @@ def test_all_agents_leave_one_by_one_once_the_mission_is_over() -> None:
     assert world.agents == []
     log = world.mission_log()
     check_log(log)
-    assert figures(log).is_finished
+    assert mission_metrics(log).is_finished
 
 
 def test_a_mission_that_is_cut_off_tells_what_is_next_of_one_uav_alone() -> None:

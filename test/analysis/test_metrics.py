@@ -19,7 +19,7 @@ def flown() -> MissionLog:
 
 
 def test_figures_are_those_computed_by_hand(flown: MissionLog) -> None:
-    mission = metrics.figures(flown)
+    mission = metrics.mission_metrics(flown)
     assert mission.collected_bit == 0.75e6
     assert mission.collected_share == 0.75
     assert mission.uav_energy_j == (2_800.0, 2_400.0)  # 20 s + 4 s and 20 s + 2 s
@@ -35,7 +35,7 @@ def test_figures_are_those_computed_by_hand(flown: MissionLog) -> None:
 
 
 def test_figures_of_each_uav_are_those_computed_by_hand(flown: MissionLog) -> None:
-    fast, slow = metrics.figures(flown).uavs
+    fast, slow = metrics.mission_metrics(flown).uavs
     assert (fast.id, fast.flight_s, fast.hover_s, fast.landed_s) == (1, 20.0, 4.0, 24.0)
     assert (slow.id, slow.flight_s, slow.hover_s, slow.landed_s) == (2, 20.0, 2.0, 22.0)
     assert (fast.n_decisions, slow.n_decisions) == (3, 2)
@@ -44,33 +44,33 @@ def test_figures_of_each_uav_are_those_computed_by_hand(flown: MissionLog) -> No
 
 
 def test_figures_come_from_the_log_file_alone(flown: MissionLog) -> None:
-    assert metrics.figures(from_jsonl(flown.to_jsonl())) == metrics.figures(flown)
+    assert metrics.mission_metrics(from_jsonl(flown.to_jsonl())) == metrics.mission_metrics(flown)
 
 
 def test_the_mission_ends_when_the_last_uav_is_home_not_when_it_last_decides() -> None:
     late_but_short = ['hover 30 0', 'home']
     early_but_long = ['right'] * 3 + ['home']  # home from 150 m takes 30 s, from 15 * 2 s on
     fleet = [uav(1, speed_mps=10.0), uav(2, speed_mps=5.0)]
-    mission = metrics.figures(fly(header(fleet), [late_but_short, early_but_long]))
+    mission = metrics.mission_metrics(fly(header(fleet), [late_but_short, early_but_long]))
     assert [row.landed_s for row in mission.uavs] == [30.0, 60.0]
     assert mission.completion_s == 60.0
 
 
 @pytest.mark.parametrize(('budget_j', 'safe'), [(3_800.0, True), (3_799.99, False)])
 def test_safe_means_landed_with_the_margin(budget_j: float, safe: bool) -> None:
-    mission = metrics.figures(fly(header([uav(1, budget_j=budget_j)]), [FAST]))
+    mission = metrics.mission_metrics(fly(header([uav(1, budget_j=budget_j)]), [FAST]))
     assert mission.is_safe is safe
 
 
 def test_a_failsafe_is_told(flown: MissionLog) -> None:
     script = [*FAST[:-1], 'home failsafe']
-    mission = metrics.figures(fly(flown.header, [script, SLOW]))
+    mission = metrics.mission_metrics(fly(flown.header, [script, SLOW]))
     assert mission.failsafe_used
     assert [row.outcome for row in mission.uavs] == ['failsafe', 'energy reserve']
 
 
 def test_a_mission_cut_short_has_no_completion_and_is_not_safe() -> None:
-    mission = metrics.figures(fly(header([uav(1), uav(2)]), [FAST, ['right']]))
+    mission = metrics.mission_metrics(fly(header([uav(1), uav(2)]), [FAST, ['right']]))
     assert math.isnan(mission.completion_s)
     assert not mission.is_finished
     assert not mission.is_safe
@@ -79,14 +79,14 @@ def test_a_mission_cut_short_has_no_completion_and_is_not_safe() -> None:
 
 
 def test_a_mission_without_a_single_event_has_figures(flown: MissionLog) -> None:
-    mission = metrics.figures(replace(flown, events=flown.events[:0]))
+    mission = metrics.mission_metrics(replace(flown, events=flown.events[:0]))
     assert mission.efficiency_bit_per_j == 0.0
     assert mission.energy_j == 0.0
     assert not mission.is_finished
 
 
 def test_a_mission_without_data_is_complete() -> None:
-    mission = metrics.figures(fly(header([uav(1)], total_bit=0.0), [['home']]))
+    mission = metrics.mission_metrics(fly(header([uav(1)], total_bit=0.0), [['home']]))
     assert mission.is_complete
     assert mission.collected_share == 1.0
 
@@ -94,7 +94,7 @@ def test_a_mission_without_data_is_complete() -> None:
 def test_contacts_count_the_uavs_heard_at_every_event(flown: MissionLog) -> None:
     events = flown.events.copy()
     events['heard'][:3] = [0b10, 0b01, 1 << 63]
-    assert metrics.figures(replace(flown, events=events)).n_contacts == 3
+    assert metrics.mission_metrics(replace(flown, events=events)).n_contacts == 3
 
 
 def test_check_log_accepts_missions_whole_and_cut_short(flown: MissionLog) -> None:

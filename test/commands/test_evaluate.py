@@ -17,7 +17,7 @@ from scripted_logs import fly, header, uav
 from uav_collect import files
 from uav_collect.__main__ import main, SUMMARIES
 from uav_collect.analysis import statistics
-from uav_collect.analysis.metrics import figures, MissionFigures
+from uav_collect.analysis.metrics import mission_metrics, MissionMetrics
 from uav_collect.commands import doctor
 from uav_collect.missions import rollout
 from uav_collect.recording import bag_reader
@@ -42,9 +42,9 @@ def small() -> Scenario:
     return load('paper_8x8')
 
 
-def mission(seed: int, hover_s: float, collected_mbit: float = 0.5) -> MissionFigures:
+def mission(seed: int, hover_s: float, collected_mbit: float = 0.5) -> MissionMetrics:
     log = fly(header([uav(1)], total_bit=0.5e6), [[f'hover {hover_s} {collected_mbit}', 'home']])
-    return figures(MissionLog(header=log.header, events=log.events))
+    return mission_metrics(MissionLog(header=log.header, events=log.events))
 
 
 def evaluate(*arguments: str) -> int:
@@ -126,7 +126,7 @@ def test_evaluate_writes_the_means_of_the_missions_it_flew(
     assert evaluate(*SMALL, '--policy', 'hert', '--json', str(path)) == 0
     written = json.loads(path.read_text())['hert']
     logs = rollout.fly(build_site(small), range(5, 17), 'hert', 'exact')
-    flown = [figures(log) for log in logs]
+    flown = [mission_metrics(log) for log in logs]
     assert written['completion_s']['mean'] == pytest.approx(
         np.mean([one.completion_s for one in flown]), rel=1e-12
     )
@@ -181,7 +181,7 @@ def test_compare_subtracts_each_other_policy_from_the_first_mission_by_mission(
     found = written['sweep, exact']['minus']['hert, exact']
     assert set(found) == set(MEASURES)
     sweep, hert = (
-        np.array([figures(log).completion_s for log in logs])
+        np.array([mission_metrics(log).completion_s for log in logs])
         for logs in (
             rollout.fly(build_site(small), range(5, 17), policy, 'exact')
             for policy in ('sweep', 'hert')

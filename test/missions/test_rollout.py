@@ -6,7 +6,7 @@ from interpreted import interpreted
 import numpy as np
 import pytest
 from tiny_world import Script, tiny, TOTAL_BIT, uav
-from uav_collect.analysis.metrics import check_log, figures
+from uav_collect.analysis.metrics import check_log, mission_metrics
 from uav_collect.kernels.arrays import Row
 from uav_collect.missions.rollout import fly
 from uav_collect.physics.bandwidth import AllocationError
@@ -178,7 +178,7 @@ def test_the_largest_fleet_flies_alike_in_every_way() -> None:
 def test_energy_accounts_close(n_uavs: int, policy: str) -> None:
     scenario = fleet_of(n_uavs, **{'fleet.default.energy_budget_kj': 150.0})
     for log in logs(scenario, [*range(5)], policy):
-        mission = figures(log)
+        mission = mission_metrics(log)
         for unit, own in ((u, log.events[log.events['uav'] == u.id]) for u in mission.uavs):
             left_j = own['energy_left_j'][-1] - own['energy_j'][-1]
             used_j = unit.energy_budget_j - left_j
@@ -192,7 +192,7 @@ def test_energy_accounts_close(n_uavs: int, policy: str) -> None:
 def test_the_log_of_every_mission_adds_up(policy: str) -> None:
     for log in logs(fleet_of(4), [*range(3)], policy):
         check_log(log)
-        mission = figures(log)
+        mission = mission_metrics(log)
         assert mission.is_finished
         assert mission.is_safe
         assert np.isfinite(log.events['reward']).all()
@@ -202,7 +202,7 @@ def test_the_log_of_every_mission_adds_up(policy: str) -> None:
 def test_with_energy_to_spare_rules_collect_everything(policy: str) -> None:
     for n_uavs in (1, 2, 4):
         for log in logs(fleet_of(n_uavs), [*range(10)], policy):
-            assert figures(log).is_complete
+            assert mission_metrics(log).is_complete
 
 
 def test_a_log_reads_back_as_it_was_written() -> None:
@@ -240,7 +240,7 @@ def test_optimal_bandwidth_never_hovers_longer_than_equal_shares() -> None:
         assert exact.events['action'].tolist() == equal.events['action'].tolist()
         longer_s = exact.events['duration_s'] - equal.events['duration_s']
         assert (longer_s <= 1e-12).all()
-        assert figures(exact).completion_s < figures(equal).completion_s
+        assert mission_metrics(exact).completion_s < mission_metrics(equal).completion_s
 
 
 def test_cvxpy_flies_the_mission_of_the_exact_allocator() -> None:

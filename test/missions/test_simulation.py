@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 from tiny_world import Flight, fly_scripts, MOVE_5_J, tiny, uav
-from uav_collect.analysis.metrics import check_log, figures
+from uav_collect.analysis.metrics import check_log, mission_metrics
 from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.rows import row_of
 from uav_collect.missions.rollout import fly
@@ -252,7 +252,7 @@ def test_a_mission_in_which_one_uav_cannot_even_fly_home_does_not_start() -> Non
         'and 1 kJ must be left when it lands'
     )
     just = uav(10.0, home_m=(175.0, 25.0), energy_budget_kj=2.9)
-    landed = figures(fly_scripts(tiny(uav(5.0), just), [RIGHT], [])).uavs[1]
+    landed = mission_metrics(fly_scripts(tiny(uav(5.0), just), [RIGHT], [])).uavs[1]
     assert landed.is_safe
 
 

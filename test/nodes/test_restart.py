@@ -7,7 +7,7 @@ from fleets import Fleet, listener, logs, Pilots, scenario_of
 import numpy as np
 from processes import Processes
 import pytest
-from uav_collect.analysis.metrics import figures
+from uav_collect.analysis.metrics import mission_metrics
 from uav_collect.analysis.tables import mission_warnings
 from uav_collect.missions.simulation import mission_header
 from uav_collect.recording.mission_log import read
@@ -130,7 +130,7 @@ def test_a_uav_whose_agent_stays_away_is_flown_home_and_flies_again_in_the_next_
     assert result.failsafe_used
     assert result.note == 'the failsafe flew home: UAV 2'
     assert [uav.outcome == UavFigures.FAILSAFE for uav in result.uavs] == [False, True]
-    told = '\n'.join(mission_warnings(figures(read(fleet.log_file(SEED)))))
+    told = '\n'.join(mission_warnings(mission_metrics(read(fleet.log_file(SEED)))))
     assert 'UAV 2 was flown home by the failsafe: its agent did not answer' in told
 
 

@@ -15,7 +15,7 @@ for needed in ('rclpy', 'uav_collect_msgs'):
 from fleets import Fleet, logs, parameters, scenario_of
 from processes import own_domain, Processes, ros_environment
 from scripted_agent_node import stand_in, StandIn
-from uav_collect.analysis.metrics import figures
+from uav_collect.analysis.metrics import mission_metrics
 from uav_collect.limits import MAX_SEED
 from uav_collect.nodes import topics
 from uav_collect.nodes.convert import uav_ids, unpacked
@@ -162,7 +162,7 @@ def test_a_uav_whose_agent_does_not_answer_in_time_is_flown_home_and_told(
     assert missions[-1].failsafe_used
     assert missions[-1].uavs[0].decisions == 3
     assert world.wait_for_exit() == 0
-    assert figures(read(fleet.log_file(SEED))).failsafe_used
+    assert mission_metrics(read(fleet.log_file(SEED))).failsafe_used
 
 
 def test_a_full_disk_is_said_once_and_the_mission_goes_on(fleet: Fleet, pilot: StandIn) -> None:
@@ -368,7 +368,7 @@ def test_radio_messages_are_delivered_in_contact_only(flown: Flown) -> None:
 
 def test_the_mission_is_told_at_its_start_and_with_its_figures_at_its_end(flown: Flown) -> None:
     start, end = flown.missions
-    expected = figures(flown.log)
+    expected = mission_metrics(flown.log)
     assert [start.phase, end.phase] == [Mission.STARTED, Mission.ENDED]
     assert header_from_line(start.log_header) == flown.log.header
     assert math.fsum(start.demand_bit) == start.total_bit == flown.log.header.total_bit
@@ -391,7 +391,7 @@ def test_the_scenario_on_the_air_stands_alone(flown: Flown) -> None:
 
 def test_the_clock_shows_the_time_of_the_decisions(flown: Flown) -> None:
     times_s = [stamp_s(message.clock) for message in flown.heard[topics.CLOCK.name]]
-    known_s = np.append(flown.log.events['time_s'], figures(flown.log).completion_s)
+    known_s = np.append(flown.log.events['time_s'], mission_metrics(flown.log).completion_s)
     assert times_s == sorted(times_s)
     assert np.abs(np.subtract.outer(times_s, known_s)).min(axis=1).max() < 1e-8
 

@@ -12,8 +12,14 @@ import numpy as np
 import pytest
 from tiny_world import CELL_A, CELL_B, fly_scripts, HOVER_W, MOVE_10_J, rate_bps, tiny, uav
 from uav_collect.__main__ import main
-from uav_collect.analysis.metrics import check_log, figures, MissionFigures
-from uav_collect.analysis.plan_shares import bound_numbers, mean_numbers, shares
+from uav_collect.analysis.metrics import check_log, mission_metrics, MissionMetrics
+from uav_collect.analysis.plan_shares import (
+    bound_metrics,
+    efficiency_share,
+    mean_estimates,
+    plan_shares,
+    time_share,
+)
 from uav_collect.analysis.tables import comparison_table, mission_tables
 from uav_collect.missions.rollout import fly
 from uav_collect.physics.radio import channel_draw
@@ -21,10 +27,8 @@ from uav_collect.planning import bound as bound_module
 from uav_collect.planning.bound import (
     Bound,
     bound_of,
-    efficiency_share,
     flight_actions,
     Plan,
-    time_share,
 )
 from uav_collect.planning.problem import Errands, errands_of
 from uav_collect.planning.relaxation import least_completion_s, least_energy_j
@@ -55,10 +59,10 @@ def plans(found: Bound) -> tuple[Plan, Plan]:
 
 def flown(
     scenario: Scenario, plan: Plan, seed: int = 0, allocator: str = 'exact'
-) -> MissionFigures:
+) -> MissionMetrics:
     log = fly_scripts(scenario, *flight_actions(scenario, plan), seed=seed, allocator=allocator)
     check_log(log)
-    return figures(log)
+    return mission_metrics(log)
 
 
 def check_flies(scenario: Scenario, seed: int = 0, allocator: str = 'exact') -> None:
@@ -251,9 +255,9 @@ def test_without_the_energy_there_is_no_plan_but_still_a_limit() -> None:
     found = bound(scenario)
     assert found.shortest is found.thriftiest is None
     assert found.least_energy_j > 0.0
-    numbers = bound_numbers(found)
+    numbers = bound_metrics(found)
     assert math.isnan(numbers['shortest_completion_s'])
-    assert mean_numbers([numbers], seed=0) == (0, {})
+    assert mean_estimates([numbers], seed=0) == (0, {})
 
 
 # The limits
@@ -266,7 +270,7 @@ def test_no_policy_that_collects_everything_gets_beyond_the_limits(
 ) -> None:
     scenario = load('paper_8x8')
     logs = fly(build_site(scenario), range(20), policy, allocator)
-    for mission in map(figures, logs):
+    for mission in map(mission_metrics, logs):
         found = bound(scenario, mission.mission_seed, allocator)
         assert mission.is_complete
         assert found.least_completion_s < mission.completion_s
@@ -390,7 +394,7 @@ def test_a_share_is_1_where_a_mission_is_as_good_as_the_plan() -> None:
     shortest, thriftiest = plans(found)
     assert time_share(flown(scenario, shortest, 2), found) == pytest.approx(1.0)
     assert efficiency_share(flown(scenario, thriftiest, 2), found) == pytest.approx(1.0)
-    reached = shares(flown(scenario, shortest, 2), found)
+    reached = plan_shares(flown(scenario, shortest, 2), found)
     assert reached['efficiency_share_of_shortest'] == pytest.approx(1.0)
     least_j = thriftiest.total_energy_j
     assert reached['efficiency_share'] == pytest.approx(least_j / shortest.total_energy_j)
@@ -398,9 +402,9 @@ def test_a_share_is_1_where_a_mission_is_as_good_as_the_plan() -> None:
 
 def test_a_mission_that_left_data_behind_has_no_share() -> None:
     scenario = tiny()
-    left = figures(fly_scripts(scenario, [], []))
+    left = mission_metrics(fly_scripts(scenario, [], []))
     assert not left.is_complete
-    assert all(map(math.isnan, shares(left, bound(scenario)).values()))
+    assert all(map(math.isnan, plan_shares(left, bound(scenario)).values()))
 
 
 def shown(table: object) -> str:
@@ -416,7 +420,7 @@ def shown(table: object) -> str:
 def test_tables_of_a_mission_tell_how_near_it_came() -> None:
     scenario = load('paper_8x8')
     [log] = fly(build_site(scenario), [4], 'sweep')
-    mission, found = figures(log), bound(scenario, 4)
+    mission, found = mission_metrics(log), bound(scenario, 4)
     lines = shown(mission_tables(log.header, mission, None, found)).splitlines()
     for name, share in (
         ('completion time', time_share(mission, found)),
@@ -500,7 +504,8 @@ def test_evaluate_shows_how_near_policies_come_to_the_plans(
     scenario = load('paper_8x8')
     logs = fly(build_site(scenario), range(5, 11), 'hert', 'equal')
     reached = [
-        time_share(figures(log), bound(scenario, log.header.mission_seed, 'equal')) for log in logs
+        time_share(mission_metrics(log), bound(scenario, log.header.mission_seed, 'equal'))
+        for log in logs
     ]
     assert document['hert']['bound']['missions'] == 6
     assert document['hert']['bound']['time_share']['mean'] == pytest.approx(np.mean(reached))
@@ -525,7 +530,7 @@ def test_report_tells_how_near_a_mission_came(
     [log] = fly(build_site(scenario), [4], 'sweep', 'equal')
     (tmp_path / 'mission.jsonl').write_bytes(log.to_jsonl())
     assert main(['report', str(tmp_path)]) == 0
-    share = time_share(figures(log), bound(scenario, 4, 'equal'))
+    share = time_share(mission_metrics(log), bound(scenario, 4, 'equal'))
     wanted = f'{math.floor(1000 * share) / 10:.1f} % of the clairvoyant plan'
     assert wanted in capsys.readouterr().out
 

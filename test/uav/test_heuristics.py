@@ -7,7 +7,7 @@ import hashlib
 from interpreted import interpreted
 import numpy as np
 import pytest
-from uav_collect.analysis.metrics import figures
+from uav_collect.analysis.metrics import mission_metrics
 from uav_collect.kernels.arrays import Row
 from uav_collect.missions.rollout import fly
 from uav_collect.recording.mission_log import MissionLog, REASON_NAMES
@@ -42,11 +42,11 @@ def logs(
 
 
 def mean_efficiency(flown: Sequence[MissionLog]) -> float:
-    return float(np.mean([figures(log).efficiency_kbit_per_j for log in flown]))
+    return float(np.mean([mission_metrics(log).efficiency_kbit_per_j for log in flown]))
 
 
 def mean_time_s(flown: Sequence[MissionLog]) -> float:
-    return float(np.mean([figures(log).completion_s for log in flown]))
+    return float(np.mean([mission_metrics(log).completion_s for log in flown]))
 
 
 def way(log: MissionLog, uav: int) -> list[int]:
@@ -161,7 +161,7 @@ def test_with_energy_to_spare_the_sweep_ends_with_all_collected_and_each_map_com
     for log in logs(scenario, 'sweep', 50):
         turns = log.events[log.events['action'] == HOME]
         assert {REASON_NAMES[reason] for reason in turns['reason']} == {'map complete'}
-        assert figures(log).collected_share == pytest.approx(1.0)
+        assert mission_metrics(log).collected_share == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize('rule', RULES)
@@ -184,7 +184,7 @@ def test_every_rule_ends_every_mission(rule: str, budget_kj: float) -> None:
 def test_the_sweep_copes_with_areas_narrower_than_a_lane(overrides: dict[str, object]) -> None:
     for speeds_mps in SPEEDS_MPS:
         for log in logs(scenario_of(speeds_mps, **overrides), 'sweep', 10):
-            assert figures(log).collected_share == pytest.approx(1.0)
+            assert mission_metrics(log).collected_share == pytest.approx(1.0)
 
 
 @dataclass

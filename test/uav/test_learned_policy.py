@@ -11,7 +11,7 @@ from interpreted import interpreted
 import pytest
 from random_policies import header, random_policy, saved
 from tiny_world import tiny
-from uav_collect.analysis.metrics import check_log, figures
+from uav_collect.analysis.metrics import check_log, mission_metrics
 from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.rows import row_of
 from uav_collect.missions.rollout import fly
@@ -140,7 +140,7 @@ def test_what_a_learned_policy_flies_adds_up() -> None:
     scenario, frozen = scenario_of(3), frozen_of(Layout.PAPER, 3)
     for log in fly(build_site(scenario), SEEDS, at_once(frozen)):
         check_log(log)
-        assert figures(log).is_safe
+        assert mission_metrics(log).is_safe
         assert {unit.policy for unit in log.header.uavs} == {'mine'}
 
 

@@ -11,7 +11,7 @@ from processes import Processes
 import pytest
 from tiny_world import tiny
 from uav_collect.__main__ import main
-from uav_collect.analysis.metrics import check_log, figures
+from uav_collect.analysis.metrics import check_log, mission_metrics
 from uav_collect.missions.rollout import fly
 from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.load import Scenario
@@ -56,7 +56,7 @@ def kinds_of_rows() -> str:
 def test_a_function_flies_a_mission_and_stands_in_its_log() -> None:
     for log in flown('user_policies:nearest'):
         check_log(log)
-        assert figures(log).is_complete
+        assert mission_metrics(log).is_complete
         assert {uav.policy for uav in log.header.uavs} == {'user_policies:nearest'}
 
 
@@ -91,7 +91,7 @@ def test_a_function_that_writes_over_what_it_gets_changes_nothing() -> None:
 def test_a_function_may_send_its_uav_home() -> None:
     for log in flown('user_policies:homebird'):
         assert len(log.events) == 2
-        assert figures(log).is_finished
+        assert mission_metrics(log).is_finished
 
 
 def test_evaluate_flies_functions_beside_other_policies(
@@ -103,7 +103,7 @@ def test_evaluate_flies_functions_beside_other_policies(
     assert name in capsys.readouterr().out
     written = json.loads(path.read_text())[name]
     assert written['policy'] == name
-    times_s = [figures(log).completion_s for log in flown(name, scenario_of(2))]
+    times_s = [mission_metrics(log).completion_s for log in flown(name, scenario_of(2))]
     assert written['completion_s']['mean'] == pytest.approx(sum(times_s) / 2, rel=1e-12)
     assert set(written['minus']) == {'sweep'}
 

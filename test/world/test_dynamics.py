@@ -13,7 +13,7 @@ from tiny_world import (
     tiny,
     uav,
 )
-from uav_collect.analysis.metrics import figures
+from uav_collect.analysis.metrics import mission_metrics
 from uav_collect.scenario.load import Scenario
 from uav_collect.uav.actions import FORWARD, HOME, HOVER, LEFT, NONE, RIGHT
 
@@ -102,7 +102,7 @@ def test_the_way_home_is_straight_and_the_uav_stays_there() -> None:
 def test_the_mission_ends_when_the_last_uav_is_home() -> None:
     log = fly_scripts(tiny(), [RIGHT], [FORWARD, FORWARD, FORWARD])
     assert log.events['action'][-1] == HOME
-    mission = figures(log)
+    mission = mission_metrics(log)
     # 50 m there and back at 5 m/s, 150 m there and back at 10 m/s.
     assert [unit.landed_s for unit in mission.uavs] == [20.0, 30.0]
     assert mission.completion_s == 30.0
@@ -111,7 +111,7 @@ def test_the_mission_ends_when_the_last_uav_is_home() -> None:
 
 def test_energy_counts_flight_hover_and_the_way_home() -> None:
     scenario = tiny(uav(10.0), radio__system_bandwidth_mhz=0.5)
-    mission = figures(fly_scripts(scenario, [RIGHT, HOVER, RIGHT]))
+    mission = mission_metrics(fly_scripts(scenario, [RIGHT, HOVER, RIGHT]))
     hover_s = 1e6 / rate_bps(0.5e6)
     assert mission.energy_j == pytest.approx(4 * MOVE_10_J + HOVER_W * hover_s, rel=1e-5)
     assert mission.collected_bit == 1e6

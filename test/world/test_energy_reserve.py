@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from uav_collect.analysis.metrics import check_log, figures
+from uav_collect.analysis.metrics import check_log, mission_metrics
 from uav_collect.kernels.arrays import Floats
 from uav_collect.missions.rollout import fly
 from uav_collect.recording.mission_log import ACTION_NAMES, MissionLog, REASON_NAMES
@@ -75,7 +75,7 @@ def test_no_uav_is_ever_short_of_its_reserve(policy: str) -> None:
             for spare_j, landed_j, budget_j in reserves_j(scenario, log):
                 assert spare_j.min() >= -ROUNDING * budget_j
                 assert landed_j >= -ROUNDING * budget_j
-            assert figures(log).is_safe
+            assert mission_metrics(log).is_safe
             at_home = log.events[log.events['action'] == HOME]
             assert len(at_home) == scenario.n_uavs
             n_reserve += (at_home['reason'] == REASON_NAMES.index('energy reserve')).any()
@@ -97,7 +97,7 @@ def test_the_log_of_a_random_scenario_adds_up(policy: str) -> None:
 def test_the_papers_fleet_lands_safely_on_any_budget(policy: str, budget_kj: float) -> None:
     site = build_site(load('paper_10x10', {'fleet.default.energy_budget_kj': budget_kj}))
     for log in fly(site, range(5), policy):
-        assert figures(log).is_safe
+        assert mission_metrics(log).is_safe
 
 
 def test_a_uav_goes_home_for_its_reserve_only_when_nothing_else_is_affordable() -> None:

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from tiny_world import fly_scripts, HOVER_W, MOVE_10_J, rate_bps, tiny, uav
-from uav_collect.analysis.metrics import figures
+from uav_collect.analysis.metrics import mission_metrics
 from uav_collect.kernels.rows import row_of
 from uav_collect.missions.rollout import fly
 from uav_collect.recording.mission_log import MissionLog
@@ -34,7 +34,7 @@ def rewards(scenario: Scenario, *scripts: list[int]) -> list[float]:
 
 def bonus(log: MissionLog, largest_budget_j: float = 1e6) -> float:
     """Of the mission's end, undiscounted: the budget times Mbit over J."""
-    mission = figures(log)
+    mission = mission_metrics(log)
     return largest_budget_j * mission.collected_bit / 1e6 / mission.energy_j
 
 
@@ -84,7 +84,7 @@ def test_undiscounted_rewards_sum_to_data_less_penalties_and_one_bonus(policy: s
         load('paper_8x8', {'reward.discount_per_s': 1.0, 'radio.csi_error_variance': 0.01})
     )
     for log in fly(site, range(5), policy):
-        mission = figures(log)
+        mission = mission_metrics(log)
         flight_s = sum(unit.flight_s for unit in mission.uavs)
         expected = mission.collected_bit / 1e6 - PENALTY * flight_s + bonus(log)
         assert log.events['reward'].sum() == pytest.approx(expected, rel=1e-9)

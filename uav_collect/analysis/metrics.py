@@ -27,7 +27,7 @@ _TOLERANCE = 1e-9  # relative; what rounding may leave of an energy, a time or a
 
 
 @dataclass(frozen=True, kw_only=True)
-class UavFigures:
+class UavMetrics:
     """What one UAV did in a mission."""
 
     id: int  # from 1
@@ -57,7 +57,7 @@ class UavFigures:
 
 
 @dataclass(frozen=True, kw_only=True)
-class MissionFigures:
+class MissionMetrics:
     """The figures of merit of one mission."""
 
     mission_seed: int
@@ -67,7 +67,7 @@ class MissionFigures:
     completion_s: float  # when the last UAV landed; nan if one has not
     n_decisions: int
     n_contacts: int  # over all events, how many other UAVs the deciding one was in contact with
-    uavs: tuple[UavFigures, ...]
+    uavs: tuple[UavMetrics, ...]
 
     @property
     def collected_share(self) -> float:
@@ -110,11 +110,11 @@ class MissionFigures:
         return any(uav.outcome == FAILSAFE for uav in self.uavs)
 
 
-def figures(log: MissionLog) -> MissionFigures:
+def mission_metrics(log: MissionLog) -> MissionMetrics:
     """The figures of merit of a mission, finished or not."""
     events = log.events
-    uavs = tuple(_uav_figures(header, events) for header in log.header.uavs)
-    return MissionFigures(
+    uavs = tuple(_uav_metrics(header, events) for header in log.header.uavs)
+    return MissionMetrics(
         mission_seed=log.header.mission_seed,
         collected_bit=float(events['collected_bit'].sum()),
         total_bit=log.header.total_bit,
@@ -130,13 +130,13 @@ def _nan_is_last(time_s: float) -> float:
     return math.inf if math.isnan(time_s) else time_s
 
 
-def _uav_figures(header: UavHeader, events: Events) -> UavFigures:
+def _uav_metrics(header: UavHeader, events: Events) -> UavMetrics:
     own = events[events['uav'] == header.id]
     is_hover = own['action'] == HOVER
     is_home = own['action'] == HOME
     home = own[is_home]
     landed = len(home) > 0
-    return UavFigures(
+    return UavMetrics(
         id=header.id,
         speed_mps=header.speed_mps,
         energy_budget_j=header.energy_budget_j,

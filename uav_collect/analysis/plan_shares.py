@@ -4,9 +4,9 @@ from collections.abc import Callable, Mapping, Sequence
 import math
 
 import numpy as np
-from uav_collect.analysis.metrics import MissionFigures
+from uav_collect.analysis.metrics import MissionMetrics
 from uav_collect.analysis.statistics import column_estimates, Estimate
-from uav_collect.planning.bound import Bound, efficiency_share, Plan, time_share
+from uav_collect.planning.bound import Bound, Plan
 
 _PLAN_NUMBERS: Mapping[str, Callable[[Bound, Plan], float]] = {
     'completion_s': lambda bound, plan: plan.completion_s,
@@ -16,7 +16,7 @@ _PLAN_NUMBERS: Mapping[str, Callable[[Bound, Plan], float]] = {
 SHARE_KEYS = ('time_share', 'efficiency_share', 'efficiency_share_of_shortest')
 
 
-def bound_numbers(bound: Bound) -> dict[str, float]:
+def bound_metrics(bound: Bound) -> dict[str, float]:
     """The numbers of a bound by key, the last word of which is the unit; nan without a plan."""
     numbers = {}
     for name, plan in (('shortest', bound.shortest), ('thriftiest', bound.thriftiest)):
@@ -31,7 +31,23 @@ def bound_numbers(bound: Bound) -> dict[str, float]:
     return numbers
 
 
-def shares(mission: MissionFigures, bound: Bound) -> dict[str, float]:
+def time_share(mission: MissionMetrics, bound: Bound) -> float:
+    """The shortest plan's time over a mission's; nan where there is no plan or data were left."""
+    if bound.shortest is None or not (mission.is_complete and mission.is_finished):
+        return math.nan
+    plan_s = bound.shortest.completion_s
+    return plan_s / mission.completion_s if mission.completion_s > 0.0 else 1.0
+
+
+def efficiency_share(mission: MissionMetrics, bound: Bound) -> float:
+    """A mission's energy efficiency over the thriftiest plan's; nan as for `time_share`."""
+    if bound.thriftiest is None or not (mission.is_complete and mission.is_finished):
+        return math.nan
+    plan_j = bound.thriftiest.total_energy_j
+    return plan_j / mission.energy_j if mission.energy_j > 0.0 else 1.0
+
+
+def plan_shares(mission: MissionMetrics, bound: Bound) -> dict[str, float]:
     """How near a mission comes to the bound, by key; nan where it left data, or without a plan."""
     efficiency = efficiency_share(mission, bound)
     of_shortest = efficiency
@@ -41,7 +57,7 @@ def shares(mission: MissionFigures, bound: Bound) -> dict[str, float]:
     return dict(zip(SHARE_KEYS, reached, strict=True))
 
 
-def mean_numbers(
+def mean_estimates(
     rows: Sequence[Mapping[str, float]], seed: int
 ) -> tuple[int, dict[str, Estimate]]:
     """Estimate the means over the missions in which all numbers are known.

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from uav_collect.analysis.metrics import MissionFigures
+from uav_collect.analysis.metrics import MissionMetrics
 from uav_collect.kernels.arrays import Floats
 
 LEVEL = 0.95
@@ -22,7 +22,7 @@ class Measure:
     key: str  # in files; the unit is its last word
     title: str  # for people
     unit: str
-    of: Callable[[MissionFigures], float]
+    of: Callable[[MissionMetrics], float]
 
 
 MEASURES = (
@@ -80,7 +80,7 @@ def mission_seeds(first_seed: int, n_missions: int) -> range:
     return range(first_seed, first_seed + n_missions)
 
 
-def estimates(missions: Sequence[MissionFigures], seed: int) -> tuple[Estimate, ...]:
+def estimates(missions: Sequence[MissionMetrics], seed: int) -> tuple[Estimate, ...]:
     """Estimate each of MEASURES over missions.
 
     Args:
@@ -94,7 +94,7 @@ def estimates(missions: Sequence[MissionFigures], seed: int) -> tuple[Estimate, 
 
 
 def differences(
-    missions: Sequence[MissionFigures], others: Sequence[MissionFigures], seed: int
+    missions: Sequence[MissionMetrics], others: Sequence[MissionMetrics], seed: int
 ) -> tuple[Estimate, ...]:
     """Estimate by how much each of MEASURES differs, mission by mission: the first less the other.
 
@@ -111,7 +111,7 @@ def differences(
     return column_estimates(_values(missions) - _values(others), seed)
 
 
-def _values(missions: Sequence[MissionFigures]) -> Floats:
+def _values(missions: Sequence[MissionMetrics]) -> Floats:
     """MEASURES by mission, (N, M)."""
     if not missions:
         raise ValueError('an estimate needs at least one mission')

@@ -7,9 +7,10 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
-from uav_collect.analysis.metrics import FAILSAFE, MissionFigures, percent, UavFigures, UNFINISHED
+from uav_collect.analysis.metrics import FAILSAFE, MissionMetrics, percent, UavMetrics, UNFINISHED
+from uav_collect.analysis.plan_shares import efficiency_share, time_share
 from uav_collect.analysis.statistics import Estimate, LEVEL, MEASURES
-from uav_collect.planning.bound import Bound, efficiency_share, Plan, time_share
+from uav_collect.planning.bound import Bound, Plan
 from uav_collect.recording.mission_log import MissionHeader
 
 _WARNING = 'bold red'
@@ -33,7 +34,7 @@ _SHARES = {
 
 def mission_tables(
     header: MissionHeader,
-    mission: MissionFigures,
+    mission: MissionMetrics,
     n_radio_messages: int | None = None,
     bound: Bound | None = None,
 ) -> RenderableType:
@@ -57,7 +58,7 @@ def mission_tables(
     )
 
 
-def mission_warnings(mission: MissionFigures) -> list[str]:
+def mission_warnings(mission: MissionMetrics) -> list[str]:
     """What a user must not overlook, one line each."""
     lines = [_ending_warning(uav) for uav in mission.uavs if uav.outcome in (FAILSAFE, UNFINISHED)]
     lines += [
@@ -72,14 +73,14 @@ def mission_warnings(mission: MissionFigures) -> list[str]:
     return lines
 
 
-def _ending_warning(uav: UavFigures) -> str:
+def _ending_warning(uav: UavMetrics) -> str:
     if uav.outcome == UNFINISHED:
         return f'UAV {uav.id} has not landed: the mission was cut short'
     return f'UAV {uav.id} was flown home by the failsafe: its agent did not answer'
 
 
 def _fleet_table(
-    mission: MissionFigures, n_radio_messages: int | None, bound: Bound | None
+    mission: MissionMetrics, n_radio_messages: int | None, bound: Bound | None
 ) -> Table:
     table = Table(box=None, show_header=False, padding=(0, 2))
     table.add_column()
@@ -108,14 +109,14 @@ def _fleet_table(
 
 
 def _of_the_plan(
-    share: Callable[[MissionFigures, Bound], float], mission: MissionFigures, bound: Bound | None
+    share: Callable[[MissionMetrics, Bound], float], mission: MissionMetrics, bound: Bound | None
 ) -> str:
     """How near a mission comes to the best that is possible; nothing where that is not known."""
     reached = math.nan if bound is None else share(mission, bound)
     return '' if math.isnan(reached) else f'{percent(reached)} of the clairvoyant plan'
 
 
-def _uav_table(mission: MissionFigures) -> Table:
+def _uav_table(mission: MissionMetrics) -> Table:
     table = Table(box=SIMPLE_HEAD, padding=(0, 0, 0, 1))
     for heading in (
         'UAV\n', 'speed\nm/s', 'data\nMbit', 'energy\nkJ', 'left\nkJ', 'flight\ns', 'hover\ns',
@@ -129,7 +130,7 @@ def _uav_table(mission: MissionFigures) -> Table:
     return table
 
 
-def _uav_row(uav: UavFigures) -> tuple[str, ...]:
+def _uav_row(uav: UavMetrics) -> tuple[str, ...]:
     return (
         str(uav.id),
         f'{uav.speed_mps:g}',
@@ -144,7 +145,7 @@ def _uav_row(uav: UavFigures) -> tuple[str, ...]:
 
 
 def comparison_table(
-    missions: Mapping[str, MissionFigures], bound: Bound | None = None
+    missions: Mapping[str, MissionMetrics], bound: Bound | None = None
 ) -> RenderableType:
     """One mission as several policies fly it, by policy, and as plans that know it would."""
     table = Table(box=SIMPLE_HEAD, padding=(0, 0, 0, 1))
@@ -180,7 +181,7 @@ def _plan_row(name: str, plan: Plan, bound: Bound) -> tuple[str, ...]:
 
 
 def evaluation_table(
-    missions: Mapping[str, Sequence[MissionFigures]], rows: Mapping[str, Sequence[Estimate]]
+    missions: Mapping[str, Sequence[MissionMetrics]], rows: Mapping[str, Sequence[Estimate]]
 ) -> RenderableType:
     """The estimates of several policies, measure by measure, and the missions that went wrong.
 
@@ -239,7 +240,7 @@ def number_shown(value: float) -> str:
     return f'{value:.1f}' if abs(value) >= 10 else f'{round(value, 4) + 0.0:.4f}'
 
 
-def _remarks(policy: str, missions: Sequence[MissionFigures]) -> list[Text]:
+def _remarks(policy: str, missions: Sequence[MissionMetrics]) -> list[Text]:
     n_decisions = sum(mission.n_decisions for mission in missions) / len(missions)
     lines = [Text(f'{policy}: {n_decisions:.1f} decisions per mission', style='dim')]
     left = [mission for mission in missions if not mission.is_complete]
@@ -259,7 +260,7 @@ def _remarks(policy: str, missions: Sequence[MissionFigures]) -> list[Text]:
 
 
 def bound_table(rows: Mapping[str, Estimate]) -> RenderableType:
-    """The plans and the limits, measure by measure; estimates by key of `bound_numbers`."""
+    """The plans and the limits, measure by measure; estimates by key of `bound_metrics`."""
     table = _table('measure', 'what')
     for measure, title in _TITLES.items():
         for plan, name in _PLANS.items():

@@ -25,7 +25,7 @@ from matplotlib.patheffects import Normal, withStroke
 from matplotlib.transforms import Affine2D
 import numpy as np
 from numpy.typing import NDArray
-from uav_collect.analysis.metrics import figures, HOME, HOVER, MissionFigures, percent
+from uav_collect.analysis.metrics import HOME, HOVER, mission_metrics, MissionMetrics, percent
 from uav_collect.kernels.arrays import Bools, check_shape, Floats, Ints
 from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.load import Scenario
@@ -92,7 +92,7 @@ def trajectories(
     side_in = float(np.clip(2.6 + 0.3 * site.scenario.area.cells_per_side, 5.0, 8.6))
     figure, axes = _canvas(side_in)
     handles = draw_mission(axes, log, site, demand_bit, side_in)
-    _write_title(axes, log, figures(log))
+    _write_title(axes, log, mission_metrics(log))
     _write_legend(axes, handles)
     # No software name in the file: the bytes are the mission's.
     figure.savefig(file, dpi=DPI, format='png', metadata={'Software': None})
@@ -135,7 +135,7 @@ def draw_mission(
     _draw_hovers(axes, paths, cell_pt)
     _draw_ends(axes, scenario, cell_pt)
     _draw_tags(axes, paths, scenario.area.cell_size_m, cell_pt)
-    summary = figures(log)
+    summary = mission_metrics(log)
     handles = _path_handles(paths, summary) + _place_handles(scenario)
     return handles + _sensor_handles(demand_bit, summary)
 
@@ -298,7 +298,7 @@ def _draw_tags(axes: Axes, paths: list[_Path], cell_size_m: float, cell_pt: floa
             )  # fmt: skip
 
 
-def _write_title(axes: Axes, log: MissionLog, summary: MissionFigures) -> None:
+def _write_title(axes: Axes, log: MissionLog, summary: MissionMetrics) -> None:
     header = log.header
     policies = ', '.join(dict.fromkeys(uav.policy for uav in header.uavs))
     time = f'{summary.completion_s:.0f} s' if summary.is_finished else 'not finished'
@@ -324,7 +324,7 @@ def _write_legend(axes: Axes, handles: list[Line2D]) -> None:
     )  # fmt: skip
 
 
-def _path_handles(paths: list[_Path], summary: MissionFigures) -> list[Line2D]:
+def _path_handles(paths: list[_Path], summary: MissionMetrics) -> list[Line2D]:
     handles = [
         _line(path, f'UAV {uav.id}: {uav.speed_mps:g} m/s, {uav.energy_j / 1e3:.1f} kJ')
         for path, uav in zip(paths, summary.uavs, strict=True)
@@ -340,7 +340,7 @@ def _place_handles(scenario: Scenario) -> list[Line2D]:
     return [_mark('X', _GREEN, 9, 'start and home')]
 
 
-def _sensor_handles(demand_bit: Floats, summary: MissionFigures) -> list[Line2D]:
+def _sensor_handles(demand_bit: Floats, summary: MissionMetrics) -> list[Line2D]:
     handles = [_mark('o', _BLACK, 4, 'sensor with data')]
     if (demand_bit == 0).any():
         handles.append(_mark('o', _GREY, 4, 'sensor without data'))

@@ -55,14 +55,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Plan the missions; the exit status."""
-    from uav_collect.analysis.plan_shares import bound_numbers, mean_numbers
+    from uav_collect.analysis.plan_shares import bound_metrics, mean_estimates
 
     scenario = options.scenario_of(arguments)
     for path in filter(None, (arguments.json, arguments.csv)):
         files.check_writable(path)
     bounds = _plan(arguments, scenario)
     rows = {
-        bandwidth: mean_numbers([bound_numbers(bound) for bound in some], arguments.seed)
+        bandwidth: mean_estimates([bound_metrics(bound) for bound in some], arguments.seed)
         for bandwidth, some in bounds.items()
     }
     for bandwidth, (n_known, estimates) in rows.items():
@@ -143,7 +143,7 @@ def _json(
 
 def _csv(scenario: 'Scenario', bounds: '_Bounds') -> bytes:
     """One row per mission; a number without a plan is left empty."""
-    from uav_collect.analysis.plan_shares import bound_numbers
+    from uav_collect.analysis.plan_shares import bound_metrics
     from uav_collect.scenario.load import fingerprint
 
     text = io.StringIO()
@@ -151,7 +151,7 @@ def _csv(scenario: 'Scenario', bounds: '_Bounds') -> bytes:
     fixed = (scenario.name, fingerprint(scenario))
     for bandwidth, some in bounds.items():
         for bound in some:
-            numbers = bound_numbers(bound)
+            numbers = bound_metrics(bound)
             if not text.tell():
                 heading = ('scenario', 'fingerprint', 'bandwidth', 'mission_seed', 'data_cells')
                 writer.writerow((*heading, 'total_mbit', *numbers))

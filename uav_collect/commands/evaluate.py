@@ -18,7 +18,7 @@ from uav_collect import files
 from uav_collect.commands import options, terminal
 
 if TYPE_CHECKING:  # loaded when flying, so that --help answers at once
-    from uav_collect.analysis.metrics import MissionFigures
+    from uav_collect.analysis.metrics import MissionMetrics
     from uav_collect.analysis.statistics import Estimate
     from uav_collect.planning.bound import Bound
     from uav_collect.scenario.load import Scenario
@@ -46,7 +46,7 @@ class _Contender:
     bandwidth: str
 
 
-_Flown = Mapping[_Contender, Sequence['MissionFigures']]  # the same seeds for each
+_Flown = Mapping[_Contender, Sequence['MissionMetrics']]  # the same seeds for each
 _Estimates = Mapping[str, Sequence['Estimate']]  # by label
 _Bounds = Mapping[str, dict[int, 'Bound']]  # by bandwidth and mission seed; empty unless wanted
 
@@ -101,7 +101,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Evaluate the policies; the exit status."""
     scenario = options.scenario_of(arguments)
     contenders = _contenders(arguments, scenario)
-    flown: dict[_Contender, list[MissionFigures]] = {contender: [] for contender in contenders}
+    flown: dict[_Contender, list[MissionMetrics]] = {contender: [] for contender in contenders}
     bounds: _Bounds = {bandwidth: {} for bandwidth in arguments.bandwidth if arguments.bound}
     start_s = monotonic()
     try:
@@ -144,11 +144,11 @@ def _contenders(arguments: argparse.Namespace, scenario: 'Scenario') -> list[_Co
 def _fly(
     arguments: argparse.Namespace,
     scenario: 'Scenario',
-    flown: Mapping[_Contender, 'list[MissionFigures]'],
+    flown: Mapping[_Contender, 'list[MissionMetrics]'],
     bounds: '_Bounds',
 ) -> None:
     """Fly all missions, a few with each policy in turn, into `flown`; plan them into `bounds`."""
-    from uav_collect.analysis.metrics import figures
+    from uav_collect.analysis.metrics import mission_metrics
     from uav_collect.analysis.statistics import mission_seeds
     from uav_collect.missions.rollout import fly
     from uav_collect.planning.bound import bound_of
@@ -166,7 +166,7 @@ def _fly(
             for contender, missions in flown.items():
                 make_policy = partial(replace, contender.policy)
                 logs = fly(site, some, make_policy, contender.bandwidth)
-                missions += [figures(log) for log in logs]
+                missions += [mission_metrics(log) for log in logs]
                 advance(len(some))
 
 
@@ -219,7 +219,7 @@ def _show(
 
 
 def _find(arguments: argparse.Namespace, flown: _Flown, bounds: '_Bounds') -> _Findings:
-    from uav_collect.analysis.plan_shares import mean_numbers, shares
+    from uav_collect.analysis.plan_shares import mean_estimates, plan_shares
     from uav_collect.analysis.statistics import differences, estimates
 
     seed = arguments.seed
@@ -235,9 +235,9 @@ def _find(arguments: argparse.Namespace, flown: _Flown, bounds: '_Bounds') -> _F
             for first in firsts
         },
         shares={
-            each.label: mean_numbers(
+            each.label: mean_estimates(
                 [
-                    shares(flight, bounds[each.bandwidth][flight.mission_seed])
+                    plan_shares(flight, bounds[each.bandwidth][flight.mission_seed])
                     for flight in missions
                 ],
                 seed,
@@ -295,7 +295,7 @@ def _csv(
     arguments: argparse.Namespace, scenario: 'Scenario', flown: _Flown, bounds: '_Bounds'
 ) -> bytes:
     """One row per mission."""
-    from uav_collect.analysis.plan_shares import SHARE_KEYS, shares
+    from uav_collect.analysis.plan_shares import plan_shares, SHARE_KEYS
 
     fixed = ('scenario', 'fingerprint', 'bandwidth', 'policy')
     text = io.StringIO()
@@ -305,7 +305,7 @@ def _csv(
         heading = _heading(arguments, scenario, contender)
         for mission in missions:
             known = bounds.get(contender.bandwidth, {}).get(mission.mission_seed)
-            reached = shares(mission, known).values() if known else ()
+            reached = plan_shares(mission, known).values() if known else ()
             cells = ['' if math.isnan(share) else share for share in reached]
             writer.writerow((*(heading[name] for name in fixed), *_row(mission), *cells))
     return text.getvalue().encode()
@@ -317,7 +317,7 @@ _COLUMNS = (
 )  # fmt: skip
 
 
-def _row(mission: 'MissionFigures') -> tuple[float, ...]:
+def _row(mission: 'MissionMetrics') -> tuple[float, ...]:
     return (
         mission.mission_seed,
         mission.efficiency_kbit_per_j,

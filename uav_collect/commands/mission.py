@@ -105,7 +105,7 @@ def _checked_policy(wanted: str | None, scenario: 'Scenario') -> str:
 def _compare(log: Path, scenario: 'Scenario', bandwidth: str) -> None:
     """Show the mission's figures beside those of rules, flown here in the same mission."""
     from rich.console import Console
-    from uav_collect.analysis.metrics import figures
+    from uav_collect.analysis.metrics import mission_metrics
     from uav_collect.analysis.tables import comparison_table
     from uav_collect.missions.rollout import fly
     from uav_collect.recording.mission_log import read
@@ -114,11 +114,11 @@ def _compare(log: Path, scenario: 'Scenario', bandwidth: str) -> None:
     try:
         flown = read(log)
         name, seed = flown.header.uavs[0].policy, flown.header.mission_seed
-        missions, site = {name: figures(flown)}, build_site(scenario)
+        missions, site = {name: mission_metrics(flown)}, build_site(scenario)
         for rule in _RULES:
             if rule != name:
                 [other] = fly(site, [seed], rule, bandwidth)
-                missions[rule] = figures(other)
+                missions[rule] = mission_metrics(other)
         bound = report.bound_shown(flown.header, site)
         Console().print(comparison_table(missions, bound))
     # Whatever it is: the mission itself was flown, recorded and told.

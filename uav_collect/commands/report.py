@@ -66,13 +66,13 @@ def show(mission: FlownMission, picture: Path, console: 'Console') -> None:
         MissionLogError: the log of a whole mission does not add up.
         OSError: the picture cannot be written.
     """
-    from uav_collect.analysis.metrics import check_log, figures
+    from uav_collect.analysis.metrics import check_log, mission_metrics
     from uav_collect.analysis.tables import mission_tables
     from uav_collect.analysis.trajectories import trajectories
 
     if mission.is_whole:
         check_log(mission.log)
-    summary = figures(mission.log)
+    summary = mission_metrics(mission.log)
     bound = bound_shown(mission.log.header, mission.site)
     console.print(mission_tables(mission.log.header, summary, mission.n_radio_messages, bound))
     if not mission.is_whole:

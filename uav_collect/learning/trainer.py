@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from uav_collect.analysis.metrics import figures
+from uav_collect.analysis.metrics import mission_metrics
 from uav_collect.analysis.statistics import mission_seeds
 from uav_collect.learning.checkpoint import CheckpointError, read_checkpoint, write_checkpoint
 from uav_collect.learning.learner import Learner
@@ -246,7 +246,7 @@ class Trainer:
         pilot = LearnedPolicy('validated', self._frozen(None))
         seeds = mission_seeds(VALIDATION_SEED, self.config.validation.missions)
         logs = [log for course in self._courses for log in course.validate(pilot, seeds)]
-        flown = [figures(log) for log in logs]
+        flown = [mission_metrics(log) for log in logs]
         return Validation(
             wall_s=self._trained_s,
             n_decisions=self.n_decisions,

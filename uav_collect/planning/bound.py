@@ -24,7 +24,6 @@ import os
 from pathlib import Path
 from typing import Any
 
-from uav_collect.analysis.metrics import MissionFigures
 from uav_collect.kernels.compile import cache_folder
 from uav_collect.kernels.rows import row_of
 from uav_collect.planning.problem import Errands, errands_of
@@ -99,22 +98,6 @@ def bound_of(
         bound = _find(errands_of(site, mission_seed, share), mission_seed, n_rounds)
         _write(file, bound)
     return bound
-
-
-def time_share(mission: MissionFigures, bound: Bound) -> float:
-    """The shortest plan's time over a mission's; nan where there is no plan or data were left."""
-    if bound.shortest is None or not (mission.is_complete and mission.is_finished):
-        return math.nan
-    plan_s = bound.shortest.completion_s
-    return plan_s / mission.completion_s if mission.completion_s > 0.0 else 1.0
-
-
-def efficiency_share(mission: MissionFigures, bound: Bound) -> float:
-    """A mission's energy efficiency over the thriftiest plan's; nan as for `time_share`."""
-    if bound.thriftiest is None or not (mission.is_complete and mission.is_finished):
-        return math.nan
-    plan_j = bound.thriftiest.total_energy_j
-    return plan_j / mission.energy_j if mission.energy_j > 0.0 else 1.0
 
 
 def flight_actions(scenario: Scenario, plan: Plan) -> tuple[list[int], ...]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import math
 from typing import Any
 
-from uav_collect.analysis.metrics import figures, MissionFigures
+from uav_collect.analysis.metrics import mission_metrics, MissionMetrics
 from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.rows import row_of
 from uav_collect.lockstep.published_policy import PublishedPolicy
@@ -208,9 +208,9 @@ class Flight:
         observation.terminated = True
         return observation
 
-    def figures(self) -> MissionFigures:
+    def metrics(self) -> MissionMetrics:
         """The figures of merit so far."""
-        return figures(self.simulation.log(self.header))
+        return mission_metrics(self.simulation.log(self.header))
 
     @property
     def failsafe_note(self) -> str:
@@ -258,7 +258,7 @@ class Flight:
 
 def mission_msg(flight: Flight, world_instance: str, index: int, phase: int) -> Mission:
     """What the world says of a mission at its start and at its end."""
-    result = flight.figures()
+    result = flight.metrics()
     message = Mission(
         stamp=convert.stamp(flight.simulation.time_s),
         mission_id=flight.mission_id,
@@ -294,7 +294,7 @@ def _flown_by(pilot: Pilot | None, policy: PublishedPolicy | None) -> str:
     return policy.version if policy is not None and pilot.policy == TOPIC else pilot.policy
 
 
-def _add_figures(message: Mission, flight: Flight, result: MissionFigures) -> None:
+def _add_figures(message: Mission, flight: Flight, result: MissionMetrics) -> None:
     message.collected_bit = result.collected_bit
     message.completion_s = result.completion_s
     message.energy_j = result.energy_j

@@ -10,8 +10,8 @@ import json
 import math
 
 import numpy as np
-from uav_collect.analysis.metrics import figures, MissionFigures
-from uav_collect.analysis.plan_shares import bound_numbers
+from uav_collect.analysis.metrics import mission_metrics, MissionMetrics
+from uav_collect.analysis.plan_shares import bound_metrics
 from uav_collect.analysis.statistics import estimates, mission_seeds
 from uav_collect.analysis.statistics import MEASURES as MEANS
 from uav_collect.missions.rollout import fly
@@ -55,7 +55,7 @@ def flights(
         some = seeds[start : start + _AT_ONCE]
         logs += fly(site, some, partial(replace, policy), job.bandwidth)
         yield len(logs) / len(seeds)
-    flown = [figures(log) for log in logs]
+    flown = [mission_metrics(log) for log in logs]
     rows = [_row(log, mission) for log, mission in zip(logs, flown, strict=True)]
     kept = {log_name(log.header.mission_seed): log.to_jsonl() for log in logs if job.keeps_logs}
     summary = _summary(job, policy, flown)
@@ -72,7 +72,7 @@ def plans(job: PlansJob, is_stopping: Callable[[], bool]) -> Iterator[Step]:
             return
         bound = bound_of(site, seed, job.bandwidth, job.n_rounds)
         about = {'mission_seed': seed, 'data_cells': bound.n_data_cells}
-        rows.append(about | {'total_mbit': bound.total_bit / 1e6} | bound_numbers(bound))
+        rows.append(about | {'total_mbit': bound.total_bit / 1e6} | bound_metrics(bound))
         if len(rows) % _AT_ONCE == 0:
             yield len(rows) / len(seeds)
     yield {MISSIONS: _csv([*rows[0]], [[*row.values()] for row in rows])}
@@ -100,7 +100,7 @@ def _merit(policy: FrozenPolicy) -> tuple[float, float]:
     return min(whole, _ENOUGH), validation.efficiency_kbit_per_j
 
 
-def _row(log: MissionLog, mission: MissionFigures) -> list[float]:
+def _row(log: MissionLog, mission: MissionMetrics) -> list[float]:
     n_shared, n_visited = _visits(log)
     return [
         mission.mission_seed,
@@ -136,7 +136,7 @@ def _visits(log: MissionLog) -> tuple[int, int]:
 
 
 def _summary(
-    job: FlightsJob, policy: RulePolicy | LearnedPolicy, flown: Sequence[MissionFigures]
+    job: FlightsJob, policy: RulePolicy | LearnedPolicy, flown: Sequence[MissionMetrics]
 ) -> bytes:
     rows = estimates(flown, job.first_seed)
     document = {

@@ -1,7 +1,7 @@
 """Draws fields and missions: the sensors with a mission's data, and the ways of policies."""
 
 import numpy as np
-from uav_collect.analysis.metrics import figures
+from uav_collect.analysis.metrics import mission_metrics
 from uav_collect.analysis.trajectories import draw_mission
 from uav_collect.kernels.arrays import Floats
 from uav_collect.recording.mission_log import ACTION_NAMES, from_jsonl, MissionLog
@@ -73,7 +73,7 @@ def draw_trajectories(study: TrajectoriesStudy, findings: Findings) -> Drawn:
 
 
 def _merits(label: str, log: MissionLog) -> str:
-    mission = figures(log)
+    mission = mission_metrics(log)
     time = f'{mission.completion_s:.0f} s' if mission.is_finished else 'not finished'
     return f'{label} (1 mission): {time}, {mission.efficiency_kbit_per_j:.3f} kbit/J'
 
