@@ -11,11 +11,12 @@ from pettingzoo.test import api_test, seed_test
 import pytest
 from tiny_world import tiny, uav
 from uav_collect.analysis.metrics import check_log, mission_metrics
+from uav_collect.errors import ConfigError
 from uav_collect.kernels.arrays import Ints
 from uav_collect.missions.rollout import fly
 from uav_collect.missions.vector_env import Flights, Stepping
 from uav_collect.pettingzoo_env import env
-from uav_collect.scenario.load import ConfigError, load, Scenario
+from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.uav.actions import BACKWARD, FORWARD, HOME, N_ACTIONS, NONE, RIGHT
 from uav_collect.world.reward import Reward

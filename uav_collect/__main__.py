@@ -10,6 +10,7 @@ import sys
 from typing import NoReturn
 
 import uav_collect
+from uav_collect.errors import UavCollectError
 
 # One line each, here: help must not load what flies missions.
 SUMMARIES = {
@@ -114,9 +115,7 @@ def _run(name: str, argv: Sequence[str], *, prog: str) -> int:
         sys.stdout.flush()  # a full disk shows here, not at exit
     except KeyboardInterrupt:
         return _INTERRUPTED
-    except (OSError, ValueError) as error:
-        if not _is_the_users(error):
-            raise
+    except (OSError, UavCollectError) as error:  # any other is ours and shows its traceback
         sys.stderr.write(''.join(f'error: {line}\n' for line in _text(error).splitlines()))
         _drop_output()
         return _MISUSE
@@ -152,23 +151,6 @@ def _command(name: str) -> _Command:
         case _:
             raise RuntimeError(f'no command is called {name!r}')
     return _Command(add_arguments=add_arguments, run=run)
-
-
-def _is_the_users(error: Exception) -> bool:
-    """Whether an error is about what the user gave; any other is ours and shows its traceback."""
-    from uav_collect.recording.mission_log import MissionLogError
-
-    if isinstance(error, OSError | MissionLogError):
-        return True
-    from uav_collect.physics.bandwidth import AllocationError
-    from uav_collect.scenario.load import ConfigError
-    from uav_collect.studies.jobs.store import StoreError
-    from uav_collect.training.run_record import TrainingRunError
-    from uav_collect.uav.policy_network import PolicyMismatchError
-
-    return isinstance(
-        error, ConfigError | PolicyMismatchError | AllocationError | TrainingRunError | StoreError
-    )
 
 
 def _text(error: Exception) -> str:

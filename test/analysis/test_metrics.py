@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 from scripted_logs import fly, header, uav
 from uav_collect.analysis import metrics
-from uav_collect.recording.mission_log import from_jsonl, MissionLog, MissionLogError
+from uav_collect.errors import MissionLogError
+from uav_collect.recording.mission_log import from_jsonl, MissionLog
 
 # Cells of 50 m, so a step takes 5 s at 10 m/s and 10 s at 5 m/s; moving 100 W, hovering 200 W.
 FAST = ['right', 'hover 4 0.5', 'right', 'home map complete']

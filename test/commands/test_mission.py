@@ -9,12 +9,12 @@ from random_policies import header, saved
 from scripted_logs import fly, uav
 from scripted_logs import header as log_header
 from uav_collect.commands import mission
+from uav_collect.errors import PolicyMismatchError
 from uav_collect.missions import rollout
 from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.uav import policy as policy_module
-from uav_collect.uav.policy_network import PolicyMismatchError
 
 TIGHT = 'fleet.default.energy_budget_kj=60'  # random weights fly until it is used up
 SEED = 2

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from random_policies import header as policy_header
 from random_policies import random_policy
+from uav_collect.errors import RefusedError
 from uav_collect.ingest.join import JoinedMission, MissionJoiner
 from uav_collect.ingest.rebuild import EpisodeBuilder
 from uav_collect.ingest.reports import (
@@ -19,7 +20,6 @@ from uav_collect.ingest.reports import (
     FLOAT32,
     FLOAT64,
     MissionReport,
-    RefusedError,
     report_spec,
     TransitionReport,
 )

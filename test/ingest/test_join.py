@@ -7,16 +7,10 @@ import numpy as np
 import pytest
 from reports import is_decision, joined, MissionSetup, reports_of, same
 from tiny_world import tiny, uav
+from uav_collect.errors import ConfigError, RefusedError
 from uav_collect.ingest.join import DropReason, ReportOutcome
-from uav_collect.ingest.reports import (
-    EventReport,
-    FleetReport,
-    MissionReport,
-    RefusedError,
-    TransitionReport,
-)
+from uav_collect.ingest.reports import EventReport, FleetReport, MissionReport, TransitionReport
 from uav_collect.missions.experience import Episode, Records
-from uav_collect.scenario.load import ConfigError
 from uav_collect.uav.actions import FAILSAFE, HOME, NONE
 from uav_collect.uav.observation import Layout
 from uav_collect.world.reward import Reward

@@ -12,14 +12,13 @@ from uav_collect.kernels.compile import kernels_are_compiled
 from uav_collect.learning.minibatch import Algorithm
 from uav_collect.learning.replay import replay_bytes
 from uav_collect.missions.rollout import fly
-from uav_collect.scenario.load import ConfigError, Scenario
+from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.training.config import TrainingConfig
 from uav_collect.uav.policy import LearnedPolicy
-from uav_collect.uav.policy_network import PolicyMismatchError
 
 torch = single_threaded_torch()
-from uav_collect.learning.checkpoint import CheckpointError
+from uav_collect.errors import CheckpointError, ConfigError, PolicyMismatchError
 from uav_collect.learning.trainer import Trainer
 from uav_collect.training.progress import Budget, Progress
 from uav_collect.uav.briefing import brief

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from tiny_world import Script, tiny, TOTAL_BIT, uav
 from uav_collect.analysis.metrics import check_log, mission_metrics
+from uav_collect.errors import AllocationError, PolicyMismatchError
 from uav_collect.kernels.arrays import Row
 from uav_collect.missions.rollout import fly
-from uav_collect.physics.bandwidth import AllocationError
 from uav_collect.recording.mission_log import from_jsonl, MissionLog
 from uav_collect.scenario.load import fingerprint, load, Scenario
 from uav_collect.scenario.site import build_site
@@ -17,7 +17,6 @@ from uav_collect.uav.actions import FORWARD, HOVER, LEFT, RIGHT
 from uav_collect.uav.belief import Belief
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.policy import Policy, policy_named
-from uav_collect.uav.policy_network import PolicyMismatchError
 from uav_collect.uav.view import LocalView
 
 SPEEDS_MPS = (5.0, 10.0, 7.5, 12.0)

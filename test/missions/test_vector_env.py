@@ -9,13 +9,13 @@ from interpreted import interpreted
 import numpy as np
 import pytest
 from tiny_world import tiny, TOTAL_BIT, uav
+from uav_collect.errors import AllocationError, ConfigError
 from uav_collect.kernels.arrays import Floats, Ints, Row
 from uav_collect.kernels.rows import new_row
 from uav_collect.missions.rollout import fly
 from uav_collect.missions.vector_env import Decisions, Flights, Stepping
-from uav_collect.physics.bandwidth import AllocationError
 from uav_collect.recording.mission_log import MissionLog
-from uav_collect.scenario.load import ConfigError, load, Scenario
+from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.uav.actions import BACKWARD, FORWARD, HOME, HOVER, N_ACTIONS, NONE, RIGHT
 from uav_collect.uav.belief import Belief

@@ -21,8 +21,9 @@ from launch_recorder import (
 )
 from processes import Processes
 import pytest
+from uav_collect.errors import ConfigError
 from uav_collect.missions.simulation import Simulation
-from uav_collect.scenario.load import ConfigError, load
+from uav_collect.scenario.load import load
 from uav_collect.scenario.site import build_site
 import yaml
 

@@ -35,7 +35,8 @@ LATCHED = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 PROGRAM = """
 import os, signal, sys
 from std_msgs.msg import String
-from uav_collect.nodes.process import NodeError, ProcessNode, run_node
+from uav_collect.errors import NodeError
+from uav_collect.nodes.process import ProcessNode, run_node
 
 class Speaker(ProcessNode):
     def __init__(self):
@@ -99,7 +100,7 @@ def test_a_node_ends_with_the_status_it_asks_for(processes: Processes) -> None:
 
 
 def test_a_node_that_cannot_start_says_why_in_one_line(processes: Processes) -> None:
-    process = speaker(processes, at_start='raise NodeError("area.side: must be > 0", status=2)')
+    process = speaker(processes, at_start='raise NodeError("area.side: must be > 0")')
     assert process.wait_for_exit() == 2
     assert process.output == 'error: area.side: must be > 0\n'
 

@@ -11,7 +11,7 @@ from fleets import Fleet, scenario_of, wait_until
 from processes import DEADLINE_S, Processes, RunningProcess
 import pytest
 from rosbags.highlevel import AnyReader
-from uav_collect.recording.bag_reader import BagError, read_missions
+from uav_collect.recording.bag_reader import read_missions
 
 for needed in ('rclpy', 'uav_collect_msgs'):
     pytest.importorskip(needed)
@@ -19,6 +19,7 @@ for needed in ('rclpy', 'uav_collect_msgs'):
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.serialization import deserialize_message
+from uav_collect.errors import BagError
 from uav_collect.nodes import topics
 from uav_collect.nodes.middleware import find_each_other_quickly
 from uav_collect_msgs.msg import Epoch, Mission

@@ -11,10 +11,8 @@ from fleets import wait_until
 from processes import Processes
 import pytest
 from reports import same
-from uav_collect.scenario.load import ConfigError
-from uav_collect.training.run_record import read_columns, read_run, TrainingRunError
+from uav_collect.training.run_record import read_columns, read_run
 from uav_collect.uav.policy_file import load_policy
-from uav_collect.uav.policy_network import PolicyMismatchError
 
 torch = single_threaded_torch()
 pytest.importorskip('rclpy')
@@ -28,6 +26,7 @@ from trainings import (
     start_trainer,
     TRAINED_S,
 )
+from uav_collect.errors import ConfigError, PolicyMismatchError, TrainingRunError
 from uav_collect.nodes.trainer.settings import PARAMETERS, planned_run, TrainerSettings
 from uav_collect.training.folder import opened
 from uav_collect.training.progress import Budget

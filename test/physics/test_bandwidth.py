@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from interpreted import interpreted
 import numpy as np
 import pytest
+from uav_collect.errors import AllocationError
 from uav_collect.kernels.arrays import Floats
 from uav_collect.kernels.rows import new_row, row_of
 from uav_collect.limits import ALLOCATOR_NAMES
@@ -16,7 +17,6 @@ from uav_collect.physics.bandwidth import (
     allocate_equal,
     allocate_exact,
     Allocation,
-    AllocationError,
 )
 
 # Signal, error, demand of one hover, and B and N_0.

@@ -7,9 +7,9 @@ from bags import ABORTED, ENDED, HandMadeBag, STARTED
 import numpy as np
 import pytest
 from tiny_world import tiny, uav
+from uav_collect.errors import BagError, RecordingError
 from uav_collect.missions.rollout import fly
-from uav_collect.recording.bag_reader import BagError, read_missions, RecordedMission
-from uav_collect.recording.bag_writer import RecordingError
+from uav_collect.recording.bag_reader import read_missions, RecordedMission
 from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site, Site

@@ -12,9 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import pytest
 from rosbags.highlevel import AnyReader
-from uav_collect.recording.bag_reader import BagError
+from uav_collect.errors import BagError, RecordingError
 from uav_collect.recording.bag_repair import Repair, repair
-from uav_collect.recording.bag_writer import RecordingError
 
 PER_CHUNK = 10
 N_CHUNKS = 6

@@ -7,13 +7,13 @@ from hypothesis import given, strategies
 import numpy as np
 import pytest
 from scripted_logs import fly, header, uav
+from uav_collect.errors import MissionLogError
 from uav_collect.recording import mission_log
 from uav_collect.recording.mission_log import (
     ACTION_NAMES,
     EVENT_DTYPE,
     from_jsonl,
     MissionLog,
-    MissionLogError,
     REASON_NAMES,
 )
 

@@ -7,7 +7,8 @@ import sys
 from typing import NamedTuple
 
 import pytest
-from uav_collect.scenario.load import ConfigError, from_yaml, load, parse_override
+from uav_collect.errors import ConfigError
+from uav_collect.scenario.load import from_yaml, load, parse_override
 from uav_collect.scenario.site import build_site
 
 LENGTH = 'must be a number > 0 and <= 10000 m'

@@ -17,6 +17,7 @@ from study_jobs import (
     Saboteur,
     training,
 )
+from uav_collect.errors import StoreError
 from uav_collect.scenario.load import load, with_uavs
 from uav_collect.studies import catalogue
 from uav_collect.studies.claims import judging
@@ -25,7 +26,7 @@ from uav_collect.studies.comparisons import with_budget
 from uav_collect.studies.jobs.costs import disk_bytes, rates_of, spent
 from uav_collect.studies.jobs.jobs import digest_of, FlightsJob, Job, MISSIONS, PlansJob, POLICY
 from uav_collect.studies.jobs.processes import Processes
-from uav_collect.studies.jobs.store import Store, StoreError
+from uav_collect.studies.jobs.store import Store
 from uav_collect.studies.jobs.worker_messages import (
     Cost,
     Failed,

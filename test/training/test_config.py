@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from uav_collect.scenario.load import ConfigError
+from uav_collect.errors import ConfigError
 from uav_collect.training.config import load_preset, preset_names, TrainingConfig
 from uav_collect.uav.observation import Layout
 from uav_collect.world.reward import Reward

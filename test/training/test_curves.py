@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from run_folders import RECORD, write_run
 from uav_collect.__main__ import main
+from uav_collect.errors import TrainingRunError
 from uav_collect.training import curves as curves
 from uav_collect.training.run_record import (
     AXES,
@@ -20,7 +21,6 @@ from uav_collect.training.run_record import (
     read_columns,
     read_run,
     RUN_FILE,
-    TrainingRunError,
     VALIDATION_FILE,
 )
 

@@ -2,11 +2,11 @@ from dataclasses import dataclass, field
 
 import pytest
 from tiny_world import fly_scripts, MOVE_5_J, rate_bps, tiny, uav
+from uav_collect.errors import AllocationError, PolicyMismatchError
 from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.rows import row_of
 from uav_collect.limits import ALLOCATOR_NAMES
 from uav_collect.missions.simulation import Simulation
-from uav_collect.physics.bandwidth import AllocationError
 from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.uav.actions import (
@@ -25,7 +25,6 @@ from uav_collect.uav.belief import Belief, NEVER
 from uav_collect.uav.briefing import brief, Briefing
 from uav_collect.uav.messages import Decision, RadioMessage
 from uav_collect.uav.policy import policy_named
-from uav_collect.uav.policy_network import PolicyMismatchError
 from uav_collect.uav.view import LocalView
 
 N_CELLS = 16

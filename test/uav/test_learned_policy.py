@@ -12,6 +12,7 @@ import pytest
 from random_policies import header, random_policy, saved
 from tiny_world import tiny
 from uav_collect.analysis.metrics import check_log, mission_metrics
+from uav_collect.errors import PolicyMismatchError
 from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.rows import row_of
 from uav_collect.missions.rollout import fly
@@ -32,7 +33,7 @@ from uav_collect.uav.policy import (
     STRONG,
 )
 from uav_collect.uav.policy_file import load_policy
-from uav_collect.uav.policy_network import FrozenPolicy, PolicyMismatchError
+from uav_collect.uav.policy_network import FrozenPolicy
 from uav_collect.uav.view import LocalView
 
 SPEEDS_MPS = (5.0, 10.0, 7.5)

@@ -3,9 +3,10 @@ import math
 import numpy as np
 import pytest
 from tiny_world import Flight, tiny, uav
+from uav_collect.errors import ConfigError
 from uav_collect.kernels.arrays import Floats
 from uav_collect.kernels.rows import new_row, row_of
-from uav_collect.scenario.load import ConfigError, Scenario
+from uav_collect.scenario.load import Scenario
 from uav_collect.uav.actions import FORWARD, HOVER, N_ACTIONS, RIGHT
 from uav_collect.uav.agent import must_go_home
 from uav_collect.uav.belief import Belief, belief_of, hear, merge, new_beliefs

@@ -15,18 +15,14 @@ from safetensors import safe_open
 from safetensors.numpy import save_file
 from tiny_world import tiny
 import torch
+from uav_collect.errors import PolicyMismatchError
 from uav_collect.kernels.arrays import Bools, Floats
 from uav_collect.scenario.load import load
 from uav_collect.uav.actions import N_ACTIONS
 from uav_collect.uav.briefing import brief
 from uav_collect.uav.observation import Layout
 from uav_collect.uav.policy_file import FORMAT, load_policy, policy_bytes, save_policy
-from uav_collect.uav.policy_network import (
-    best_actions,
-    FrozenPolicy,
-    PolicyMismatchError,
-    weights_digest,
-)
+from uav_collect.uav.policy_network import best_actions, FrozenPolicy, weights_digest
 
 N_SEQUENCES, N_STEPS = 10_000, 6
 

@@ -12,12 +12,12 @@ import pytest
 from tiny_world import tiny
 from uav_collect.__main__ import main
 from uav_collect.analysis.metrics import check_log, mission_metrics
+from uav_collect.errors import PolicyMismatchError
 from uav_collect.missions.rollout import fly
 from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.uav.policy import policy_for
-from uav_collect.uav.policy_network import PolicyMismatchError
 from uav_collect.uav.user_policy import callable_policy, is_callable_name
 
 SEEDS = [3, 4]

@@ -8,10 +8,11 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 from uav_collect.analysis.metrics import check_log, mission_metrics
+from uav_collect.errors import ConfigError
 from uav_collect.kernels.arrays import Floats
 from uav_collect.missions.rollout import fly
 from uav_collect.recording.mission_log import ACTION_NAMES, MissionLog, REASON_NAMES
-from uav_collect.scenario.load import ConfigError, load, Scenario
+from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site
 
 N_SCENARIOS = 25

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
+from uav_collect.errors import MissionLogError
 from uav_collect.recording.mission_log import (
     ACTION_NAMES,
     Events,
     MissionLog,
-    MissionLogError,
     REASON_NAMES,
     UavHeader,
 )

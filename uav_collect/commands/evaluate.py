@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 from uav_collect import files
 from uav_collect.commands import options, terminal
+from uav_collect.errors import PolicyMismatchError
 
 if TYPE_CHECKING:  # loaded when flying, so that --help answers at once
     from uav_collect.analysis.metrics import MissionMetrics
@@ -122,7 +123,6 @@ def run(arguments: argparse.Namespace) -> int:
 def _contenders(arguments: argparse.Namespace, scenario: 'Scenario') -> list[_Contender]:
     """Find what is wrong before a thousand missions are flown for nothing."""
     from uav_collect.uav.policy import policy_for
-    from uav_collect.uav.policy_network import PolicyMismatchError
 
     for option, values in (('policy', arguments.policy), ('bandwidth', arguments.bandwidth)):
         if len(set(values)) < len(values):

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from uav_collect import files
 from uav_collect.commands import options, terminal
 from uav_collect.commands.terminal import Interruption, noted
-from uav_collect.training.run_record import TrainingRunError
+from uav_collect.errors import TrainingRunError
 
 if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
     from uav_collect.commands.figures_plan import Plan

@@ -10,7 +10,7 @@ from pathlib import Path
 import shutil
 import sys
 
-from uav_collect.config.yaml_text import ConfigError
+from uav_collect.errors import ConfigError, TrainingRunError
 from uav_collect.scenario.load import from_yaml
 from uav_collect.studies import catalogue
 from uav_collect.studies.jobs.costs import disk_bytes, GUESSED, Rates, rates_of, spent
@@ -20,7 +20,6 @@ from uav_collect.studies.jobs.work import kernels_of
 from uav_collect.studies.requests import Requests
 from uav_collect.studies.scale import load_scale, ScaleConfig
 from uav_collect.studies.study import Study
-from uav_collect.training.run_record import TrainingRunError
 
 _SPARE_BYTES = 200e6  # to be left on the disk
 

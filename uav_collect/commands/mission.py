@@ -9,13 +9,8 @@ import time
 from typing import TYPE_CHECKING
 
 from uav_collect.commands import options, report
-from uav_collect.commands.ros_processes import (
-    Fleet,
-    FleetError,
-    FleetProcess,
-    ros_parameters,
-    running_fleet,
-)
+from uav_collect.commands.ros_processes import Fleet, FleetProcess, ros_parameters, running_fleet
+from uav_collect.errors import FleetError, PolicyMismatchError
 from uav_collect.kernels.compile import interpret_kernels
 
 if TYPE_CHECKING:  # loaded when flying, so that --help answers at once
@@ -89,7 +84,6 @@ def _checked_policy(wanted: str | None, scenario: 'Scenario') -> str:
         PolicyMismatchError: the one that the user wants does not.
     """
     from uav_collect.uav.policy import policy_for, STRONG
-    from uav_collect.uav.policy_network import PolicyMismatchError
 
     if wanted is not None:
         policy_for(wanted, scenario)

@@ -6,8 +6,8 @@ import importlib.util
 import math
 from typing import TYPE_CHECKING
 
+from uav_collect.errors import TrainingRunError
 from uav_collect.limits import ALLOCATOR_NAMES, MAX_DECISIONS, MAX_SEED, MAX_UAVS
-from uav_collect.training.run_record import TrainingRunError
 
 if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
     from uav_collect.scenario.load import Scenario

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 
 from uav_collect import files
 from uav_collect.commands import terminal
-from uav_collect.recording.mission_log import MissionHeader, MissionLog, MissionLogError, read
+from uav_collect.errors import MissionLogError
+from uav_collect.recording.mission_log import MissionHeader, MissionLog, read
 
 if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
     from rich.console import Console
@@ -157,13 +158,9 @@ def _scenario_of(log: MissionLog, file: Path) -> 'Scenario':
 
 
 def _recorded(path: Path, pictures: Path) -> Iterator[tuple[FlownMission, Path]]:
-    from uav_collect.recording.bag_reader import BagError, read_missions
+    from uav_collect.recording.bag_reader import read_missions
 
-    try:
-        missions = read_missions(path)
-    except BagError as error:
-        raise MissionLogError(str(error)) from error
-    for recorded in missions:
+    for recorded in read_missions(path):
         mission = FlownMission(
             log=recorded.log,
             site=recorded.site,

@@ -9,14 +9,12 @@ import signal
 import subprocess
 import time
 
+from uav_collect.errors import FleetError
+
 _STOP_S = 5.0  # how long a process may take to end after SIGINT
 _PARTICIPANTS = 30  # that find each other where discovery stays on this machine
 _RESTARTS = 3  # of one process within _RESTART_S; more, and something is wrong with it
 _RESTART_S = 60.0
-
-
-class FleetError(RuntimeError):
-    """A mission's processes cannot start, or one of them failed: which, and its last words."""
 
 
 @dataclass(frozen=True, kw_only=True)

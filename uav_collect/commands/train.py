@@ -7,8 +7,8 @@ import sys
 from uav_collect.commands import options, terminal
 from uav_collect.commands.terminal import noted
 from uav_collect.commands.training_plan import ALGORITHMS, planned, Training
+from uav_collect.errors import DivergedError, InterruptedRunError, TrainingRunError
 from uav_collect.limits import MAX_SEED
-from uav_collect.training.run_record import TrainingRunError
 
 _DESCRIPTION = """
 Learns the policy of a fleet's UAVs by flying missions of a scenario, or of several in turn, and
@@ -105,7 +105,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _train_all(training: Training, checkpoint_s: float) -> int:
     from uav_collect.commands.training_session import train_and_tell
-    from uav_collect.learning.loop import DivergedError, InterruptedRunError
 
     status = 0
     with noted() as interruption:

@@ -8,7 +8,8 @@ import time
 from typing import TYPE_CHECKING
 
 from uav_collect.commands import options
-from uav_collect.commands.ros_processes import Fleet, FleetError, ros_parameters, running_fleet
+from uav_collect.commands.ros_processes import Fleet, ros_parameters, running_fleet
+from uav_collect.errors import FleetError
 
 if TYPE_CHECKING:  # loaded when training, so that --help answers at once
     from uav_collect.scenario.load import Scenario

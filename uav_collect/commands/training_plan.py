@@ -9,8 +9,9 @@ import sys
 from typing import TYPE_CHECKING
 
 from uav_collect.commands import options
+from uav_collect.errors import TrainingRunError
 from uav_collect.training.planned_run import new_record, PlannedRun, stored_run
-from uav_collect.training.run_record import read_run, RUN_FILE, RunRecord, TrainingRunError
+from uav_collect.training.run_record import read_run, RUN_FILE, RunRecord
 
 if TYPE_CHECKING:  # loaded when training, so that --help answers at once
     from uav_collect.scenario.load import Scenario

@@ -8,7 +8,8 @@ from uav_collect.analysis.metrics import percent
 from uav_collect.commands import curves
 from uav_collect.commands.terminal import Interruption
 from uav_collect.commands.training_plan import resume_command
-from uav_collect.learning.loop import InterruptedRunError, is_saved, train, trainer_of
+from uav_collect.errors import InterruptedRunError
+from uav_collect.learning.loop import is_saved, train, trainer_of
 from uav_collect.training.curves import learning_curves
 from uav_collect.training.display import clock, showing
 from uav_collect.training.folder import BEST_POLICY, CURVE, opened

@@ -10,7 +10,8 @@ import os
 from pathlib import Path
 from typing import Any
 
-from uav_collect.config.yaml_text import ConfigError, Keys, line_of, read_value, shown, Source
+from uav_collect.config.yaml_text import Keys, line_of, read_value, shown, Source
+from uav_collect.errors import ConfigError
 
 _SUFFIXES = ('.yaml', '.yml')
 

@@ -11,7 +11,8 @@ from typing import Any, get_args, get_origin, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import core_schema, ErrorDetails, PydanticCustomError
 from uav_collect.config.layers import Document
-from uav_collect.config.yaml_text import ConfigError, Keys, shown
+from uav_collect.config.yaml_text import Keys, shown
+from uav_collect.errors import ConfigError
 
 _Model = TypeVar('_Model', bound=BaseModel)
 

@@ -6,32 +6,17 @@ from pathlib import Path
 import re
 from typing import Any
 
+from uav_collect.errors import ConfigError
 import yaml
 
 Keys = tuple[str | int, ...]  # the way to a value: mapping keys and list indices
 
-_MAX_LINES = 10  # of one error message
 _MAX_SHOWN = 60  # characters of a wrong value
 
 # YAML 1.1 reads 1e-3 and 1.5e6 as text; YAML 1.2, and everybody who writes them, as numbers.
 _EXPONENT = re.compile(r'[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+')
 _FLOAT_TAG = 'tag:yaml.org,2002:float'
 _MERGE_TAG = 'tag:yaml.org,2002:merge'
-
-
-class ConfigError(ValueError):
-    """A configuration that cannot be used: one line per problem, ready to be shown."""
-
-    def __init__(self, *problems: str) -> None:
-        """Keep the problems; the message shows the first ten."""
-        super().__init__(*problems)
-        self.problems = problems
-
-    def __str__(self) -> str:
-        """One line per problem."""
-        left_out = len(self.problems) - _MAX_LINES
-        more = [f'... and {left_out} more problems'] if left_out > 0 else []
-        return '\n'.join([*self.problems[:_MAX_LINES], *more])
 
 
 class _Loader(getattr(yaml, 'CSafeLoader', yaml.SafeLoader)):  # type: ignore[misc]

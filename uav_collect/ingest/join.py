@@ -9,12 +9,12 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from enum import StrEnum
 
+from uav_collect.errors import RefusedError
 from uav_collect.ingest.rebuild import EpisodeBuilder, MissionParts
 from uav_collect.ingest.reports import (
     EventReport,
     FleetReport,
     MissionReport,
-    RefusedError,
     ReportSpec,
     TransitionReport,
 )

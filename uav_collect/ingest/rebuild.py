@@ -9,12 +9,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from uav_collect.errors import ConfigError, RefusedError
 from uav_collect.ingest.reports import (
     EventReport,
     FLOAT32,
     FLOAT64,
     MissionReport,
-    RefusedError,
     TransitionReport,
 )
 from uav_collect.kernels.arrays import Floats, Ints, Row
@@ -26,7 +26,6 @@ from uav_collect.missions.experience import (
     observations,
     Records,
 )
-from uav_collect.scenario.load import ConfigError
 from uav_collect.scenario.site import Site
 from uav_collect.uav.actions import HOME, NONE
 from uav_collect.uav.briefing import brief, Briefing

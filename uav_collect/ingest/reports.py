@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from uav_collect.errors import RefusedError
 from uav_collect.missions.experience import n_map_bytes
 from uav_collect.scenario.load import fingerprint
 from uav_collect.scenario.site import Site
@@ -18,10 +19,6 @@ from uav_collect.uav.actions import HOME, N_ACTIONS, NONE
 from uav_collect.uav.observation import Layout, observation_size
 
 FLOAT32, FLOAT64 = np.dtype('<f4'), np.dtype('<f8')  # of arrays in messages
-
-
-class RefusedError(ValueError):
-    """A message that cannot be learned from: which, what of it, its value, what it must be."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,14 +5,14 @@ from dataclasses import dataclass
 from queue import Empty, SimpleQueue
 from threading import Thread
 
+from uav_collect.errors import DivergedError, InterruptedRunError, TrainingRunError
 from uav_collect.kernels.compile import kernels_are_compiled
 from uav_collect.learning.fleet_source import Intake
-from uav_collect.learning.loop import DivergedError, InterruptedRunError, train, trainer_of
+from uav_collect.learning.loop import train, trainer_of
 from uav_collect.learning.trainer import Trainer
 from uav_collect.training.folder import BEST_POLICY, opened
 from uav_collect.training.planned_run import PlannedRun
 from uav_collect.training.progress import Budget, Progress
-from uav_collect.training.run_record import TrainingRunError
 from uav_collect.uav.policy_network import FrozenPolicy
 
 

@@ -6,12 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from uav_collect.errors import CheckpointError
 
 _FILE = 'state.pt'
-
-
-class CheckpointError(ValueError):
-    """A checkpoint that cannot be gone on from: which, and why."""
 
 
 def write_checkpoint(folder: Path, state: dict[str, Any]) -> None:

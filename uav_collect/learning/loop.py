@@ -6,22 +6,16 @@ from pathlib import Path
 from time import monotonic
 
 from uav_collect import files
-from uav_collect.learning.checkpoint import CheckpointError
+from uav_collect.errors import (
+    DivergedError,
+    InterruptedRunError,
+    PolicyMismatchError,
+)
 from uav_collect.learning.task import Source
 from uav_collect.learning.trainer import Trainer
 from uav_collect.training.folder import BEST_POLICY, CHECKPOINT, LAST_POLICY, RunFolder
 from uav_collect.training.planned_run import PlannedRun
 from uav_collect.training.progress import Budget, Progress
-from uav_collect.training.run_record import TrainingRunError
-from uav_collect.uav.policy_network import PolicyMismatchError
-
-
-class DivergedError(RuntimeError):
-    """The loss of a training is no number any more."""
-
-
-class InterruptedRunError(RuntimeError):
-    """A run was stopped, and saved."""
 
 
 def trainer_of(run: PlannedRun, sources: Sequence[Source] | None = None) -> Trainer:
@@ -32,16 +26,13 @@ def trainer_of(run: PlannedRun, sources: Sequence[Source] | None = None) -> Trai
         sources: of each scenario's missions, which are flown in this process otherwise.
 
     Raises:
-        TrainingRunError: the checkpoint cannot be read.
+        CheckpointError: the checkpoint cannot be read.
         ConfigError: the scenario cannot be trained with these settings.
         PolicyMismatchError: the network is not that of the policy to start from.
     """
     checkpoint = run.folder / CHECKPOINT
     if is_saved(checkpoint):
-        try:
-            return Trainer.resume(checkpoint, sources)
-        except CheckpointError as error:
-            raise TrainingRunError(str(error)) from error
+        return Trainer.resume(checkpoint, sources)
     record = run.record
     return Trainer(
         run.scenarios,

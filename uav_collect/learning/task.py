@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
+from uav_collect.errors import ConfigError
 from uav_collect.learning.collector import Collector
 from uav_collect.learning.minibatch import Algorithm, Minibatch, minibatch
 from uav_collect.learning.network import Drqn
@@ -12,7 +13,7 @@ from uav_collect.learning.replay import Replay
 from uav_collect.missions.experience import Episode
 from uav_collect.missions.rollout import fly
 from uav_collect.recording.mission_log import MissionLog
-from uav_collect.scenario.load import ConfigError, Scenario
+from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import build_site, Site
 from uav_collect.training.config import TrainingConfig
 from uav_collect.training.progress import RecentMissions

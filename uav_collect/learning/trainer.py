@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from uav_collect.analysis.metrics import mission_metrics
 from uav_collect.analysis.statistics import mission_seeds
-from uav_collect.learning.checkpoint import CheckpointError, read_checkpoint, write_checkpoint
+from uav_collect.errors import CheckpointError, PolicyMismatchError
+from uav_collect.learning.checkpoint import read_checkpoint, write_checkpoint
 from uav_collect.learning.learner import Learner
 from uav_collect.learning.minibatch import Algorithm
 from uav_collect.learning.task import new_courses, Source
@@ -19,12 +20,7 @@ from uav_collect.training.progress import Budget, Pace, Progress, Validation
 from uav_collect.uav import policy_network
 from uav_collect.uav.observation import observation_size
 from uav_collect.uav.policy import LearnedPolicy
-from uav_collect.uav.policy_network import (
-    FrozenPolicy,
-    PolicyHeader,
-    PolicyMismatchError,
-    weights_digest,
-)
+from uav_collect.uav.policy_network import FrozenPolicy, PolicyHeader, weights_digest
 
 VALIDATION_SEED = 2**60  # of the first validation mission
 _REPLAY_KEY = 1  # of the run's seed: which missions are learned from

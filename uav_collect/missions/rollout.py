@@ -9,6 +9,7 @@ from functools import partial
 import math
 
 import numpy as np
+from uav_collect.errors import PolicyMismatchError
 from uav_collect.kernels.compile import kernel
 from uav_collect.limits import ALLOCATOR_NAMES
 from uav_collect.missions.batch import arrive, Batch, new_batch
@@ -32,7 +33,7 @@ from uav_collect.uav.belief import belief_of
 from uav_collect.uav.briefing import brief, Briefing
 from uav_collect.uav.heuristics import choose
 from uav_collect.uav.policy import LearnedPolicy, Policy, policy_for, RulePolicy
-from uav_collect.uav.policy_network import best_actions, PolicyMismatchError
+from uav_collect.uav.policy_network import best_actions
 from uav_collect.world.dynamics import end_s, next_uav, start_action
 from uav_collect.world.sensor_field import Ground, lay_out
 from uav_collect.world.state import mission_of

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from uav_collect.errors import AllocationError
 from uav_collect.kernels.arrays import Bools, check_shape, Floats, Ints
 from uav_collect.kernels.compile import kernels_are_compiled
 from uav_collect.kernels.rows import new_map_table, new_row, new_table
@@ -34,7 +35,7 @@ from uav_collect.missions.experience import (
     write_fleet,
 )
 from uav_collect.missions.simulation import mission_header
-from uav_collect.physics.bandwidth import AllocationError, EQUAL, EXACT
+from uav_collect.physics.bandwidth import EQUAL, EXACT
 from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.site import Site
 from uav_collect.uav.actions import check_can_start, N_ACTIONS, NONE

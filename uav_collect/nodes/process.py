@@ -22,6 +22,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 from rclpy.utilities import remove_ros_args
+from uav_collect.errors import NodeError
 from uav_collect.nodes.middleware import find_each_other_quickly
 
 FAILED = 1  # exit status of a node that could not go on
@@ -32,15 +33,6 @@ _LAST_WORDS_S = 0.5  # longest wait of a stopped node for the readers of what it
 _HANDOVER_S = 4.0  # the same of a node that ends by itself: DDS repeats lost packets every 3 s
 _N_RETIRED = 8  # subscriptions kept after their end; what was queued for more has passed
 _FOUND_S = 1.0  # within this, listeners find a new node: one that ends by itself lives as long
-
-
-class NodeError(Exception):
-    """A node cannot start: one line that says why, and the exit status."""
-
-    def __init__(self, message: str, *, status: int = MISUSED) -> None:
-        """Say why, and which exit status the process shall have."""
-        super().__init__(message)
-        self.status = status
 
 
 class ProcessNode(Node):
@@ -126,7 +118,7 @@ def run_node(make_node: Callable[[], ProcessNode], argv: Sequence[str]) -> int:
     try:
         node = make_node()
     except NodeError as error:
-        return _refuse(str(error), error.status)
+        return _refuse(str(error), MISUSED)
     except ParameterException as error:
         return _refuse(str(error), MISUSED)
     else:

@@ -13,6 +13,7 @@ import math
 from typing import cast
 
 import numpy as np
+from uav_collect.errors import AllocationError
 from uav_collect.kernels.arrays import Bools, check_shape, Floats, Row
 from uav_collect.kernels.compile import kernel, kernels_are_compiled
 from uav_collect.kernels.rows import new_row
@@ -195,10 +196,6 @@ def _share_rows(
             noise_w_per_hz,
             share_hz[m],
         )
-
-
-class AllocationError(ValueError):
-    """Bandwidth cannot be allocated for these numbers: the message names quantity and index."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,8 +17,9 @@ import clarabel
 import cvxpy as cp
 import numpy as np
 from scipy import sparse
+from uav_collect.errors import AllocationError
 from uav_collect.kernels.arrays import Floats
-from uav_collect.physics.bandwidth import allocate_equal, Allocation, AllocationError, hover_time_s
+from uav_collect.physics.bandwidth import allocate_equal, Allocation, hover_time_s
 from uav_collect.physics.bandwidth_newton import certified_gap
 
 # A row of a cone program: factors by variable, and a constant.

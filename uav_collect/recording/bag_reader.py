@@ -8,15 +8,10 @@ from typing import Any
 
 import numpy as np
 from rosbags.highlevel import AnyReader, AnyReaderError
+from uav_collect.errors import BagError, ConfigError, MissionLogError
 from uav_collect.kernels.arrays import Floats
-from uav_collect.recording.mission_log import (
-    EVENT_DTYPE,
-    Events,
-    header_from_line,
-    MissionLog,
-    MissionLogError,
-)
-from uav_collect.scenario.load import ConfigError, from_yaml
+from uav_collect.recording.mission_log import EVENT_DTYPE, Events, header_from_line, MissionLog
+from uav_collect.scenario.load import from_yaml
 from uav_collect.scenario.site import build_site, Site
 
 # What topics end with: worlds may have a namespace.
@@ -25,10 +20,6 @@ _MISSION = '/world/mission'
 _EPOCH = '/world/epoch'
 _DELIVERED = '/radio_rx'
 _ENDED = 1  # Mission.ENDED
-
-
-class BagError(ValueError):
-    """A bag that cannot be read: which, why, and what to do."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -20,7 +20,7 @@ from rosbags.rosbag2 import ReaderError, StoragePlugin, Writer
 from rosbags.rosbag2.metadata import parse_qos
 from rosbags.rosbag2.storage_mcap import decompress
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores
-from uav_collect.recording.bag_reader import BagError
+from uav_collect.errors import BagError
 from uav_collect.recording.bag_writer import RESERVE
 
 _MAGIC = b'\x89MCAP0\r\n'

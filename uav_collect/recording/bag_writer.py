@@ -17,14 +17,11 @@ from rosbags.interfaces import Connection, Qos
 from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
 from rosbags.rosbag2.storage_mcap import PendingChunk
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores
+from uav_collect.errors import RecordingError
 
 _SEPARATOR = '=' * 80
 RESERVE = '.reserve'  # a file that keeps room for index and metadata, should the disk get full
 _RESERVE_BYTE = 1 << 20
-
-
-class RecordingError(Exception):
-    """A recording cannot be started or continued: one line that says why."""
 
 
 class MessageTypes:

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from uav_collect.errors import MissionLogError
 
 FORMAT = 'uav_collect mission log'
 FORMAT_VERSION = 1
@@ -42,10 +43,6 @@ EVENT_DTYPE = np.dtype(
 )
 
 Events = NDArray[np.void]
-
-
-class MissionLogError(ValueError):
-    """A mission log that cannot be read: what is wrong, and in which line."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,7 +16,8 @@ from uav_collect.config import layers
 from uav_collect.config.installed import shared_folders
 from uav_collect.config.layers import Document
 from uav_collect.config.rules import pair, validated, whole
-from uav_collect.config.yaml_text import ConfigError, Keys, shown
+from uav_collect.config.yaml_text import Keys, shown
+from uav_collect.errors import ConfigError
 from uav_collect.scenario import sensor_files
 from uav_collect.scenario.model import (
     AreaConfig,
@@ -36,7 +37,6 @@ from uav_collect.scenario.model import (
 
 __all__ = [
     'AreaConfig',
-    'ConfigError',
     'CsvSensors',
     'DemandConfig',
     'DrawnSensors',

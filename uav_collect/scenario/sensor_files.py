@@ -7,7 +7,8 @@ import io
 import math
 from pathlib import Path
 
-from uav_collect.config.yaml_text import ConfigError, shown
+from uav_collect.config.yaml_text import shown
+from uav_collect.errors import ConfigError
 
 # WGS84, the ellipsoid of GPS.
 _SEMI_MAJOR_AXIS_M = 6378137.0

@@ -11,7 +11,7 @@ from pydantic import Field
 from uav_collect.config import layers
 from uav_collect.config.installed import shared_folders
 from uav_collect.config.rules import number, Section, text, validated, whole
-from uav_collect.config.yaml_text import ConfigError
+from uav_collect.errors import ConfigError
 from uav_collect.limits import MAX_DECISIONS, MAX_UAVS
 
 _Count = Annotated[int, whole(1, 1000)]

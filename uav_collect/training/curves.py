@@ -19,15 +19,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter
 import numpy as np
 from uav_collect.analysis.trajectories import COLOURS, DPI
+from uav_collect.errors import TrainingRunError
 from uav_collect.kernels.arrays import Floats
-from uav_collect.training.run_record import (
-    Axis,
-    Measure,
-    read_columns,
-    read_run,
-    RunRecord,
-    TrainingRunError,
-)
+from uav_collect.training.run_record import Axis, Measure, read_columns, read_run, RunRecord
 
 _REFERENCE_STYLES = ((0.0, (5.0, 2.0)), (0.0, (1.5, 1.5)), (0.0, (5.0, 1.5, 1.0, 1.5)))
 _TITLE_WIDTH, _LABEL_WIDTH = 100, 85  # characters

@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import Any, TextIO, TYPE_CHECKING
 
 from uav_collect import files
+from uav_collect.errors import TrainingRunError
 from uav_collect.training.planned_run import CONFIG_FILE, INITIAL_POLICY, PlannedRun
 from uav_collect.training.run_record import (
     PROGRESS_COLUMNS,
     PROGRESS_FILE,
     RUN_FILE,
-    TrainingRunError,
     VALIDATION_COLUMNS,
     VALIDATION_FILE,
 )

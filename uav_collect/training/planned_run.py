@@ -11,8 +11,9 @@ import shlex
 import sys
 from typing import Any, TYPE_CHECKING
 
+from uav_collect.errors import TrainingRunError
 from uav_collect.revision import git_revision, VERSION
-from uav_collect.training.run_record import RunRecord, TrainingRunError
+from uav_collect.training.run_record import RunRecord
 
 if TYPE_CHECKING:  # loaded when training, so that --help answers at once
     from uav_collect.scenario.load import Scenario

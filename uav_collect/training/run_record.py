@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from uav_collect.errors import TrainingRunError
 from uav_collect.kernels.arrays import Floats
 
 RUN_FILE = 'run.json'
@@ -71,10 +72,6 @@ AXES = (
     Axis(key='minutes', title='time of training [min]', column='wall_s', scale=1.0 / 60.0),
     Axis(key='updates', title='updates', column='n_updates', scale=1.0),
 )
-
-
-class TrainingRunError(ValueError):
-    """A run folder that cannot be used as asked: which, why, and what would help."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,10 +2,11 @@
 
 import math
 
+from uav_collect.errors import ConfigError
 from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.compile import kernel
 from uav_collect.kernels.rows import new_row
-from uav_collect.scenario.load import ConfigError, Scenario
+from uav_collect.scenario.load import Scenario
 from uav_collect.uav.briefing import Briefing
 
 NONE = -1  # before the first action

@@ -9,17 +9,12 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
+from uav_collect.errors import AllocationError
 from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.compile import kernel
 from uav_collect.kernels.rows import new_row
 from uav_collect.limits import ALLOCATOR_NAMES
-from uav_collect.physics.bandwidth import (
-    allocate_cvxpy,
-    AllocationError,
-    EQUAL,
-    EXACT,
-    share_bandwidth,
-)
+from uav_collect.physics.bandwidth import allocate_cvxpy, EQUAL, EXACT, share_bandwidth
 from uav_collect.uav import actions
 from uav_collect.uav.actions import HOME, HOVER, N_ACTIONS, NONE
 from uav_collect.uav.belief import belief_of, forget, hear, new_beliefs, observe

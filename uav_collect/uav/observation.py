@@ -12,7 +12,7 @@ A layout's name carries its version: a frozen policy refuses any other.
 from enum import IntEnum
 import math
 
-from uav_collect.config.yaml_text import ConfigError
+from uav_collect.errors import ConfigError
 from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.compile import kernel
 from uav_collect.limits import EGOCENTRIC_MAX_UAVS

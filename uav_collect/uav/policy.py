@@ -7,6 +7,7 @@ from typing import Protocol
 
 import numpy as np
 from uav_collect.config.installed import shared_folders
+from uav_collect.errors import PolicyMismatchError
 from uav_collect.kernels.arrays import Floats, Row
 from uav_collect.kernels.rows import new_row
 from uav_collect.scenario.load import Scenario
@@ -17,7 +18,7 @@ from uav_collect.uav.exploration import explore
 from uav_collect.uav.heuristics import choose, Heuristic, MEMORY_SIZE
 from uav_collect.uav.observation import encode
 from uav_collect.uav.policy_file import load_policy, SUFFIX
-from uav_collect.uav.policy_network import best_actions, FrozenPolicy, PolicyMismatchError
+from uav_collect.uav.policy_network import best_actions, FrozenPolicy
 from uav_collect.uav.user_policy import callable_policy, CallablePolicy, is_callable_name
 from uav_collect.uav.view import LocalView
 

@@ -10,14 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
+from uav_collect.errors import PolicyMismatchError
 from uav_collect.uav.observation import Layout
-from uav_collect.uav.policy_network import (
-    FrozenPolicy,
-    PolicyHeader,
-    PolicyMismatchError,
-    Validation,
-    Weights,
-)
+from uav_collect.uav.policy_network import FrozenPolicy, PolicyHeader, Validation, Weights
 
 FORMAT = 'uav_collect.policy/1'
 SUFFIX = '.safetensors'

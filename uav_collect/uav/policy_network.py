@@ -16,6 +16,7 @@ from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
+from uav_collect.errors import PolicyMismatchError
 from uav_collect.kernels.arrays import Bools, Floats, Ints
 from uav_collect.limits import EGOCENTRIC_MAX_UAVS, MAX_UAVS
 from uav_collect.uav.actions import N_ACTIONS
@@ -23,10 +24,6 @@ from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.observation import Layout, observation_size
 
 Weights = Mapping[str, NDArray[np.float32]]
-
-
-class PolicyMismatchError(ValueError):
-    """A policy that does not exist or does not fit: which, and what would."""
 
 
 @dataclass(frozen=True, kw_only=True)

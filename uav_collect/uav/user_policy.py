@@ -20,11 +20,11 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
+from uav_collect.errors import PolicyMismatchError
 from uav_collect.kernels.arrays import Ints, Row
 from uav_collect.uav.actions import HOME, N_ACTIONS
 from uav_collect.uav.belief import Belief
 from uav_collect.uav.briefing import Briefing
-from uav_collect.uav.policy_network import PolicyMismatchError
 from uav_collect.uav.view import LocalView
 
 _VERSION_DIGITS = 12

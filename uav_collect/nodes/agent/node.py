@@ -13,6 +13,7 @@ import uuid
 from rclpy.clock import Clock, ClockType
 from rclpy.task import Future
 from rclpy.utilities import remove_ros_args
+from uav_collect.errors import ConfigError, NodeError, PolicyMismatchError
 from uav_collect.limits import ALLOCATOR_NAMES, MAX_UAVS
 from uav_collect.lockstep.inbox import Inbox
 from uav_collect.lockstep.published_policy import PolicyStore, TopicPolicy
@@ -20,15 +21,14 @@ from uav_collect.nodes import convert, topics
 from uav_collect.nodes.agent.transitions import Reporter
 from uav_collect.nodes.agent.world_choice import WorldChoice
 from uav_collect.nodes.parameters import add_world_option, declare, help_text, Parameter
-from uav_collect.nodes.process import MISUSED, NodeError, ProcessNode, run_node
+from uav_collect.nodes.process import MISUSED, ProcessNode, run_node
 from uav_collect.nodes.topics import publisher, subscription
 from uav_collect.nodes.trainer_listener import subscribe_to_trainers
-from uav_collect.scenario.load import ConfigError, fingerprint, from_yaml, Scenario
+from uav_collect.scenario.load import fingerprint, from_yaml, Scenario
 from uav_collect.uav.agent import Agent, allocator_named
 from uav_collect.uav.briefing import brief, Briefing
 from uav_collect.uav.observation import Layout
 from uav_collect.uav.policy import policy_for, policy_named, STRONG, TOPIC
-from uav_collect.uav.policy_network import PolicyMismatchError
 from uav_collect_msgs.srv import Join
 
 _DESCRIPTION = """

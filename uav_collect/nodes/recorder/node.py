@@ -25,17 +25,11 @@ from rosbags.interfaces import (
     QosReliability,
     QosTime,
 )
+from uav_collect.errors import BagError, NodeError, RecordingError
 from uav_collect.nodes.parameters import add_world_option, declare, help_text, Parameter
-from uav_collect.nodes.process import (
-    FAILED,
-    MISUSED,
-    NodeError,
-    parse_arguments,
-    ProcessNode,
-    run_node,
-)
+from uav_collect.nodes.process import FAILED, MISUSED, parse_arguments, ProcessNode, run_node
 from uav_collect.nodes.topics import Topic, topics_of_uav, world_of, world_topics
-from uav_collect.recording.bag_writer import BagWriter, MessageTypes, RecordingError
+from uav_collect.recording.bag_writer import BagWriter, MessageTypes
 from uav_collect_msgs.msg import Epoch, Mission
 
 _DESCRIPTION = """
@@ -231,7 +225,6 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _repair(bag: Path) -> int:
-    from uav_collect.recording.bag_reader import BagError
     from uav_collect.recording.bag_repair import repair
 
     try:

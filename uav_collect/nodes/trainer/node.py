@@ -15,11 +15,19 @@ import uuid
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import QoSProfile
+from uav_collect.errors import (
+    BagError,
+    ConfigError,
+    NodeError,
+    PolicyMismatchError,
+    RefusedError,
+    TrainingRunError,
+)
 from uav_collect.ingest import rebuild
 from uav_collect.ingest.from_messages import converter_for
 from uav_collect.ingest.join import DropReason, JoinCounts, MissionJoiner, ReportOutcome
 from uav_collect.ingest.rebuild import EpisodeBuilder
-from uav_collect.ingest.reports import FleetReport, RefusedError, report_spec
+from uav_collect.ingest.reports import FleetReport, report_spec
 from uav_collect.kernels.compile import kernels_are_cached, kernels_are_compiled
 from uav_collect.learning.background import Ending, Flown, Learning
 from uav_collect.learning.learner import keep_freed_memory
@@ -28,24 +36,14 @@ from uav_collect.missions import vector_env
 from uav_collect.nodes import topics
 from uav_collect.nodes.incidents import Incidents
 from uav_collect.nodes.parameters import help_text
-from uav_collect.nodes.process import (
-    FAILED,
-    MISUSED,
-    NodeError,
-    parse_arguments,
-    ProcessNode,
-    run_node,
-)
+from uav_collect.nodes.process import FAILED, MISUSED, parse_arguments, ProcessNode, run_node
 from uav_collect.nodes.trainer.settings import PARAMETERS, planned_run, read_settings
-from uav_collect.recording.bag_reader import BagError, messages
-from uav_collect.scenario.load import ConfigError
+from uav_collect.recording.bag_reader import messages
 from uav_collect.scenario.site import build_site
 from uav_collect.training.display import showing
 from uav_collect.training.planned_run import PlannedRun
-from uav_collect.training.run_record import TrainingRunError
 from uav_collect.uav.briefing import brief
 from uav_collect.uav.policy_file import policy_bytes
-from uav_collect.uav.policy_network import PolicyMismatchError
 from uav_collect_msgs.msg import Policy
 
 _DESCRIPTION = """

@@ -4,12 +4,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rclpy.node import Node
+from uav_collect.errors import TrainingRunError
 from uav_collect.limits import MAX_DECISIONS, MAX_SEED
 from uav_collect.nodes.parameters import declare, Parameter
 from uav_collect.scenario.load import load, parse_override
 from uav_collect.training.config import load_preset
 from uav_collect.training.planned_run import new_record, PlannedRun, stored_run
-from uav_collect.training.run_record import read_run, RUN_FILE, TrainingRunError
+from uav_collect.training.run_record import read_run, RUN_FILE
 from uav_collect.uav.policy import frozen_policy
 
 _ALGORITHMS = ('aqmix', 'aiql')

@@ -9,6 +9,7 @@ import uuid
 
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
+from uav_collect.errors import ConfigError, NodeError
 from uav_collect.lockstep.published_policy import PolicyStore
 from uav_collect.lockstep.roster import Roster
 from uav_collect.lockstep.schedule import MissionSchedule, SimulationPacer
@@ -16,7 +17,7 @@ from uav_collect.missions.simulation import Event
 from uav_collect.nodes import convert, topics
 from uav_collect.nodes.identity import Identity, identity_of, rivalry, scenario_msg
 from uav_collect.nodes.parameters import add_world_option, help_text
-from uav_collect.nodes.process import FAILED, NodeError, parse_arguments, ProcessNode, run_node
+from uav_collect.nodes.process import FAILED, parse_arguments, ProcessNode, run_node
 from uav_collect.nodes.topics import subscription
 from uav_collect.nodes.trainer_listener import subscribe_to_trainers
 from uav_collect.nodes.world.diagnostics import Reports
@@ -25,7 +26,7 @@ from uav_collect.nodes.world.mission import FAILSAFE, Flight, mission_msg, summa
 from uav_collect.nodes.world.publishers import Voice
 from uav_collect.nodes.world.settings import PARAMETERS, read_settings
 from uav_collect.recording.mission_folder import RunFolder
-from uav_collect.scenario.load import ConfigError, load
+from uav_collect.scenario.load import load
 from uav_collect.scenario.site import build_site, Site
 from uav_collect.uav.actions import check_can_start
 from uav_collect.uav.briefing import brief

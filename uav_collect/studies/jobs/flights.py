@@ -14,6 +14,7 @@ from uav_collect.analysis.metrics import mission_metrics, MissionMetrics
 from uav_collect.analysis.plan_shares import bound_metrics
 from uav_collect.analysis.statistics import estimates, mission_seeds
 from uav_collect.analysis.statistics import MEASURES as MEANS
+from uav_collect.errors import PolicyMismatchError
 from uav_collect.missions.rollout import fly
 from uav_collect.planning.bound import bound_of
 from uav_collect.recording.mission_log import MissionLog
@@ -22,7 +23,7 @@ from uav_collect.scenario.site import build_site
 from uav_collect.studies.jobs.jobs import FlightsJob, MISSIONS, PlansJob, SUMMARY
 from uav_collect.uav.policy import LearnedPolicy, policy_named, RulePolicy
 from uav_collect.uav.policy_file import policy_from_bytes
-from uav_collect.uav.policy_network import FrozenPolicy, PolicyMismatchError, Validation
+from uav_collect.uav.policy_network import FrozenPolicy, Validation
 
 MISSION_COLUMNS = (
     'mission_seed', 'efficiency_kbit_per_j', 'completion_s', 'energy_kj', 'collected_mbit',

@@ -12,6 +12,7 @@ from time import monotonic, process_time
 from typing import Any
 
 import torch
+from uav_collect.errors import DivergedError, PolicyMismatchError
 from uav_collect.learning.learner import keep_freed_memory
 from uav_collect.learning.trainer import Trainer
 from uav_collect.revision import UNKNOWN
@@ -27,7 +28,7 @@ from uav_collect.studies.jobs.jobs import (
 )
 from uav_collect.training.progress import Budget, Progress
 from uav_collect.uav.policy_file import policy_bytes
-from uav_collect.uav.policy_network import FrozenPolicy, PolicyMismatchError
+from uav_collect.uav.policy_network import FrozenPolicy
 
 _STATE = 'state.pt'
 _NEVER = 10**9  # updates
@@ -35,10 +36,6 @@ _SETTLED_SHARE = 0.3  # of the time: until then there may be nothing to learn fr
 
 # How far it is; or that and what to go on from; or the files that came out.
 Step = float | tuple[float, Any] | Mapping[str, bytes]
-
-
-class NothingLearnedError(ValueError):
-    """A training whose weights are no numbers before its first validation."""
 
 
 def learn(
@@ -51,7 +48,7 @@ def learn(
 
     Raises:
         ConfigError: the scenario cannot be trained with these settings.
-        NothingLearnedError: it diverged at once.
+        DivergedError: it diverged at once.
     """
     torch.set_num_threads(1)  # others run beside; and the number decides the last bits of sums
     keep_freed_memory()
@@ -72,7 +69,7 @@ def learn(
         diverged = str(error)
     policy = trainer.best_policy()
     if policy is None:
-        raise NothingLearnedError(f'{job.algorithm}, seed {job.seed}: diverged: {diverged}')
+        raise DivergedError(f'{job.algorithm}, seed {job.seed}: diverged: {diverged}')
     yield _results(job, policy, rows, trainer.n_updates, diverged)
 
 

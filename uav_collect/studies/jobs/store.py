@@ -15,15 +15,12 @@ from pathlib import Path
 import shutil
 
 from uav_collect import files
+from uav_collect.errors import StoreError
 from uav_collect.studies.jobs.jobs import digest_of, Job, to_json
 from uav_collect.studies.jobs.worker_messages import Cost
 
 _JOB = 'job.json'
 _COST = 'cost.json'
-
-
-class StoreError(ValueError):
-    """A store that holds something else than it should: where, and what."""
 
 
 class Store:

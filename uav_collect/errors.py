@@ -1,0 +1,94 @@
+"""Every exception that this package raises for its callers to handle.
+
+UavCollectError
+  x ConfigError             a scenario or a preset that cannot be used
+  x PolicyMismatchError     a policy that does not exist, is broken or does not fit
+  x AllocationError         bandwidth that cannot be allocated
+  x RecordingError          a mission that cannot be recorded
+  x MissionLogError         a mission log that cannot be read
+  x BagError                a bag that cannot be read
+  x RefusedError            a message that cannot be learned from
+  + TrainingRunError        a run folder that cannot be used as asked
+    x CheckpointError       a checkpoint that a training cannot go on from
+  x DivergedError           a training whose loss or weights are no numbers any more
+  x InterruptedRunError     a training that was stopped, and saved
+  x StoreError              a store of results that holds something else than it should
+  x FleetError              processes of a mission that cannot start, or failed
+  x NodeError               a node that cannot start
+
+A command shows each of them as one line. What a caller passed wrongly is a ValueError besides.
+Plain ValueError and RuntimeError stay for mistakes of the code that calls.
+"""
+
+_MAX_LINES = 10  # of problems shown at once
+
+
+class UavCollectError(Exception):
+    """Something that the user gave, or that happened, and not a mistake of this package."""
+
+
+class ConfigError(UavCollectError, ValueError):
+    """A configuration that cannot be used: one line per problem, ready to be shown."""
+
+    def __init__(self, *problems: str) -> None:
+        """Keep the problems; the message shows the first ten."""
+        super().__init__(*problems)
+        self.problems = problems
+
+    def __str__(self) -> str:
+        """One line per problem."""
+        left_out = len(self.problems) - _MAX_LINES
+        more = [f'... and {left_out} more problems'] if left_out > 0 else []
+        return '\n'.join([*self.problems[:_MAX_LINES], *more])
+
+
+class PolicyMismatchError(UavCollectError, ValueError):
+    """A policy that does not exist or does not fit: which, and what would."""
+
+
+class AllocationError(UavCollectError, ValueError):
+    """Bandwidth cannot be allocated for these numbers: the message names quantity and index."""
+
+
+class RecordingError(UavCollectError):
+    """A recording cannot be started or continued: one line that says why."""
+
+
+class MissionLogError(UavCollectError, ValueError):
+    """A mission log that cannot be read: what is wrong, and in which line."""
+
+
+class BagError(UavCollectError, ValueError):
+    """A bag that cannot be read: which, why, and what to do."""
+
+
+class RefusedError(UavCollectError, ValueError):
+    """A message that cannot be learned from: which, what of it, its value, what it must be."""
+
+
+class TrainingRunError(UavCollectError, ValueError):
+    """A run folder that cannot be used as asked: which, why, and what would help."""
+
+
+class CheckpointError(TrainingRunError):
+    """A checkpoint that cannot be gone on from: which, and why."""
+
+
+class DivergedError(UavCollectError, RuntimeError):
+    """A training whose loss or weights are no numbers any more: which, and what is kept."""
+
+
+class InterruptedRunError(UavCollectError, RuntimeError):
+    """A training was stopped, and saved: how far it came."""
+
+
+class StoreError(UavCollectError, ValueError):
+    """A store that holds something else than it should: where, and what."""
+
+
+class FleetError(UavCollectError, RuntimeError):
+    """A mission's processes cannot start, or one of them failed: which, and its last words."""
+
+
+class NodeError(UavCollectError):
+    """A node that cannot start: one line that says why."""
