@@ -22,7 +22,7 @@ import torch
 from torch import nn, Tensor
 from uav_collect.learning.collector import Collector
 from uav_collect.learning.learner import keep_freed_memory, Learner, Networks
-from uav_collect.learning.minibatch import Algorithm, Minibatch, minibatch, NOBODY
+from uav_collect.learning.minibatch import Algorithm, make_minibatch, Minibatch, NO_DECISION
 from uav_collect.learning.network import Drqn
 from uav_collect.missions.experience import Episode
 from uav_collect.missions.vector_env import Flights, Stepping
@@ -56,7 +56,7 @@ class Padded(NamedTuple):
     is_entry: Tensor  # (T, N)
 
 
-def padded(minibatch: Minibatch, n_decisions: Sequence[int], reward_scale: float) -> Padded:
+def padded(make_minibatch: Minibatch, n_decisions: Sequence[int], reward_scale: float) -> Padded:
     """A minibatch of AQMIX as dense steps.
 
     Args:
@@ -65,31 +65,31 @@ def padded(minibatch: Minibatch, n_decisions: Sequence[int], reward_scale: float
     start = np.cumsum([0, *n_decisions])
     mission = np.repeat(np.arange(len(n_decisions)), n_decisions)
     step = np.arange(len(mission)) - start[mission]
-    shape, (_, n_uavs) = (max(n_decisions), len(n_decisions)), minibatch.latest.shape
+    shape, (_, n_uavs) = (max(n_decisions), len(n_decisions)), make_minibatch.latest.shape
 
     def dense(values: Any, *inner: int, fill: float = 0.0) -> Tensor:  # noqa: ANN401 - any array
         table = np.full((*shape, *inner), fill, dtype=values.dtype)
         table[step, mission] = values
         return torch.from_numpy(table)
 
-    deciding = minibatch.latest == np.arange(len(mission))[:, None]
-    observation = deciding[..., None] * minibatch.observation[minibatch.row][:, None]
-    legal = ~deciding[..., None] | minibatch.legal[minibatch.row][:, None]
+    deciding = make_minibatch.latest == np.arange(len(mission))[:, None]
+    observation = deciding[..., None] * make_minibatch.observation[make_minibatch.row][:, None]
+    legal = ~deciding[..., None] | make_minibatch.legal[make_minibatch.row][:, None]
     known = np.zeros((3, len(mission)))
-    known[:, minibatch.entry] = [
-        reward_scale * minibatch.reward,
-        minibatch.discount,
-        np.ones(len(minibatch.entry)),
+    known[:, make_minibatch.entry] = [
+        reward_scale * make_minibatch.reward,
+        make_minibatch.discount,
+        np.ones(len(make_minibatch.entry)),
     ]
     reward, discount, is_entry = known.astype(np.float32)
     return Padded(
         observation=dense(observation, n_uavs, observation.shape[2]),
         legal=dense(legal, n_uavs, legal.shape[2], fill=1.0),
         decides=dense(deciding, n_uavs),
-        has_action=dense(minibatch.latest != NOBODY, n_uavs),
-        action=dense(minibatch.action[np.maximum(minibatch.latest, 0)], n_uavs),
-        fleet=dense(minibatch.fleet, minibatch.fleet.shape[1]),
-        complete=dense(minibatch.complete, *minibatch.complete.shape[1:]),
+        has_action=dense(make_minibatch.latest != NO_DECISION, n_uavs),
+        action=dense(make_minibatch.action[np.maximum(make_minibatch.latest, 0)], n_uavs),
+        fleet=dense(make_minibatch.fleet, make_minibatch.fleet.shape[1]),
+        complete=dense(make_minibatch.complete, *make_minibatch.complete.shape[1:]),
         reward=dense(reward),
         discount=dense(discount),
         is_entry=dense(is_entry),
@@ -210,7 +210,7 @@ def case(preset: str, n_uavs: int) -> Case:
 
     def ready() -> Minibatch:
         discount_per_s = config.reward.discount_per_s
-        return minibatch(episodes, briefing, config.layout, Algorithm.AQMIX, discount_per_s)
+        return make_minibatch(episodes, briefing, config.layout, Algorithm.AQMIX, discount_per_s)
 
     batch = ready()
     steps = padded(batch, [it.n_decisions for it in episodes], config.reward.scale)

@@ -27,7 +27,7 @@ from uav_collect.missions.rollout import fly
 from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.training.config import load_preset
-from uav_collect.training.progress import Budget, Validation
+from uav_collect.training.progress import Budget, ValidationResult
 
 MINUTES, SEED = 10.0, 0
 HEURISTICS = ('hert', 'sweep')
@@ -37,7 +37,7 @@ ROUND_MARKS_KBIT_PER_J = (1.0, 1.2)
 class Passed(NamedTuple):
     """A validation and what had been spent until then."""
 
-    validation: Validation
+    validation: ValidationResult
     n_missions: int
     cpu_s: float  # validations included
 

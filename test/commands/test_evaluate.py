@@ -103,7 +103,7 @@ def test_no_mission_gives_no_estimate() -> None:
 def test_a_paired_difference_is_that_of_each_mission() -> None:
     ours = [mission(seed, 2.0 + seed) for seed in range(5)]
     theirs = [mission(seed, 1.0 + seed) for seed in range(5)]
-    _, completion, energy, *_ = statistics.differences(ours, theirs, seed=0)
+    _, completion, energy, *_ = statistics.paired_differences(ours, theirs, seed=0)
     # One second of hovering more in each mission, so no doubt about the mean, however they vary.
     assert completion.mean == completion.median == pytest.approx(1.0, rel=1e-12)
     assert completion.high - completion.low < 1e-9
@@ -113,7 +113,9 @@ def test_a_paired_difference_is_that_of_each_mission() -> None:
 def test_missions_that_differ_are_not_compared() -> None:
     one = mission(0, 2.0)
     with pytest.raises(ValueError, match='the same missions'):
-        statistics.differences([one], [replace(one, mission_seed=one.mission_seed + 1)], seed=0)
+        statistics.paired_differences(
+            [one], [replace(one, mission_seed=one.mission_seed + 1)], seed=0
+        )
 
 
 # Evaluate, against the rollout it stands on.

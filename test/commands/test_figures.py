@@ -18,11 +18,11 @@ import pytest
 from uav_collect.__main__ import main
 from uav_collect.studies import catalogue
 from uav_collect.studies.claims.claims import CLAIMS
-from uav_collect.studies.claims.judging import Verdict
+from uav_collect.studies.claims.judging import ClaimStatus
 from uav_collect.studies.findings import Findings
 from uav_collect.studies.jobs.store import Store
 from uav_collect.studies.pictures.draw import draw
-from uav_collect.studies.pictures.drawing import Drawn
+from uav_collect.studies.pictures.drawing import Drawing
 from uav_collect.studies.requests import Requests
 from uav_collect.studies.scale import load_scale
 from uav_collect.studies.study import CurvesStudy, LinesStudy, Study
@@ -49,7 +49,7 @@ class Smoke:
     def study(self, name: str) -> Study:
         return catalogue.study(name, Requests(load_scale('smoke')))
 
-    def drawn(self, name: str) -> Drawn:
+    def drawn(self, name: str) -> Drawing:
         return draw(self.study(name), Findings(Store(self.output)))
 
     def rows(self, name: str) -> list[dict[str, str]]:
@@ -89,7 +89,7 @@ def labels_of(axes: Axes) -> set[str]:
     return {re.sub(r' \(.*\)$', '', text.get_text()) for text in legend.get_texts()}
 
 
-def panels(drawn: Drawn) -> Iterator[Axes]:
+def panels(drawn: Drawing) -> Iterator[Axes]:
     """The axes that are no colour bar."""
     return (axes for axes in drawn.figure.axes if axes.get_label() != '<colorbar>')
 
@@ -202,7 +202,7 @@ def test_every_claim_is_judged_by_numbers_with_their_count(smoke: Smoke) -> None
     text = (smoke.folder / 'results.md').read_text()
     rows = re.findall(r'^\| (\d+) \| (\d+) \| (.*?) \| (.*) \| (.*?) \|$', text, re.MULTILINE)
     assert [statement for _, _, statement, _, _ in rows] == [it.statement for it in CLAIMS]
-    verdicts = {str(it) for it in Verdict if it is not Verdict.NOT_RUN}
+    verdicts = {str(it) for it in ClaimStatus if it is not ClaimStatus.NOT_RUN}
     assert {verdict for *_, verdict in rows} <= verdicts
     details = re.findall(r'^\| .* \| (\d+) (?:missions?|seeds?) \| .* \|$', text, re.MULTILINE)
     assert len(details) > 100
@@ -217,7 +217,7 @@ def test_what_is_not_asked_for_is_not_judged(
     assert main(['figures', '--scale', 'smoke', *asked]) == 0
     text = results.read_text()
     assert re.search(r'^- Not run: .*topology.*trajectories\.$', text, re.MULTILINE)
-    assert f'{len(CLAIMS) - 2} {Verdict.NOT_RUN}' in text
+    assert f'{len(CLAIMS) - 2} {ClaimStatus.NOT_RUN}' in text
     assert str(results) in capsys.readouterr().out
 
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from uav_collect.kernels.arrays import Floats, Ints
-from uav_collect.learning.minibatch import Algorithm, Minibatch, minibatch
+from uav_collect.learning.minibatch import Algorithm, make_minibatch, Minibatch
 from uav_collect.missions.experience import Episode, N_UAV_SCALARS, new_records
 from uav_collect.missions.vector_env import Flights, Stepping
 from uav_collect.scenario.load import Scenario
@@ -118,7 +118,7 @@ def batch_of(
 ) -> Minibatch:
     """The missions ready for an update."""
     discount_per_s = config.reward.discount_per_s
-    return minibatch(episodes, brief(scenario), config.layout, algorithm, discount_per_s)
+    return make_minibatch(episodes, brief(scenario), config.layout, algorithm, discount_per_s)
 
 
 class Flown(NamedTuple):

@@ -10,9 +10,9 @@ import pytest
 from tiny_world import tiny, uav
 from uav_collect.kernels.compile import kernels_are_compiled
 from uav_collect.studies.jobs.jobs import digest_of, FlightsJob, Job, training_job
-from uav_collect.studies.jobs.schedule import Engine, have_done, Standing
+from uav_collect.studies.jobs.schedule import JobEngine, JobsStatus, run_jobs
 from uav_collect.studies.jobs.store import Store
-from uav_collect.studies.jobs.worker_messages import Began, Report, Saved, Task
+from uav_collect.studies.jobs.worker_messages import Report, Saved, Started, WorkItem
 
 FLEET = uav(5.0, energy_budget_kj=25.0), uav(10.0, energy_budget_kj=12.0)
 FIELD = tiny(*FLEET)
@@ -54,14 +54,14 @@ def kept(store: Store) -> dict[str, bytes]:
 
 
 def done_by(
-    engine: Engine,
+    engine: JobEngine,
     jobs: Mapping[str, Job],
     store: Store,
     *,
     checkpoint_s: float = 1e6,
     is_stopping: Callable[[], bool] = lambda: False,
-) -> Standing:
-    return have_done(
+) -> JobsStatus:
+    return run_jobs(
         jobs,
         store,
         engine,
@@ -76,7 +76,7 @@ def done_by(
 class Saboteur:
     """An engine of which the first worker that saved its job is killed."""
 
-    engine: Engine
+    engine: JobEngine
     at: dict[str, int] = field(default_factory=dict)  # processes by digest
     killed: list[str] = field(default_factory=list)
 
@@ -84,13 +84,13 @@ class Saboteur:
     def n_slots(self) -> int:
         return self.engine.n_slots
 
-    def start(self, task: Task) -> None:
+    def start(self, task: WorkItem) -> None:
         self.engine.start(task)
 
     def wait(self, timeout_s: float) -> Sequence[tuple[str, Report]]:
         told = self.engine.wait(timeout_s)
         for digest, report in told:
-            if isinstance(report, Began):
+            if isinstance(report, Started):
                 self.at[digest] = report.process
             if isinstance(report, Saved) and not self.killed:
                 self.killed.append(digest)

@@ -12,7 +12,7 @@ from reports import MissionSetup
 from tiny_world import tiny, uav
 from uav_collect.ingest.join import JoinedMission
 from uav_collect.learning.checkpoint import read_checkpoint
-from uav_collect.learning.fleet_source import Intake
+from uav_collect.learning.fleet_source import FleetSource
 from uav_collect.learning.trainer import Trainer
 from uav_collect.missions.experience import Episode
 from uav_collect.training.config import load_preset, TrainingConfig
@@ -74,7 +74,7 @@ def config_of(**values: object) -> TrainingConfig:
 
 def replayed(folder: Path) -> tuple[list[Episode], dict[str, Any]]:
     """The missions that a saved trainer holds, in the order in which they came; its state."""
-    trainer = Trainer.resume(folder / 'checkpoint', sources=[Intake(NEVER)])
+    trainer = Trainer.resume(folder / 'checkpoint', sources=[FleetSource(NEVER)])
     replay = trainer._courses[0].replay
     held = [replay._episode(mission) for mission in replay._missions]
     return held, read_checkpoint(folder / 'checkpoint')
@@ -82,7 +82,7 @@ def replayed(folder: Path) -> tuple[list[Episode], dict[str, Any]]:
 
 def in_process(seeds: Sequence[int], budget: Budget) -> tuple[list[Episode], Trainer]:
     """What the same network flies and learns in this process."""
-    trainer = Trainer([SCENARIO], config_of(), 'aqmix', 0, sources=[intake := Intake(NEVER)])
+    trainer = Trainer([SCENARIO], config_of(), 'aqmix', 0, sources=[intake := FleetSource(NEVER)])
     config, frozen = trainer.config, trainer.snapshot()
     setup = MissionSetup(
         scenario=SCENARIO,

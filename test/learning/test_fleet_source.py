@@ -17,7 +17,7 @@ from uav_collect.training.config import TrainingConfig
 from uav_collect.uav.observation import Layout
 
 torch = single_threaded_torch()
-from uav_collect.learning.fleet_source import Intake
+from uav_collect.learning.fleet_source import FleetSource
 from uav_collect.learning.network import Drqn
 from uav_collect.learning.trainer import Trainer
 from uav_collect.training.progress import Budget
@@ -43,8 +43,8 @@ def intake_of(
     missions: Sequence[JoinedMission],
     most_waiting: int = 10**9,
     **values: Any,  # noqa: ANN401
-) -> Intake:
-    intake = Intake(most_waiting, **values)
+) -> FleetSource:
+    intake = FleetSource(most_waiting, **values)
     for each in missions:
         intake.add(each)
     return intake
@@ -115,7 +115,7 @@ def test_it_hands_out_missions_until_there_are_as_many_decisions_as_were_asked_f
 
 
 def test_it_waits_for_missions_that_another_thread_adds() -> None:
-    intake, missions = Intake(10**9), episodes(range(10))
+    intake, missions = FleetSource(10**9), episodes(range(10))
     adding = Thread(target=deque, args=(map(intake.add, missions), 0))
     adding.start()
     taken = intake.collect(agent(), n_made([it.episode for it in missions]), 0.5)
@@ -142,7 +142,7 @@ def test_a_learner_that_is_too_slow_takes_what_waits_without_an_update_each() ->
 
 
 def test_a_restored_intake_goes_on_and_knows_what_was_learned_from() -> None:
-    intake, other = intake_of(episodes(range(20))), Intake(10**9)
+    intake, other = intake_of(episodes(range(20))), FleetSource(10**9)
     intake.collect(agent(), 40, 0.5)
     other.restore(intake.state())
     assert other.known_ids == intake.known_ids == [f'world-{seed}' for seed in range(20)]

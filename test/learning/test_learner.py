@@ -17,7 +17,7 @@ from uav_collect.scenario.load import Scenario
 from uav_collect.uav.briefing import brief
 
 torch = single_threaded_torch()
-from uav_collect.learning.learner import Learner, Networks, scan
+from uav_collect.learning.learner import Learner, Networks, reverse_scan
 
 from bench.learning import padded, plain_loss, values_by_step
 
@@ -281,7 +281,7 @@ def test_a_scan_is_the_plain_recursion(size: int) -> None:
     for value, factor in zip(reversed(values.tolist()), reversed(factors.tolist()), strict=True):
         total = value + factor * total
         expected.append(total)
-    solved = scan(values, factors)
+    solved = reverse_scan(values, factors)
     torch.testing.assert_close(solved, torch.tensor(expected[::-1], dtype=torch.float64))
 
 

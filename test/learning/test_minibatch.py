@@ -4,7 +4,7 @@ from episodes import batch_of, drawn_episode, flown, small, Told, told_episode
 import numpy as np
 import pytest
 from tiny_world import tiny, uav
-from uav_collect.learning.minibatch import Algorithm, Minibatch, NOBODY
+from uav_collect.learning.minibatch import Algorithm, Minibatch, NO_DECISION
 from uav_collect.missions.experience import Episode
 from uav_collect.scenario.load import load, Scenario
 from uav_collect.uav.briefing import brief
@@ -78,7 +78,7 @@ def test_the_latest_decision_of_each_uav_is_its_own_last_one_of_this_mission() -
     episodes, batch = drawn_batch()
     first = 0
     for episode in episodes:
-        latest = [NOBODY] * 3
+        latest = [NO_DECISION] * 3
         for decision in range(first, first + episode.n_decisions):
             latest[int(episode.records.uav[decision - first])] = decision
             assert batch.latest[decision].tolist() == latest
@@ -92,7 +92,7 @@ def test_a_uav_that_flies_home_has_no_latest_decision_any_more() -> None:
         Told(uav=0, time_s=5.0, action=1, home=(1,)),
     ]
     batch = batch_of([told_episode(brief(tiny()), decisions, 9.0)], tiny(), small())
-    assert batch.latest.tolist() == [[0, NOBODY], [0, 1], [2, NOBODY]]
+    assert batch.latest.tolist() == [[0, NO_DECISION], [0, 1], [2, NO_DECISION]]
 
 
 def test_alone_the_deciding_uav_decides_unless_all_do_at_an_instant() -> None:
@@ -133,7 +133,7 @@ def test_rewards_of_a_whole_mission_add_up_whatever_the_entries(algorithm: Algor
         total += worth * batch.reward[place]
         worth *= batch.discount[place]
         follows = batch.next_entry[place]
-        place = batch.entry.tolist().index(follows) if follows >= 0 else NOBODY
+        place = batch.entry.tolist().index(follows) if follows >= 0 else NO_DECISION
     expected = sum(0.9**it.time_s * it.reward for it in decisions[start:])
     assert total == pytest.approx(expected)
 

@@ -28,7 +28,7 @@ from trainings import (
 )
 from uav_collect.errors import ConfigError, PolicyMismatchError, TrainingRunError
 from uav_collect.nodes.trainer.settings import PARAMETERS, planned_run, TrainerSettings
-from uav_collect.training.folder import opened
+from uav_collect.training.folder import open_training_folder
 from uav_collect.training.progress import Budget
 
 pytestmark = pytest.mark.ros
@@ -208,7 +208,7 @@ def test_a_run_is_gone_on_with_as_it_was_begun_and_for_as_long_as_is_asked(
 ) -> None:
     folder = tmp_path / 'run'
     begun = planned_run(settings_of(folder, minutes=5.0))
-    with opened(begun, 0):
+    with open_training_folder(begun, 0):
         pass
     again = planned_run(settings_of(folder, decisions=7))
     assert (again.record.minutes, again.record.decisions) == (None, 7)

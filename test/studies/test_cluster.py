@@ -15,12 +15,12 @@ from study_jobs import (
     training,
 )
 from uav_collect.studies.jobs.jobs import Job
-from uav_collect.studies.jobs.processes import Processes
+from uav_collect.studies.jobs.processes import ProcessEngine
 from uav_collect.studies.jobs.store import Store
 
 pytest.importorskip('ray', reason='needs what requirements/cluster.txt lists')
 single_threaded_torch()
-from uav_collect.studies.jobs.cluster import Cluster
+from uav_collect.studies.jobs.cluster import RayEngine
 
 pytestmark = needs_compiled_kernels
 
@@ -38,8 +38,8 @@ def test_a_cluster_that_loses_a_worker_gives_what_one_process_gives(
     # Without an address a cluster of this machine is meant, whatever others there are.
     monkeypatch.setenv('RAY_ADDRESS', '127.0.0.1:1')
     here, there = Store(tmp_path / 'here'), Store(tmp_path / 'there')
-    at_home = done_by(Processes(1), jobs(), here)
-    cluster = Saboteur(Cluster(None, 2))
+    at_home = done_by(ProcessEngine(1), jobs(), here)
+    cluster = Saboteur(RayEngine(None, 2))
     abroad = done_by(cluster, jobs(), there, checkpoint_s=0.0)
     [killed] = cluster.killed
     assert abroad.n_lost == 1

@@ -21,22 +21,22 @@ from uav_collect.errors import StoreError
 from uav_collect.scenario.load import load, with_uavs
 from uav_collect.studies import catalogue
 from uav_collect.studies.claims import judging
-from uav_collect.studies.claims.judging import Samples, Verdict
+from uav_collect.studies.claims.judging import ClaimStatus, Samples
 from uav_collect.studies.comparisons import with_budget
-from uav_collect.studies.jobs.costs import disk_bytes, rates_of, spent
+from uav_collect.studies.jobs.costs import disk_bytes, rates_of, spent_cost
 from uav_collect.studies.jobs.jobs import digest_of, FlightsJob, Job, MISSIONS, PlansJob, POLICY
-from uav_collect.studies.jobs.processes import Processes
+from uav_collect.studies.jobs.processes import ProcessEngine
 from uav_collect.studies.jobs.store import Store
 from uav_collect.studies.jobs.worker_messages import (
+    Advanced,
     Cost,
     Failed,
     Finished,
-    Left,
-    Looked,
     Lost,
     Report,
     Saved,
-    Task,
+    Stopped,
+    WorkItem,
 )
 from uav_collect.studies.requests import Requests
 from uav_collect.studies.scale import load_scale, scale_names
@@ -48,11 +48,11 @@ class Scripted:
 
     script: Mapping[str, Sequence[Sequence[Report]]]  # by digest, for each time it is begun
     n_slots: int = 1
-    begun: list[Task] = field(default_factory=list)
+    begun: list[WorkItem] = field(default_factory=list)
     told: list[tuple[str, Report]] = field(default_factory=list)
     is_closed: bool = False
 
-    def start(self, task: Task) -> None:
+    def start(self, task: WorkItem) -> None:
         times = sum(it.digest == task.digest for it in self.begun)
         self.begun.append(task)
         self.told += [(task.digest, report) for report in self.script[task.digest][times]]
@@ -63,7 +63,7 @@ class Scripted:
 
     def stop(self) -> None:
         running = {digest for digest, _ in self.told}
-        self.told = [(digest, Left()) for digest in running]
+        self.told = [(digest, Stopped()) for digest in running]
 
     def close(self) -> None:
         self.is_closed = True
@@ -181,7 +181,7 @@ def test_what_fails_blocks_what_needs_it_and_nothing_else(tmp_path: Path) -> Non
 
 def test_jobs_that_are_left_are_not_begun_again(tmp_path: Path) -> None:
     first, second = training(seed=0), training(seed=1)
-    reports = [Looked(share_done=0.1), Looked(share_done=0.2), FOUND]
+    reports = [Advanced(share_done=0.1), Advanced(share_done=0.2), FOUND]
     engine = Scripted({digest_of(it): [reports] for it in (first, second)})
     looks: Iterator[bool] = iter([False, False, True])
     standing = done_by(
@@ -199,7 +199,7 @@ def alone(tmp_path_factory: pytest.TempPathFactory) -> Store:
     """Two trainings and missions of the best of them, done by one process after another."""
     single_threaded_torch()
     store = Store(tmp_path_factory.mktemp('alone'))
-    standing = done_by(Processes(1), some_jobs(), store)
+    standing = done_by(ProcessEngine(1), some_jobs(), store)
     assert (standing.failures, standing.done) == ({}, 4)
     return store
 
@@ -214,7 +214,7 @@ def test_results_do_not_depend_on_how_many_work_nor_on_the_order(
     alone: Store, tmp_path: Path
 ) -> None:
     store = Store(tmp_path)
-    done_by(Processes(2), dict(reversed(some_jobs().items())), store)
+    done_by(ProcessEngine(2), dict(reversed(some_jobs().items())), store)
     assert kept(store) == kept(alone)
 
 
@@ -222,7 +222,7 @@ def test_results_do_not_depend_on_how_many_work_nor_on_the_order(
 def test_a_process_that_is_killed_costs_no_more_than_what_followed_its_last_state(
     alone: Store, tmp_path: Path
 ) -> None:
-    store, engine = Store(tmp_path), Saboteur(Processes(2))
+    store, engine = Store(tmp_path), Saboteur(ProcessEngine(2))
     standing = done_by(engine, some_jobs(), store, checkpoint_s=0.0)
     assert standing.n_lost == 1
     assert store.cost(engine.killed[0]).n_interruptions == 1
@@ -233,13 +233,13 @@ def test_a_process_that_is_killed_costs_no_more_than_what_followed_its_last_stat
 def test_a_call_that_is_interrupted_saves_what_runs_and_the_next_one_goes_on(
     alone: Store, tmp_path: Path
 ) -> None:
-    store, engine = Store(tmp_path), Processes(1)
+    store, engine = Store(tmp_path), ProcessEngine(1)
     begun: list[str] = []
     told = engine.wait
 
     def wait(timeout_s: float) -> Sequence[tuple[str, Report]]:
         reports = told(timeout_s)
-        begun.extend(digest for digest, report in reports if isinstance(report, Looked))
+        begun.extend(digest for digest, report in reports if isinstance(report, Advanced))
         return reports
 
     engine.wait = wait  # type: ignore[method-assign]
@@ -247,7 +247,7 @@ def test_a_call_that_is_interrupted_saves_what_runs_and_the_next_one_goes_on(
     standing = done_by(engine, trainings, store, is_stopping=lambda: bool(begun))
     assert standing.done == 0
     assert store.state(begun[0]) is not None
-    done_by(Processes(1), some_jobs(), store)
+    done_by(ProcessEngine(1), some_jobs(), store)
     assert store.cost(begun[0]).n_interruptions == 1
     assert kept(store) == kept(alone)
 
@@ -255,7 +255,7 @@ def test_a_call_that_is_interrupted_saves_what_runs_and_the_next_one_goes_on(
 def test_a_job_that_cannot_be_done_says_why(tmp_path: Path) -> None:
     job = flights(policy='nobody')
     store = Store(tmp_path)
-    standing = done_by(Processes(1), by_digest(job), store)
+    standing = done_by(ProcessEngine(1), by_digest(job), store)
     assert 'nobody' in standing.failures[digest_of(job)]
     assert 'Traceback' in (tmp_path / 'failures' / f'{digest_of(job)}.txt').read_text()
 
@@ -295,9 +295,9 @@ def test_the_disk_is_asked_for_states_of_what_runs_at_once_only() -> None:
 
 def test_rates_come_from_what_is_done(tmp_path: Path) -> None:
     store, job = Store(tmp_path), training(decisions=1000)
-    assert rates_of(spent(by_digest(job), store)) is None
+    assert rates_of(spent_cost(by_digest(job), store)) is None
     store.keep(job, FOUND.results, Cost(cpu_s=2.0))
-    rates = rates_of(spent(by_digest(job), store))
+    rates = rates_of(spent_cost(by_digest(job), store))
     assert rates is not None
     assert rates.cost_s(training(seed=1, decisions=500)) == pytest.approx(1.0)
 
@@ -316,7 +316,7 @@ def seeds(*values: float) -> Samples:
 def test_a_paired_difference_decides_where_the_means_alone_could_not() -> None:
     low = np.array([1.0, 5.0, 9.0, 2.0, 7.0, 3.0])
     above = judging.is_above('it', 's', missions(*(low + 0.1)), missions(*low))
-    assert (above.verdict, above.n) == (Verdict.HOLDS, 6)
+    assert (above.verdict, above.n) == (ClaimStatus.HOLDS, 6)
     assert above.estimate is not None
     assert above.estimate.mean == pytest.approx(0.1)
 
@@ -324,22 +324,22 @@ def test_a_paired_difference_decides_where_the_means_alone_could_not() -> None:
 def test_what_differs_by_rounding_alone_decides_nothing() -> None:
     whole = missions(*[100.0] * 6)
     above = judging.is_above('data', '%', whole, missions(*[100.0 - 1.4e-14] * 6))
-    assert above.verdict is Verdict.OPEN
+    assert above.verdict is ClaimStatus.OPEN
     assert above.estimate is not None
     assert (above.estimate.low, above.estimate.high) == (0.0, 0.0)
 
 
 def test_a_difference_of_the_other_sign_does_not_hold() -> None:
-    assert judging.is_above('it', 's', missions(1, 2), missions(2, 3)).verdict is Verdict.FAILS
+    assert judging.is_above('it', 's', missions(1, 2), missions(2, 3)).verdict is ClaimStatus.FAILS
 
 
 def test_a_difference_whose_interval_has_both_signs_is_open() -> None:
     evidence = judging.is_above('it', 's', missions(1, 2, 3), missions(3, 2, 1))
-    assert evidence.verdict is Verdict.OPEN
+    assert evidence.verdict is ClaimStatus.OPEN
 
 
-@pytest.mark.parametrize(('n_seeds', 'verdict'), [(5, Verdict.OPEN), (6, Verdict.HOLDS)])
-def test_few_seeds_decide_nothing(n_seeds: int, verdict: Verdict) -> None:
+@pytest.mark.parametrize(('n_seeds', 'verdict'), [(5, ClaimStatus.OPEN), (6, ClaimStatus.HOLDS)])
+def test_few_seeds_decide_nothing(n_seeds: int, verdict: ClaimStatus) -> None:
     high, low = seeds(*range(1, n_seeds + 1)), seeds(*range(n_seeds))
     assert judging.is_above('it', '1', high, low).verdict is verdict
 
@@ -351,10 +351,10 @@ def test_what_is_not_known_is_left_out_in_pairs() -> None:
 
 @pytest.mark.parametrize(
     ('low', 'high', 'verdict'),
-    [(0.0, 5.0, Verdict.HOLDS), (5.0, 9.0, Verdict.FAILS), (2.0, 9.0, Verdict.OPEN)],
+    [(0.0, 5.0, ClaimStatus.HOLDS), (5.0, 9.0, ClaimStatus.FAILS), (2.0, 9.0, ClaimStatus.OPEN)],
 )
 def test_a_mean_lies_in_a_span_with_its_whole_interval(
-    low: float, high: float, verdict: Verdict
+    low: float, high: float, verdict: ClaimStatus
 ) -> None:
     assert judging.is_within('it', '%', missions(1, 2, 3), low, high).verdict is verdict
 
@@ -372,14 +372,14 @@ def test_a_ratio_that_is_the_same_in_every_mission_has_no_spread() -> None:
 @pytest.mark.parametrize(
     ('verdicts', 'verdict'),
     [
-        ((), Verdict.NOT_RUN),
-        ((Verdict.HOLDS, Verdict.HOLDS), Verdict.HOLDS),
-        ((Verdict.HOLDS, Verdict.OPEN), Verdict.OPEN),
-        ((Verdict.OPEN, Verdict.FAILS, Verdict.HOLDS), Verdict.FAILS),
+        ((), ClaimStatus.NOT_RUN),
+        ((ClaimStatus.HOLDS, ClaimStatus.HOLDS), ClaimStatus.HOLDS),
+        ((ClaimStatus.HOLDS, ClaimStatus.OPEN), ClaimStatus.OPEN),
+        ((ClaimStatus.OPEN, ClaimStatus.FAILS, ClaimStatus.HOLDS), ClaimStatus.FAILS),
     ],
 )
 def test_a_statement_holds_if_all_its_parts_do(
-    verdicts: Sequence[Verdict], verdict: Verdict
+    verdicts: Sequence[ClaimStatus], verdict: ClaimStatus
 ) -> None:
     part = judging.is_above('it', 's', missions(1, 2), missions(0, 1))
-    assert judging.together([replace(part, verdict=it) for it in verdicts]) is verdict
+    assert judging.combined_status([replace(part, verdict=it) for it in verdicts]) is verdict

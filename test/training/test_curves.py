@@ -15,8 +15,8 @@ from uav_collect.__main__ import main
 from uav_collect.errors import TrainingRunError
 from uav_collect.training import curves as curves
 from uav_collect.training.run_record import (
-    AXES,
-    MEASURES,
+    CURVE_AXES,
+    CURVE_MEASURES,
     PROGRESS_FILE,
     read_columns,
     read_run,
@@ -24,9 +24,9 @@ from uav_collect.training.run_record import (
     VALIDATION_FILE,
 )
 
-EFFICIENCY = MEASURES[0]
-[EXPLORING] = [one for one in MEASURES if one.key == 'training_efficiency_kbit_per_j']
-DECISIONS, MINUTES, UPDATES = AXES
+EFFICIENCY = CURVE_MEASURES[0]
+[EXPLORING] = [one for one in CURVE_MEASURES if one.key == 'training_efficiency_kbit_per_j']
+DECISIONS, MINUTES, UPDATES = CURVE_AXES
 
 
 def of(*folders: Path) -> tuple[curves.LearningCurve, ...]:

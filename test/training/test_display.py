@@ -2,10 +2,10 @@
 
 from dataclasses import replace
 
-from uav_collect.training.display import merits
-from uav_collect.training.progress import Progress, Validation
+from uav_collect.training.display import efficiencies
+from uav_collect.training.progress import Progress, ValidationResult
 
-WHOLE = Validation(
+WHOLE = ValidationResult(
     wall_s=1.0,
     n_decisions=1000,
     n_updates=10,
@@ -20,7 +20,7 @@ WHOLE = Validation(
 PARTIAL = replace(WHOLE, efficiency_kbit_per_j=0.206, collected_share=0.98, complete_share=2 / 3)
 
 
-def progress(best: Validation | None) -> Progress:
+def progress(best: ValidationResult | None) -> Progress:
     return Progress(
         share_done=0.5,
         wall_s=1.0,
@@ -42,9 +42,12 @@ def progress(best: Validation | None) -> Progress:
 
 
 def test_a_policy_that_leaves_missions_unfinished_says_so_beside_its_efficiency() -> None:
-    told = merits(progress(best=WHOLE), PARTIAL)
+    told = efficiencies(progress(best=WHOLE), PARTIAL)
     assert told == ('0.250 kbit/J exploring', '0.206 (66 % complete) validated', '0.153 best')
 
 
 def test_before_the_first_validation_there_is_no_best() -> None:
-    assert merits(progress(best=None), None) == ('0.250 kbit/J exploring', 'not validated yet')
+    assert efficiencies(progress(best=None), None) == (
+        '0.250 kbit/J exploring',
+        'not validated yet',
+    )

@@ -10,7 +10,7 @@ import numpy as np
 from uav_collect.analysis.metrics import MissionMetrics
 from uav_collect.kernels.arrays import Floats
 
-LEVEL = 0.95
+CONFIDENCE_LEVEL = 0.95
 N_RESAMPLES = 2000
 _MAX_DRAWS = 4_000_000  # at once; bounds the memory
 
@@ -93,7 +93,7 @@ def estimates(missions: Sequence[MissionMetrics], seed: int) -> tuple[Estimate, 
     return column_estimates(_values(missions), seed)
 
 
-def differences(
+def paired_differences(
     missions: Sequence[MissionMetrics], others: Sequence[MissionMetrics], seed: int
 ) -> tuple[Estimate, ...]:
     """Estimate by how much each of MEASURES differs, mission by mission: the first less the other.
@@ -152,7 +152,7 @@ def bootstrap_interval(values: Floats, seed: int) -> tuple[Floats, Floats]:
         shape = (min(n_at_once, N_RESAMPLES - done), n_missions)
         rows = rng.integers(n_missions, size=shape)
         means.append(np.stack([column[rows].mean(axis=1) for column in values.T], axis=1))
-    tail = (1.0 - LEVEL) / 2.0
+    tail = (1.0 - CONFIDENCE_LEVEL) / 2.0
     low, high = np.quantile(np.concatenate(means), [tail, 1.0 - tail], axis=0)
     return _within(values, low), _within(values, high)
 

@@ -9,7 +9,7 @@ from rich.table import Table
 from rich.text import Text
 from uav_collect.analysis.metrics import FAILSAFE, MissionMetrics, percent, UavMetrics, UNFINISHED
 from uav_collect.analysis.plan_shares import efficiency_share, time_share
-from uav_collect.analysis.statistics import Estimate, LEVEL, MEASURES
+from uav_collect.analysis.statistics import CONFIDENCE_LEVEL, Estimate, MEASURES
 from uav_collect.planning.bound import Bound, Plan
 from uav_collect.recording.mission_log import MissionHeader
 
@@ -192,7 +192,7 @@ def evaluation_table(
     table = Table(box=SIMPLE_HEAD, pad_edge=False)
     table.add_column('measure')
     table.add_column('policy')
-    for heading in ('mean', f'{100 * LEVEL:.0f} % interval', 'median'):
+    for heading in ('mean', f'{100 * CONFIDENCE_LEVEL:.0f} % interval', 'median'):
         table.add_column(heading, justify='right')
     for index, measure in enumerate(MEASURES):
         name = f'{measure.title} [{measure.unit}]'
@@ -215,7 +215,7 @@ def difference_table(first: str, rows: Mapping[str, Sequence[Estimate]]) -> Rend
     table = Table(box=SIMPLE_HEAD, pad_edge=False)
     table.add_column('measure')
     table.add_column('minus')
-    for heading in ('mean', f'{100 * LEVEL:.0f} % interval', 'median'):
+    for heading in ('mean', f'{100 * CONFIDENCE_LEVEL:.0f} % interval', 'median'):
         table.add_column(heading, justify='right')
     for index, measure in enumerate(MEASURES):
         name = f'{measure.title} [{measure.unit}]'
@@ -306,7 +306,7 @@ def _table(*headings: str) -> Table:
     table = Table(box=SIMPLE_HEAD, pad_edge=False)
     for heading in headings:
         table.add_column(heading)
-    for heading in ('mean', f'{100 * LEVEL:.0f} % interval', 'median'):
+    for heading in ('mean', f'{100 * CONFIDENCE_LEVEL:.0f} % interval', 'median'):
         table.add_column(heading, justify='right')
     return table
 

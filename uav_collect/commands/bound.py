@@ -84,7 +84,7 @@ def _plan(arguments: argparse.Namespace, scenario: 'Scenario') -> '_Bounds':
     n_rounds = N_ROUNDS if arguments.rounds is None else arguments.rounds
     bounds: dict[str, list[Bound]] = {bandwidth: [] for bandwidth in arguments.bandwidth}
     terminal.say_if_compiling(KERNELS)
-    with terminal.counting(len(seeds) * len(bounds), 'plans') as advance:
+    with terminal.progress_bar(len(seeds) * len(bounds), 'plans') as advance:
         for bandwidth, found in bounds.items():
             for seed in seeds:
                 found.append(bound_of(site, seed, bandwidth, n_rounds))

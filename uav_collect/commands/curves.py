@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from uav_collect import files
-from uav_collect.training.run_record import AXES, Axis, Measure, MEASURES
+from uav_collect.training.run_record import CURVE_AXES, CURVE_MEASURES, CurveAxis, CurveMeasure
 
 if TYPE_CHECKING:  # loaded when drawing, so that --help answers at once
     from uav_collect.training.curves import LearningCurve
@@ -33,16 +33,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--csv', type=Path, metavar='FILE', help='write the curves as a table')
     parser.add_argument(
         '--over',
-        choices=[axis.key for axis in AXES],
-        default=AXES[0].key,
+        choices=[axis.key for axis in CURVE_AXES],
+        default=CURVE_AXES[0].key,
         help='horizontal axis (default: %(default)s)',
     )
     parser.add_argument(
         '--measure',
-        choices=[measure.key for measure in MEASURES],
-        default=MEASURES[0].key,
+        choices=[measure.key for measure in CURVE_MEASURES],
+        default=CURVE_MEASURES[0].key,
         metavar='NAME',
-        help=f'vertical axis: {", ".join(one.key for one in MEASURES)} (default: %(default)s)',
+        help=f'vertical axis: {", ".join(it.key for it in CURVE_MEASURES)} (default: %(default)s)',
     )
     parser.add_argument(
         '--reference',
@@ -62,8 +62,8 @@ def run(arguments: argparse.Namespace) -> int:
 
     for path in filter(None, (arguments.output, arguments.csv)):
         files.check_writable(path)
-    measure = next(measure for measure in MEASURES if measure.key == arguments.measure)
-    axis = next(axis for axis in AXES if axis.key == arguments.over)
+    measure = next(measure for measure in CURVE_MEASURES if measure.key == arguments.measure)
+    axis = next(axis for axis in CURVE_AXES if axis.key == arguments.over)
     curves = learning_curves(arguments.runs, measure, axis)
     write(
         curves, measure, axis, picture=arguments.output, table=arguments.csv,
@@ -77,8 +77,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 def write(
     curves: 'tuple[LearningCurve, ...]',
-    measure: Measure,
-    axis: Axis,
+    measure: CurveMeasure,
+    axis: CurveAxis,
     *,
     picture: Path,
     table: Path | None = None,
@@ -99,7 +99,7 @@ def write(
         files.write_atomically(table, to_csv(curves, measure, axis))
 
 
-def _show(curves: 'tuple[LearningCurve, ...]', measure: Measure) -> None:
+def _show(curves: 'tuple[LearningCurve, ...]', measure: CurveMeasure) -> None:
     from rich.box import SIMPLE_HEAD
     from rich.console import Console
     from rich.table import Table

@@ -158,7 +158,7 @@ def _fly(
     seeds = mission_seeds(arguments.seed, arguments.missions)
     at_once = 1 if 'cvxpy' in arguments.bandwidth else _AT_ONCE
     terminal.say_if_compiling(_kernels(flown, is_planned=bool(bounds)))
-    with terminal.counting(len(seeds) * len(flown), 'missions') as advance:
+    with terminal.progress_bar(len(seeds) * len(flown), 'missions') as advance:
         for start in range(0, len(seeds), at_once):
             some = seeds[start : start + at_once]
             for bandwidth, found in bounds.items():
@@ -220,7 +220,7 @@ def _show(
 
 def _find(arguments: argparse.Namespace, flown: _Flown, bounds: '_Bounds') -> _Findings:
     from uav_collect.analysis.plan_shares import mean_estimates, plan_shares
-    from uav_collect.analysis.statistics import differences, estimates
+    from uav_collect.analysis.statistics import estimates, paired_differences
 
     seed = arguments.seed
     firsts = [*flown][: len(arguments.bandwidth)] if arguments.compare else []
@@ -228,7 +228,7 @@ def _find(arguments: argparse.Namespace, flown: _Flown, bounds: '_Bounds') -> _F
         estimates={each.label: estimates(missions, seed) for each, missions in flown.items()},
         differences={
             first.label: {
-                other.label: differences(flown[first], missions, seed)
+                other.label: paired_differences(flown[first], missions, seed)
                 for other, missions in flown.items()
                 if other.bandwidth == first.bandwidth and other is not first
             }

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 
 from uav_collect import files
 from uav_collect.commands import options, terminal
-from uav_collect.commands.terminal import Interruption, noted
+from uav_collect.commands.terminal import deferred_interruption, Interruption
 from uav_collect.errors import TrainingRunError
 
 if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
-    from uav_collect.commands.figures_plan import Plan
-    from uav_collect.studies.jobs.schedule import Engine, Standing
+    from uav_collect.commands.figures_plan import FiguresPlan
+    from uav_collect.studies.jobs.schedule import JobEngine, JobsStatus
 
 _DESCRIPTION = """
 Draws the figures of the paper's evaluation as PNG and PDF, writes their numbers as CSV, and judges
@@ -90,9 +90,9 @@ def _add_engine_options(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Draw the figures; the exit status."""
-    from uav_collect.commands.figures_plan import planned
+    from uav_collect.commands.figures_plan import plan_figures
 
-    plan = planned(arguments)
+    plan = plan_figures(arguments)
     plan.show()
     if arguments.list or arguments.dry_run:
         return 0
@@ -103,14 +103,14 @@ def run(arguments: argparse.Namespace) -> int:
     return status
 
 
-def _have_done(arguments: argparse.Namespace, plan: 'Plan') -> int:
-    from uav_collect.commands.figures_display import showing
-    from uav_collect.studies.jobs.schedule import have_done
+def _have_done(arguments: argparse.Namespace, plan: 'FiguresPlan') -> int:
+    from uav_collect.commands.figures_display import jobs_display
+    from uav_collect.studies.jobs.schedule import run_jobs
 
     if arguments.engine == 'local':
         terminal.say_if_compiling(plan.kernels())
-    with noted() as interruption, showing(plan) as show:
-        standing = have_done(
+    with deferred_interruption() as interruption, jobs_display(plan) as show:
+        standing = run_jobs(
             plan.jobs,
             plan.store,
             _engine(arguments),
@@ -122,7 +122,7 @@ def _have_done(arguments: argparse.Namespace, plan: 'Plan') -> int:
     return _status(plan, standing, interruption)
 
 
-def _status(plan: 'Plan', standing: 'Standing', interruption: Interruption) -> int:
+def _status(plan: 'FiguresPlan', standing: 'JobsStatus', interruption: Interruption) -> int:
     for digest, why in standing.failures.items():
         trace = plan.store.folder / 'failures' / f'{digest}.txt'
         sys.stderr.write(f'error: {plan.name_of(digest)}: {why} ({trace})\n')
@@ -135,7 +135,7 @@ def _status(plan: 'Plan', standing: 'Standing', interruption: Interruption) -> i
     return FAILED if standing.failures else 0
 
 
-def _engine(arguments: argparse.Namespace) -> 'Engine':
+def _engine(arguments: argparse.Namespace) -> 'JobEngine':
     match arguments.engine:
         case 'ray':
             if not importlib.util.find_spec('ray'):
@@ -143,20 +143,20 @@ def _engine(arguments: argparse.Namespace) -> 'Engine':
                     '--engine ray needs ray: "make figures ENGINE=ray" installs what'
                     ' requirements/cluster.txt lists'
                 )
-            from uav_collect.studies.jobs.cluster import Cluster
+            from uav_collect.studies.jobs.cluster import RayEngine
 
-            return Cluster(arguments.address, arguments.workers)
+            return RayEngine(arguments.address, arguments.workers)
         case _:
-            from uav_collect.studies.jobs.processes import Processes
+            from uav_collect.studies.jobs.processes import ProcessEngine
 
-            return Processes(arguments.workers or len(os.sched_getaffinity(0)))
+            return ProcessEngine(arguments.workers or len(os.sched_getaffinity(0)))
 
 
-def _draw(arguments: argparse.Namespace, plan: 'Plan') -> None:
+def _draw(arguments: argparse.Namespace, plan: 'FiguresPlan') -> None:
     """Draw what can be drawn, and judge what can be judged."""
     from uav_collect.studies.claims.claims import judge
     from uav_collect.studies.findings import Findings
-    from uav_collect.studies.jobs.costs import spent
+    from uav_collect.studies.jobs.costs import spent_cost
     from uav_collect.studies.pictures.draw import draw
     from uav_collect.studies.results_text import results_text
 
@@ -172,14 +172,14 @@ def _draw(arguments: argparse.Namespace, plan: 'Plan') -> None:
     not_run = [name for name in plan.known_names() if name not in whole]
     judged = judge(whole, findings)
     jobs = plan.jobs_of(whole)
-    text = results_text(plan.scale, whole, judged, spent(jobs, plan.store), not_run)
+    text = results_text(plan.scale, whole, judged, spent_cost(jobs, plan.store), not_run)
     results: Path = arguments.results or folder / 'results.md'
     files.write_atomically(results, text.encode())
     print(results)
     _tell_not_drawn(plan, whole)
 
 
-def _tell_not_drawn(plan: 'Plan', whole: Mapping[str, object]) -> None:
+def _tell_not_drawn(plan: 'FiguresPlan', whole: Mapping[str, object]) -> None:
     lacking = [name for name in plan.studies if name not in whole]
     if lacking:
         sys.stderr.write(f'not drawn, as jobs are missing: {", ".join(lacking)}\n')

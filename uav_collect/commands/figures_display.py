@@ -5,8 +5,8 @@ from contextlib import contextmanager
 from time import monotonic
 from typing import TYPE_CHECKING
 
-from uav_collect.commands.figures_plan import Plan
-from uav_collect.studies.jobs.schedule import Standing
+from uav_collect.commands.figures_plan import FiguresPlan
+from uav_collect.studies.jobs.schedule import JobsStatus
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -18,7 +18,7 @@ _MAX_SHOWN = 16  # jobs that run
 
 
 @contextmanager
-def showing(plan: Plan) -> Iterator[Callable[[Standing], None]]:
+def jobs_display(plan: FiguresPlan) -> Iterator[Callable[[JobsStatus], None]]:
     """Show how the work stands; call what it yields with each look at it."""
     from rich.console import Console
     from rich.live import Live
@@ -31,7 +31,7 @@ def showing(plan: Plan) -> Iterator[Callable[[Standing], None]]:
     with Live(console=console, transient=True, auto_refresh=False) as live:
         drawn_s = 0.0
 
-        def show(standing: Standing) -> None:
+        def show(standing: JobsStatus) -> None:
             nonlocal drawn_s
             if monotonic() - drawn_s >= _DRAWN_EVERY_S:
                 drawn_s = monotonic()
@@ -43,14 +43,14 @@ def showing(plan: Plan) -> Iterator[Callable[[Standing], None]]:
 class _Pace:
     """How much of the work is done, by what jobs are expected to take, and how long is left."""
 
-    def __init__(self, plan: Plan) -> None:
+    def __init__(self, plan: FiguresPlan) -> None:
         self._plan = plan
         self._begun_s = monotonic()
         self._cost_s = {
             digest: max(1e-3, plan.rates.cost_s(plan.jobs[digest])) for digest in plan.missing
         }
 
-    def share_done(self, standing: Standing) -> float:
+    def share_done(self, standing: JobsStatus) -> float:
         """Of what was missing at first."""
         still = self._plan.store.missing(self._cost_s)
         left_s = sum(
@@ -68,10 +68,10 @@ class _Pace:
         return f'{hours}:{minutes:02d} h left' if hours else f'{minutes} min left'
 
 
-def _lines(pace: _Pace, say: Callable[[str], None]) -> Callable[[Standing], None]:
+def _lines(pace: _Pace, say: Callable[[str], None]) -> Callable[[JobsStatus], None]:
     said_s = monotonic()
 
-    def show(standing: Standing) -> None:
+    def show(standing: JobsStatus) -> None:
         nonlocal said_s
         if monotonic() - said_s >= _LINE_EVERY_S:
             said_s = monotonic()
@@ -82,7 +82,7 @@ def _lines(pace: _Pace, say: Callable[[str], None]) -> Callable[[Standing], None
     return show
 
 
-def _counts(standing: Standing) -> tuple[str, ...]:
+def _counts(standing: JobsStatus) -> tuple[str, ...]:
     lost = f'{standing.n_lost} lost and done again' if standing.n_lost else ''
     failed = len(standing.failures) + len(standing.blocked)
     return (
@@ -93,7 +93,7 @@ def _counts(standing: Standing) -> tuple[str, ...]:
     )
 
 
-def _picture(plan: Plan, pace: _Pace, standing: Standing) -> 'RenderableType':
+def _picture(plan: FiguresPlan, pace: _Pace, standing: JobsStatus) -> 'RenderableType':
     from rich.console import Group
     from rich.progress_bar import ProgressBar
     from rich.table import Table

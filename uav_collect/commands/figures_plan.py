@@ -13,8 +13,8 @@ import sys
 from uav_collect.errors import ConfigError, TrainingRunError
 from uav_collect.scenario.load import from_yaml
 from uav_collect.studies import catalogue
-from uav_collect.studies.jobs.costs import disk_bytes, GUESSED, Rates, rates_of, spent
-from uav_collect.studies.jobs.jobs import FlightsJob, Job, kind_of, PlansJob, TrainingJob
+from uav_collect.studies.jobs.costs import disk_bytes, GUESSED_RATES, Rates, rates_of, spent_cost
+from uav_collect.studies.jobs.jobs import FlightsJob, Job, job_kind, PlansJob, TrainingJob
 from uav_collect.studies.jobs.store import Store
 from uav_collect.studies.jobs.work import kernels_of
 from uav_collect.studies.requests import Requests
@@ -25,7 +25,7 @@ _SPARE_BYTES = 200e6  # to be left on the disk
 
 
 @dataclass(frozen=True, kw_only=True)
-class Plan:
+class FiguresPlan:
     """What is to be drawn, and what that takes."""
 
     scale: ScaleConfig
@@ -59,7 +59,7 @@ class Plan:
 
     def _lines(self) -> list[str]:
         missing = [self.jobs[digest] for digest in self.missing]
-        counts = Counter(map(kind_of, missing))
+        counts = Counter(map(job_kind, missing))
         told = ', '.join(f'{counts[kind]} of {kind}' for kind in sorted(counts, reverse=True))
         lines = [
             f'scale {self.scale.name}: {len(self.jobs)} jobs, several of which serve many studies;'
@@ -72,7 +72,7 @@ class Plan:
                 f' checkpoints while it runs, in {self.store.folder}'
             )
             hours = sum(map(self.rates.cost_s, missing)) / 3600.0
-            if self.rates is not GUESSED:
+            if self.rates is not GUESSED_RATES:
                 wall = f', {hours / self.n_slots:,.2f} h on {self.n_slots} cores'
                 lines.append(f'cost: about {hours:,.2f} core-hours{wall} ({self.rates.source})')
         return lines
@@ -127,7 +127,7 @@ class Plan:
                 return f'plan {n_missions} missions, {where}'
 
 
-def planned(arguments: argparse.Namespace) -> Plan:
+def plan_figures(arguments: argparse.Namespace) -> FiguresPlan:
     """What the arguments ask for.
 
     Raises:
@@ -143,8 +143,8 @@ def planned(arguments: argparse.Namespace) -> Plan:
     missing = frozenset(store.missing(requests.jobs))
     if not arguments.list and arguments.engine == 'local':
         _check_torch(requests.jobs[digest] for digest in missing)
-    rates = GUESSED if arguments.list else _rates(scale, requests.jobs, store, missing)
-    return Plan(
+    rates = GUESSED_RATES if arguments.list else _rates(scale, requests.jobs, store, missing)
+    return FiguresPlan(
         scale=scale,
         studies=studies,
         needs=needs,
@@ -179,15 +179,15 @@ def _rates(
     """What jobs take: as those did that are done, or as a first minute says."""
     trainings = [jobs[digest] for digest in sorted(missing)]
     first = next((job for job in trainings if isinstance(job, TrainingJob)), None)
-    known = rates_of(spent(jobs, store))
+    known = rates_of(spent_cost(jobs, store))
     if known is not None:
         return known
     if first is None or scale.measured_s == 0.0 or not importlib.util.find_spec('torch'):
-        return GUESSED
+        return GUESSED_RATES
     sys.stderr.write(f'measuring what a decision takes: {scale.measured_s:.0f} s\n')
-    from uav_collect.studies.jobs.learning import measured
+    from uav_collect.studies.jobs.learning import measure_rates
 
-    return measured(_usual(scale, trainings, first), scale.measured_s)
+    return measure_rates(_usual(scale, trainings, first), scale.measured_s)
 
 
 def _usual(scale: ScaleConfig, trainings: list[Job], first: TrainingJob) -> TrainingJob:

@@ -14,7 +14,7 @@ _LINE_EVERY_S = 5.0
 
 
 @contextmanager
-def counting(total: int, noun: str) -> Iterator[Callable[[int], None]]:
+def progress_bar(total: int, noun: str) -> Iterator[Callable[[int], None]]:
     """Show how many of a total are done; call what it yields with how many more are."""
     from rich.console import Console
     from rich.progress import (
@@ -78,7 +78,7 @@ class Interruption:
 
 
 @contextmanager
-def noted() -> Iterator[Interruption]:
+def deferred_interruption() -> Iterator[Interruption]:
     """Note SIGINT and SIGTERM instead of stopping."""
     interruption = Interruption()
     before = {

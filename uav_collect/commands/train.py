@@ -5,8 +5,8 @@ from pathlib import Path
 import sys
 
 from uav_collect.commands import options, terminal
-from uav_collect.commands.terminal import noted
-from uav_collect.commands.training_plan import ALGORITHMS, planned, Training
+from uav_collect.commands.terminal import deferred_interruption
+from uav_collect.commands.training_plan import ALGORITHMS, plan_training, TrainingPlan
 from uav_collect.errors import DivergedError, InterruptedRunError, TrainingRunError
 from uav_collect.limits import MAX_SEED
 
@@ -92,7 +92,7 @@ def run(arguments: argparse.Namespace) -> int:
     options.check_torch('train')
     if arguments.resume is None:
         _fill_in(arguments)
-    training = planned(arguments)
+    training = plan_training(arguments)
     _check_device(training.runs[0].record.device)
     from uav_collect.missions.vector_env import KERNELS
 
@@ -103,14 +103,14 @@ def run(arguments: argparse.Namespace) -> int:
     return status
 
 
-def _train_all(training: Training, checkpoint_s: float) -> int:
-    from uav_collect.commands.training_session import train_and_tell
+def _train_all(training: TrainingPlan, checkpoint_s: float) -> int:
+    from uav_collect.commands.training_session import train_with_display
 
     status = 0
-    with noted() as interruption:
+    with deferred_interruption() as interruption:
         for one in training.runs:
             try:
-                train_and_tell(one, checkpoint_s, interruption)
+                train_with_display(one, checkpoint_s, interruption)
             except InterruptedRunError as stopped:
                 sys.stderr.write(f'{stopped}\n')
                 return interruption.exit_status
@@ -146,7 +146,7 @@ def _check_device(device: str) -> None:
     keep_freed_memory()
 
 
-def _draw_together(training: Training) -> None:
+def _draw_together(training: TrainingPlan) -> None:
     """Draw the curve of several seeds beside their folders."""
     from uav_collect.commands.training_session import draw_curve
 

@@ -27,14 +27,14 @@ _OWN = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class Training:
+class TrainingPlan:
     """The runs of a training that are still to be done, and all folders it has in the end."""
 
     runs: tuple[PlannedRun, ...]
     folders: tuple[Path, ...]
 
 
-def planned(arguments: argparse.Namespace) -> Training:
+def plan_training(arguments: argparse.Namespace) -> TrainingPlan:
     """The training that the arguments describe, new or to be resumed.
 
     Raises:
@@ -44,7 +44,7 @@ def planned(arguments: argparse.Namespace) -> Training:
     return _new(arguments) if arguments.resume is None else _resumed(arguments)
 
 
-def _new(arguments: argparse.Namespace) -> Training:
+def _new(arguments: argparse.Namespace) -> TrainingPlan:
     from uav_collect.scenario.load import parse_override
     from uav_collect.training.config import load_preset
     from uav_collect.uav.policy import frozen_policy
@@ -65,7 +65,7 @@ def _new(arguments: argparse.Namespace) -> Training:
                 config=config, initial=initial,
             )
         )  # fmt: skip
-    return Training(runs=tuple(runs), folders=tuple(run.folder for run in runs))
+    return TrainingPlan(runs=tuple(runs), folders=tuple(run.folder for run in runs))
 
 
 def _folder_of(record: RunRecord, output: Path | None, seed: int) -> Path:
@@ -117,7 +117,7 @@ def _usual_name(names: Sequence[str], n_uavs: Sequence[int], algorithm: str, pre
     return f'{field}_n{fleet}_{algorithm}_{preset}'
 
 
-def _resumed(arguments: argparse.Namespace) -> Training:
+def _resumed(arguments: argparse.Namespace) -> TrainingPlan:
     """The named run, then the other runs of its training that are not done."""
     given = [name for name in _OWN if getattr(arguments, name) not in (None, [])]
     if given:
@@ -140,7 +140,7 @@ def _resumed(arguments: argparse.Namespace) -> Training:
         raise TrainingRunError(
             f'{folder}: has had its {record.budget}: give it more by --minutes or --decisions'
         )
-    return Training(runs=tuple(pending), folders=folders)
+    return TrainingPlan(runs=tuple(pending), folders=folders)
 
 
 def _siblings(folder: Path, record: RunRecord) -> tuple[Path, ...]:

@@ -9,16 +9,16 @@ from uav_collect.commands import curves
 from uav_collect.commands.terminal import Interruption
 from uav_collect.commands.training_plan import resume_command
 from uav_collect.errors import InterruptedRunError
-from uav_collect.learning.loop import is_saved, train, trainer_of
+from uav_collect.learning.loop import has_checkpoint, open_trainer, train
 from uav_collect.training.curves import learning_curves
-from uav_collect.training.display import clock, showing
-from uav_collect.training.folder import BEST_POLICY, CURVE, opened
+from uav_collect.training.display import minutes_text, progress_display
+from uav_collect.training.folder import BEST_POLICY, CURVE, open_training_folder
 from uav_collect.training.planned_run import PlannedRun
 from uav_collect.training.progress import Progress
-from uav_collect.training.run_record import AXES, MEASURES
+from uav_collect.training.run_record import CURVE_AXES, CURVE_MEASURES
 
 
-def train_and_tell(run: PlannedRun, checkpoint_s: float, interruption: Interruption) -> None:
+def train_with_display(run: PlannedRun, checkpoint_s: float, interruption: Interruption) -> None:
     """Train one run to its end, from where its folder left it.
 
     Args:
@@ -32,11 +32,11 @@ def train_and_tell(run: PlannedRun, checkpoint_s: float, interruption: Interrupt
         TrainingRunError: another process trains in the folder.
         OSError: the folder cannot be written.
     """
-    trainer = trainer_of(run)
-    with opened(run, trainer.n_decisions) as folder:
+    trainer = open_trainer(run)
+    with open_training_folder(run, trainer.n_decisions) as folder:
         _say(f'{run.title}, seed {run.record.seed}, {run.record.budget}: {run.folder}')
         try:
-            with showing(run.folder.name) as show:
+            with progress_display(run.folder.name) as show:
                 last = train(
                     run,
                     trainer,
@@ -50,7 +50,7 @@ def train_and_tell(run: PlannedRun, checkpoint_s: float, interruption: Interrupt
                 f'{stopped}. To go on:\n  {resume_command(run.folder)}'
             ) from stopped
         except OSError:
-            if is_saved(folder.checkpoint):
+            if has_checkpoint(folder.checkpoint):
                 _say(f'to go on from the last checkpoint:\n  {resume_command(run.folder)}')
             raise
     if last is not None:
@@ -65,7 +65,7 @@ def draw_curve(
     Raises:
         OSError: naming the file.
     """
-    measure, axis = MEASURES[0], AXES[0]
+    measure, axis = CURVE_MEASURES[0], CURVE_AXES[0]
     lines = learning_curves(folders, measure, axis)
     curves.write(lines, measure, axis, picture=picture, table=table, title=title)
 
@@ -73,7 +73,7 @@ def draw_curve(
 def _report(run: PlannedRun, last: Progress) -> None:
     """Print what a run came to, and draw its curve."""
     print(
-        f'trained {clock(last.wall_s)}: {last.n_missions:,} missions,'
+        f'trained {minutes_text(last.wall_s)}: {last.n_missions:,} missions,'
         f' {last.n_decisions:,} decisions, {last.n_updates:,} updates'
     )
     if last.best is None:

@@ -7,17 +7,17 @@ from threading import Thread
 
 from uav_collect.errors import DivergedError, InterruptedRunError, TrainingRunError
 from uav_collect.kernels.compile import kernels_are_compiled
-from uav_collect.learning.fleet_source import Intake
-from uav_collect.learning.loop import train, trainer_of
+from uav_collect.learning.fleet_source import FleetSource
+from uav_collect.learning.loop import open_trainer, train
 from uav_collect.learning.trainer import Trainer
-from uav_collect.training.folder import BEST_POLICY, opened
+from uav_collect.training.folder import BEST_POLICY, open_training_folder
 from uav_collect.training.planned_run import PlannedRun
 from uav_collect.training.progress import Budget, Progress
 from uav_collect.uav.policy_network import FrozenPolicy
 
 
 @dataclass(frozen=True, kw_only=True)
-class Flown:
+class BehaviourPolicy:
     """What the fleets shall fly from now on."""
 
     policy: FrozenPolicy
@@ -32,7 +32,7 @@ class Ending:
     has_failed: bool
 
 
-class Learning:
+class BackgroundTraining:
     """Trains one run on a intake of missions, in a thread of its own."""
 
     def __init__(
@@ -53,14 +53,14 @@ class Learning:
             ConfigError: the scenario cannot be trained with these settings.
             PolicyMismatchError: the network is not that of the policy to start from.
         """
-        self.intake = Intake(most_waiting, self._fly)
+        self.intake = FleetSource(most_waiting, self._fly)
         self.progress: Progress | None = None  # the latest look
         self.ending: Ending | None = None  # once it has ended
         self._run, self._checkpoint_s = run, checkpoint_s
         self._every_updates = publish_every_updates
-        self._trainer: Trainer = trainer_of(run, [self.intake])
+        self._trainer: Trainer = open_trainer(run, [self.intake])
         self._next_flown = self._trainer.n_updates
-        self._flown: SimpleQueue[Flown] = SimpleQueue()
+        self._flown: SimpleQueue[BehaviourPolicy] = SimpleQueue()
         self._is_stopped = False
         self._thread = Thread(target=self._learn, name='learning', daemon=True)
 
@@ -70,7 +70,7 @@ class Learning:
             self._trainer.warm_up()
         self._thread.start()
 
-    def flown(self) -> Flown | None:
+    def flown(self) -> BehaviourPolicy | None:
         """What the fleets shall fly from now on, if that is something new; each is given once."""
         latest = None
         with suppress(Empty):
@@ -91,7 +91,7 @@ class Learning:
         """Let the fleets fly the network as it is, if they have flown long enough what it was."""
         if self._trainer.n_updates >= self._next_flown:
             self._next_flown = self._trainer.n_updates + self._every_updates
-            self._flown.put(Flown(policy=self._trainer.snapshot(), epsilon=epsilon))
+            self._flown.put(BehaviourPolicy(policy=self._trainer.snapshot(), epsilon=epsilon))
 
     def _learn(self) -> None:
         try:
@@ -112,7 +112,7 @@ class Learning:
         run, trainer = self._run, self._trainer
         budget = Budget(minutes=run.record.minutes, decisions=run.record.decisions)
         share_done = trainer.share_done(budget)
-        with opened(run, trainer.n_decisions) as folder:
+        with open_training_folder(run, trainer.n_decisions) as folder:
             self._fly(trainer.config.epsilon(share_done))
             # Minutes count from the first mission on.
             if share_done < 1.0 and not self.intake.wait():
@@ -127,7 +127,7 @@ class Learning:
             )
         best = trainer.best_policy()
         if best is not None:
-            self._flown.put(Flown(policy=best, epsilon=0.0))
+            self._flown.put(BehaviourPolicy(policy=best, epsilon=0.0))
         done = f'{trainer.n_decisions:,} decisions, {trainer.n_updates:,} updates'
         return f'done after {done}; its best policy is {run.folder / BEST_POLICY}'
 

@@ -21,7 +21,7 @@ def _leave(epsilon: float) -> None:
     """Nobody flies: the missions were recorded."""
 
 
-class Intake:
+class FleetSource:
     """Where the learner waits for missions; a source of a `task.Course`."""
 
     def __init__(self, most_waiting: int, fly: Callable[[float], None] = _leave) -> None:

@@ -187,7 +187,7 @@ class Learner:
         future = tensors.discount * future
         trace = torch.where(tensors.is_chained, config.trace, 0.0)
         fixed = tensors.reward + (1.0 - trace) * future
-        return scan(fixed, trace * tensors.discount)
+        return reverse_scan(fixed, trace * tensors.discount)
 
     def _values(self, networks: Networks, tensors: _Tensors) -> Tensor:
         """Q values of all rows, shape (R, N_ACTIONS)."""
@@ -245,7 +245,7 @@ class Learner:
         return torch.from_numpy(values).to(self._device)
 
 
-def scan(values: Tensor, factors: Tensor) -> Tensor:
+def reverse_scan(values: Tensor, factors: Tensor) -> Tensor:
     """Solve y_i = value_i + factor_i y_{i+1} from the end, in log2(N) steps, shape (N,).
 
     Source: Hillis and Steele, Data parallel algorithms, 1986.

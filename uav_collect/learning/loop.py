@@ -11,14 +11,14 @@ from uav_collect.errors import (
     InterruptedRunError,
     PolicyMismatchError,
 )
-from uav_collect.learning.task import Source
+from uav_collect.learning.task import EpisodeSource
 from uav_collect.learning.trainer import Trainer
-from uav_collect.training.folder import BEST_POLICY, CHECKPOINT, LAST_POLICY, RunFolder
+from uav_collect.training.folder import BEST_POLICY, CHECKPOINT, LAST_POLICY, TrainingFolder
 from uav_collect.training.planned_run import PlannedRun
 from uav_collect.training.progress import Budget, Progress
 
 
-def trainer_of(run: PlannedRun, sources: Sequence[Source] | None = None) -> Trainer:
+def open_trainer(run: PlannedRun, sources: Sequence[EpisodeSource] | None = None) -> Trainer:
     """The trainer of a run, as its last checkpoint has it.
 
     Args:
@@ -31,7 +31,7 @@ def trainer_of(run: PlannedRun, sources: Sequence[Source] | None = None) -> Trai
         PolicyMismatchError: the network is not that of the policy to start from.
     """
     checkpoint = run.folder / CHECKPOINT
-    if is_saved(checkpoint):
+    if has_checkpoint(checkpoint):
         return Trainer.resume(checkpoint, sources)
     record = run.record
     return Trainer(
@@ -45,7 +45,7 @@ def trainer_of(run: PlannedRun, sources: Sequence[Source] | None = None) -> Trai
     )
 
 
-def is_saved(checkpoint: Path) -> bool:
+def has_checkpoint(checkpoint: Path) -> bool:
     """Whether there is something to go on from."""
     return any(file.suffix != '.part' for file in checkpoint.glob('*'))
 
@@ -53,7 +53,7 @@ def is_saved(checkpoint: Path) -> bool:
 def train(
     run: PlannedRun,
     trainer: Trainer,
-    folder: RunFolder,
+    folder: TrainingFolder,
     *,
     checkpoint_s: float,
     is_stopped: Callable[[], bool],

@@ -23,7 +23,7 @@ from uav_collect.uav.actions import N_ACTIONS
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.observation import Layout, observation_size
 
-NOBODY = -1  # no decision
+NO_DECISION = -1  # no decision
 
 
 class Algorithm(StrEnum):
@@ -54,7 +54,7 @@ class Minibatch:
     discount: Floats  # (L,) of what follows
 
 
-def minibatch(
+def make_minibatch(
     episodes: Sequence[Episode],
     briefing: Briefing,
     layout: Layout,
@@ -78,7 +78,7 @@ def minibatch(
     closes = _closing(mission, instant, latest, is_whole, algorithm)
     order, entry_next = _successors(records, mission, closes, is_whole, algorithm)
     entry, next_entry = order[entry_next != _UNKNOWN], entry_next[entry_next != _UNKNOWN]
-    follows = np.append(entry[1:], NOBODY)
+    follows = np.append(entry[1:], NO_DECISION)
     reward, discount = _returns(records, mission, entry, next_entry, discount_per_s)
     size = observation_size(layout, briefing.cells_per_side, briefing.n_uavs)
     observation = np.empty((len(row), size), dtype=np.float32)
@@ -132,10 +132,10 @@ def _latest(records: Records, mission: Ints, n_uavs: int) -> Ints:
     index = np.arange(len(mission))
     first = np.searchsorted(mission, mission)
     uav = records.uav
-    decided = np.where(uav[:, None] == np.arange(n_uavs), index[:, None], NOBODY)
+    decided = np.where(uav[:, None] == np.arange(n_uavs), index[:, None], NO_DECISION)
     latest = np.maximum.accumulate(decided, axis=0)
     active = records.fleet[:, N_UAV_SCALARS - 1 :: N_UAV_SCALARS] > 0.0
-    return np.where((latest >= first[:, None]) & active, latest, NOBODY)
+    return np.where((latest >= first[:, None]) & active, latest, NO_DECISION)
 
 
 def _instants(mission: Ints, time_s: Floats, algorithm: Algorithm) -> Ints:
@@ -173,8 +173,8 @@ def _successors(
         chain = mission
     chain = chain[order]
     is_last = np.append(chain[1:] != chain[:-1], True)
-    end = np.where(is_whole[mission[order]], NOBODY, _UNKNOWN)
-    return order, np.where(is_last, end, np.append(order[1:], NOBODY))
+    end = np.where(is_whole[mission[order]], NO_DECISION, _UNKNOWN)
+    return order, np.where(is_last, end, np.append(order[1:], NO_DECISION))
 
 
 def _returns(

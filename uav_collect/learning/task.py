@@ -7,7 +7,7 @@ from typing import Any, Protocol
 import numpy as np
 from uav_collect.errors import ConfigError
 from uav_collect.learning.collector import Collector
-from uav_collect.learning.minibatch import Algorithm, Minibatch, minibatch
+from uav_collect.learning.minibatch import Algorithm, make_minibatch, Minibatch
 from uav_collect.learning.network import Drqn
 from uav_collect.learning.replay import Replay
 from uav_collect.missions.experience import Episode
@@ -22,7 +22,7 @@ from uav_collect.uav.observation import observation_size
 from uav_collect.uav.policy import LearnedPolicy
 
 
-class Source(Protocol):
+class EpisodeSource(Protocol):
     """Where a course's missions come from: a collector, or flights elsewhere."""
 
     @property
@@ -52,19 +52,19 @@ class Source(Protocol):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Course:
+class Task:
     """A site, where experience with its scenario comes from, and what was collected."""
 
     site: Site
     briefing: Briefing
-    source: Source
+    source: EpisodeSource
     replay: Replay
 
     def minibatch(
         self, config: TrainingConfig, algorithm: Algorithm, rng: np.random.Generator
     ) -> Minibatch:
         """Missions drawn from the replay, ready for an update."""
-        return minibatch(
+        return make_minibatch(
             self.replay.sample(config.replay.missions_per_batch, rng),
             self.briefing,
             config.layout,
@@ -77,14 +77,14 @@ class Course:
         return fly(self.site, mission_seeds, lambda: pilot, 'equal')
 
 
-def new_courses(
+def make_tasks(
     scenarios: Sequence[Scenario],
     config: TrainingConfig,
     algorithm: Algorithm,
     seed: int,
     device: str,
-    sources: Sequence[Source] | None,
-) -> list[Course]:
+    sources: Sequence[EpisodeSource] | None,
+) -> list[Task]:
     """Courses at their start; they share the room of the replay.
 
     Args:
@@ -100,11 +100,11 @@ def new_courses(
         site, briefing = build_site(scenario), brief(scenario)
         if sources is None:
             learned = site.with_discount(config.reward.discount_per_s)
-            source: Source = Collector(learned, config, algorithm, seed, device)
+            source: EpisodeSource = Collector(learned, config, algorithm, seed, device)
         else:
             source = sources[index]
         replay = Replay(replay_size, briefing)
-        courses.append(Course(site=site, briefing=briefing, source=source, replay=replay))
+        courses.append(Task(site=site, briefing=briefing, source=source, replay=replay))
     return courses
 
 

@@ -12,11 +12,11 @@ from uav_collect.errors import CheckpointError, PolicyMismatchError
 from uav_collect.learning.checkpoint import read_checkpoint, write_checkpoint
 from uav_collect.learning.learner import Learner
 from uav_collect.learning.minibatch import Algorithm
-from uav_collect.learning.task import new_courses, Source
+from uav_collect.learning.task import EpisodeSource, make_tasks
 from uav_collect.revision import git_revision
 from uav_collect.scenario.load import fingerprint, from_yaml, Scenario
 from uav_collect.training.config import TrainingConfig
-from uav_collect.training.progress import Budget, Pace, Progress, Validation
+from uav_collect.training.progress import Budget, Progress, SpeedMeter, ValidationResult
 from uav_collect.uav import policy_network
 from uav_collect.uav.observation import observation_size
 from uav_collect.uav.policy import LearnedPolicy
@@ -37,7 +37,7 @@ class Trainer:
         seed: int,
         device: str = 'cpu',
         initial: FrozenPolicy | None = None,
-        sources: Sequence[Source] | None = None,
+        sources: Sequence[EpisodeSource] | None = None,
     ) -> None:
         """Get ready: first missions in the air, weights drawn.
 
@@ -57,14 +57,14 @@ class Trainer:
         self.scenarios, self.config, self.seed = tuple(scenarios), config, seed
         self.algorithm = Algorithm(algorithm)
         self._device = device
-        self._courses = new_courses(self.scenarios, config, self.algorithm, seed, device, sources)
+        self._courses = make_tasks(self.scenarios, config, self.algorithm, seed, device, sources)
         briefings = [course.briefing for course in self._courses]
         self._learner = Learner(config, briefings, self.algorithm, seed, device)
         self._rng = np.random.Generator(np.random.Philox(key=[seed, _REPLAY_KEY]))
         self._turn = 0
         self._trained_s = 0.0
-        self._validation: Validation | None = None
-        self._best: Validation | None = None
+        self._validation: ValidationResult | None = None
+        self._best: ValidationResult | None = None
         self._best_policy: FrozenPolicy | None = None
         if initial is not None:
             _check_alike(initial, self._header(None, initial.weights))
@@ -106,7 +106,7 @@ class Trainer:
             How it stands, about once a second, after each validation, and once experience is
             over. The weights change only between two of them: stop, save or look at any.
         """
-        pace = Pace(self)
+        pace = SpeedMeter(self)
         is_over = False
         while not is_over and (share_done := self.share_done(budget)) < 1.0:
             loss = self._advance(share_done, pace)
@@ -164,7 +164,7 @@ class Trainer:
         write_checkpoint(folder, state)
 
     @classmethod
-    def resume(cls, folder: Path, sources: Sequence[Source] | None = None) -> 'Trainer':
+    def resume(cls, folder: Path, sources: Sequence[EpisodeSource] | None = None) -> 'Trainer':
         """Go on from what `save` wrote.
 
         Args:
@@ -203,13 +203,13 @@ class Trainer:
         self._rng.bit_generator.state = state['rng']
         self._trained_s = state['trained_s']
         if state['validation']:
-            self._validation = Validation(**state['validation'])
+            self._validation = ValidationResult(**state['validation'])
         if state['best']:
-            self._best = Validation(**state['best'])
+            self._best = ValidationResult(**state['best'])
             header = self._header(self._best, state['best_weights'])
             self._best_policy = FrozenPolicy(header, state['best_weights'])
 
-    def _advance(self, share_done: float, pace: Pace) -> float | None:
+    def _advance(self, share_done: float, pace: SpeedMeter) -> float | None:
         """Fly a little, then learn once.
 
         Returns:
@@ -237,13 +237,13 @@ class Trainer:
             self._best = self._validation
             self._best_policy = self._frozen(self._validation)
 
-    def _validated(self) -> Validation:
+    def _validated(self) -> ValidationResult:
         """Fly the validation missions, equal bandwidth, without exploration."""
         pilot = LearnedPolicy('validated', self._frozen(None))
         seeds = mission_seeds(VALIDATION_SEED, self.config.validation.missions)
         logs = [log for course in self._courses for log in course.validate(pilot, seeds)]
         flown = [mission_metrics(log) for log in logs]
-        return Validation(
+        return ValidationResult(
             wall_s=self._trained_s,
             n_decisions=self.n_decisions,
             n_updates=self._learner.n_updates,
@@ -256,12 +256,12 @@ class Trainer:
             team_reward=_mean(log.events['reward'].sum() for log in logs),
         )
 
-    def _frozen(self, validation: Validation | None) -> FrozenPolicy:
+    def _frozen(self, validation: ValidationResult | None) -> FrozenPolicy:
         weights = self._learner.weights()
         return FrozenPolicy(self._header(validation, weights), weights)
 
     def _header(
-        self, validation: Validation | None, weights: policy_network.Weights
+        self, validation: ValidationResult | None, weights: policy_network.Weights
     ) -> PolicyHeader:
         config, first = self.config, self.scenarios[0]
         sides = [scenario.area.cells_per_side for scenario in self.scenarios]
@@ -288,7 +288,9 @@ class Trainer:
             validation=_told(validation, config.validation.missions * len(sides)),
         )
 
-    def _progress(self, budget: Budget, pace: Pace, validation: Validation | None) -> Progress:
+    def _progress(
+        self, budget: Budget, pace: SpeedMeter, validation: ValidationResult | None
+    ) -> Progress:
         share_done = self.share_done(budget)
         sources = [course.source for course in self._courses]
         recent = [source.recent for source in sources]
@@ -326,7 +328,7 @@ def _check_alike(initial: FrozenPolicy, wanted: PolicyHeader) -> None:
             )
 
 
-def _merit(validation: Validation) -> tuple[float, float]:
+def _merit(validation: ValidationResult) -> tuple[float, float]:
     # A policy that leaves data or a UAV behind is no better for having saved energy.
     whole = min(validation.complete_share, validation.safe_share)
     return min(whole, 0.99), validation.efficiency_kbit_per_j
@@ -336,7 +338,7 @@ def _mean(values: Any) -> float:  # noqa: ANN401 - any iterable of numbers
     return float(np.mean(list(values)))
 
 
-def _told(validation: Validation | None, n_missions: int) -> policy_network.Validation:
+def _told(validation: ValidationResult | None, n_missions: int) -> policy_network.Validation:
     names = {field.name for field in fields(policy_network.Validation)} - {'missions', 'bandwidth'}
     measured = {name: getattr(validation, name, 0.0) for name in names}
     return policy_network.Validation(

@@ -31,7 +31,7 @@ from uav_collect.studies.study import (
     LinesStudy,
     Study,
     TopologyStudy,
-    Trained,
+    TrainedPolicies,
     TrajectoriesStudy,
 )
 
@@ -181,7 +181,7 @@ def _kernel(requests: Requests) -> Study:
     config = scale.fields.large
     field = field_of(config)
     curves = [
-        Trained(
+        TrainedPolicies(
             label=f'{kernel}x{kernel}',
             digests=requests.trained(
                 AQMIX, field, config.decisions, scale.seeds.kernels, mixer__pool_side=kernel

@@ -10,10 +10,10 @@ from uav_collect.studies.study import (
     CurvesPanel,
     LEARNED,
     Line,
+    MissionSet,
     PLAN,
     RULES,
-    Tested,
-    Trained,
+    TrainedPolicies,
 )
 
 
@@ -54,12 +54,12 @@ def _checked(scenario: Scenario, **parts: object) -> Scenario:
 
 def all_trained(
     requests: Requests, scenario: Scenario, decisions: int, n_seeds: int
-) -> dict[str, Trained]:
+) -> dict[str, TrainedPolicies]:
     """Ask for the trainings of each algorithm on a scenario, by label."""
     return {label: requests.trained(label, scenario, decisions, n_seeds) for label in LEARNED}
 
 
-def usual_trained(requests: Requests) -> dict[str, Trained]:
+def usual_trained(requests: Requests) -> dict[str, TrainedPolicies]:
     """Ask for the trainings of each algorithm on the usual field, by label."""
     config = requests.scale.fields.usual
     field = field_of(config)
@@ -87,7 +87,11 @@ def area_panel(requests: Requests, label: str, config: FieldConfig, n_seeds: int
 
 
 def panel_of(
-    requests: Requests, label: str, key: str, scenario: Scenario, trained: Mapping[str, Trained]
+    requests: Requests,
+    label: str,
+    key: str,
+    scenario: Scenario,
+    trained: Mapping[str, TrainedPolicies],
 ) -> CurvesPanel:
     """Trainings beside what needs none."""
     # Policies are validated with equal bandwidth, so what stands beside them has it too.
@@ -96,7 +100,7 @@ def panel_of(
 
 
 def tested_alike(
-    requests: Requests, scenarios: Sequence[Scenario], trained: Mapping[str, Trained]
+    requests: Requests, scenarios: Sequence[Scenario], trained: Mapping[str, TrainedPolicies]
 ) -> tuple[Line, ...]:
     """Policies that were trained once, tested in each scenario."""
     return tested_each(requests, scenarios, [trained] * len(scenarios))
@@ -105,7 +109,7 @@ def tested_alike(
 def tested_each(
     requests: Requests,
     scenarios: Sequence[Scenario],
-    trained: Sequence[Mapping[str, Trained]],
+    trained: Sequence[Mapping[str, TrainedPolicies]],
     planned: Scenario | None = None,
 ) -> tuple[Line, ...]:
     """Policies tested in each scenario, those trained for it.
@@ -115,7 +119,7 @@ def tested_each(
             them.
     """
     pairs = [*zip(trained, scenarios, strict=True)]
-    tests: dict[str, list[Tested]] = {
+    tests: dict[str, list[MissionSet]] = {
         label: [requests.flown(policies[label], scenario) for policies, scenario in pairs]
         for label in LEARNED
     }

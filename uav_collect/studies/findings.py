@@ -9,7 +9,7 @@ from uav_collect.analysis.statistics import column_estimates, Estimate
 from uav_collect.kernels.arrays import Floats
 from uav_collect.studies.jobs.jobs import CURVE, MISSIONS, POLICY
 from uav_collect.studies.jobs.store import Store
-from uav_collect.studies.study import Measure, Tested, Trained
+from uav_collect.studies.study import MissionSet, PanelMeasure, TrainedPolicies
 from uav_collect.training.curves import LearningCurve, mean_curve
 
 _TAIL_SHARE = 0.2  # of a training: its end, over which a curve is averaged
@@ -36,7 +36,7 @@ class Findings:
         self._store = store
         self._tables: dict[str, dict[str, Floats]] = {}
 
-    def column(self, tested: Tested, measure: Measure) -> Column | None:
+    def column(self, tested: MissionSet, measure: PanelMeasure) -> Column | None:
         """A measure of all missions of a test, as shown; None where plans have none.
 
         Raises:
@@ -51,11 +51,11 @@ class Findings:
             value=np.concatenate([table[key] for table in tables]) * measure.scale,
         )
 
-    def numbers(self, tested: Tested, key: str) -> Floats:
+    def numbers(self, tested: MissionSet, key: str) -> Floats:
         """A column of all missions of a test, (M,)."""
         return np.concatenate([self._table(it, MISSIONS)[key] for it in tested.digests])
 
-    def curve(self, trained: Trained, key: str) -> LearningCurve | None:
+    def curve(self, trained: TrainedPolicies, key: str) -> LearningCurve | None:
         """Mean and deviation over the seeds; None where they have no stretch in common."""
         lines = []
         for digest in trained.digests:
@@ -65,7 +65,7 @@ class Findings:
             lines.append((over, value))
         return mean_curve(trained.label, range(len(lines)), lines)
 
-    def ends(self, trained: Trained, key: str) -> Floats:
+    def ends(self, trained: TrainedPolicies, key: str) -> Floats:
         """What each seed achieved in the last fifth of its training, (N,)."""
         means = []
         for digest in trained.digests:
@@ -92,11 +92,11 @@ class Findings:
 
     def _table(self, digest: str, name: str) -> dict[str, Floats]:
         if digest not in self._tables:
-            self._tables[digest] = table_of(self._store.read(digest, name))
+            self._tables[digest] = read_table(self._store.read(digest, name))
         return self._tables[digest]
 
 
-def table_of(content: bytes) -> dict[str, Floats]:
+def read_table(content: bytes) -> dict[str, Floats]:
     """The columns of a CSV of numbers; an empty cell is nan."""
     header, *rows = csv.reader(io.StringIO(content.decode()))
     cells = np.array([[float(cell or 'nan') for cell in row] for row in rows], dtype=np.float64)
@@ -104,7 +104,7 @@ def table_of(content: bytes) -> dict[str, Floats]:
     return {name: cells[:, index] for index, name in enumerate(header)}
 
 
-def estimated(column: Column) -> tuple[int, Estimate] | None:
+def estimate_column(column: Column) -> tuple[int, Estimate] | None:
     """How many missions count, and what they tell; None where none does."""
     known = column.value[column.is_known]
     if not len(known):

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from uav_collect.scenario.load import Scenario
 from uav_collect.studies.jobs.jobs import digest_of, FlightsJob, Job, PlansJob, training_job
 from uav_collect.studies.scale import ScaleConfig
-from uav_collect.studies.study import LEARNED, PLAN, RULES, Tested, Trained
+from uav_collect.studies.study import LEARNED, MissionSet, PLAN, RULES, TrainedPolicies
 from uav_collect.training.config import load_preset
 
 
@@ -18,7 +18,7 @@ class Requests:
     jobs: dict[str, Job] = field(default_factory=dict)  # by digest
     _asked: set[str] = field(default_factory=set)  # since they were last taken
     _texts: dict[str, str] = field(default_factory=dict)  # of scenarios: YAML is slowly written
-    _trainings: dict[object, Trained] = field(default_factory=dict)
+    _trainings: dict[object, TrainedPolicies] = field(default_factory=dict)
 
     def ask(self, job: Job) -> str:
         """Ask for a job; its digest."""
@@ -39,7 +39,7 @@ class Requests:
         decisions: int,
         n_seeds: int,
         **settings: object,
-    ) -> Trained:
+    ) -> TrainedPolicies:
         """Ask for trainings.
 
         Args:
@@ -53,19 +53,21 @@ class Requests:
             config = load_preset(trainings.preset, trainings.set | values)
             first = training_job(scenario, config, LEARNED[label], 0, decisions)
             digests = [self.ask(replace(first, seed=seed)) for seed in range(n_seeds)]
-            self._trainings[known] = Trained(label=label, digests=tuple(digests))
+            self._trainings[known] = TrainedPolicies(label=label, digests=tuple(digests))
         self._asked.update(self._trainings[known].digests)
         return self._trainings[known]
 
-    def flown(self, trained: Trained, scenario: Scenario, bandwidth: str = 'exact') -> Tested:
+    def flown(
+        self, trained: TrainedPolicies, scenario: Scenario, bandwidth: str = 'exact'
+    ) -> MissionSet:
         """Ask for test missions of the best policy that trainings gave."""
         return self._tested(LEARNED[trained.label], trained.digests, scenario, bandwidth)
 
-    def ruled(self, label: str, scenario: Scenario, bandwidth: str = 'exact') -> Tested:
+    def ruled(self, label: str, scenario: Scenario, bandwidth: str = 'exact') -> MissionSet:
         """Ask for test missions of a rule."""
         return self._tested(RULES[label], (), scenario, bandwidth)
 
-    def planned(self, scenario: Scenario, bandwidth: str = 'exact') -> Tested:
+    def planned(self, scenario: Scenario, bandwidth: str = 'exact') -> MissionSet:
         """Ask for plans of the test missions."""
         digests = [
             self.ask(
@@ -79,14 +81,14 @@ class Requests:
             )
             for seeds in self._parts()
         ]
-        return Tested(digests=tuple(digests), is_planned=True)
+        return MissionSet(digests=tuple(digests), is_planned=True)
 
-    def references(self, scenario: Scenario, bandwidth: str = 'exact') -> dict[str, Tested]:
+    def references(self, scenario: Scenario, bandwidth: str = 'exact') -> dict[str, MissionSet]:
         """Ask for what learned policies stand beside, by label."""
         ruled = {label: self.ruled(label, scenario, bandwidth) for label in RULES}
         return {**ruled, PLAN: self.planned(scenario, bandwidth)}
 
-    def log(self, trained: Trained, scenario: Scenario, mission_seed: int) -> str:
+    def log(self, trained: TrainedPolicies, scenario: Scenario, mission_seed: int) -> str:
         """Ask for the log of one mission."""
         return self.ask(
             _flights(
@@ -100,12 +102,12 @@ class Requests:
 
     def _tested(
         self, policy: str, trainings: Sequence[str], scenario: Scenario, bandwidth: str
-    ) -> Tested:
+    ) -> MissionSet:
         digests = [
             self.ask(_flights(policy, trainings, self._text(scenario), bandwidth, seeds))
             for seeds in self._parts()
         ]
-        return Tested(digests=tuple(digests), is_planned=False)
+        return MissionSet(digests=tuple(digests), is_planned=False)
 
     def _text(self, scenario: Scenario) -> str:
         """The scenario as YAML."""

@@ -3,22 +3,22 @@
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
-from uav_collect.analysis.statistics import LEVEL
-from uav_collect.studies.claims.claims import Judged
-from uav_collect.studies.claims.judging import Evidence, MIN_SEEDS, Verdict
-from uav_collect.studies.jobs.costs import Spent
+from uav_collect.analysis.statistics import CONFIDENCE_LEVEL
+from uav_collect.studies.claims.claims import JudgedClaim
+from uav_collect.studies.claims.judging import ClaimStatus, Evidence, MIN_SEEDS
+from uav_collect.studies.jobs.costs import SpentCost
 from uav_collect.studies.scale import ScaleConfig
 from uav_collect.studies.study import Study
 
-_ORDER = (Verdict.HOLDS, Verdict.FAILS, Verdict.OPEN, Verdict.NOT_RUN)
+_ORDER = (ClaimStatus.HOLDS, ClaimStatus.FAILS, ClaimStatus.OPEN, ClaimStatus.NOT_RUN)
 _FEW = 3  # pieces of evidence that the first table has room for
 
 
 def results_text(
     scale: ScaleConfig,
     studies: Mapping[str, Study],
-    judged: Sequence[Judged],
-    spent: Spent,
+    judged: Sequence[JudgedClaim],
+    spent: SpentCost,
     not_run: Sequence[str],
 ) -> str:
     """The document, in Markdown.
@@ -32,11 +32,11 @@ def results_text(
         f'Made by `python -m uav_collect figures --scale {scale.name}`; not edited by hand.',
         _what_was_run(scale, studies, spent, not_run),
         '## Claims',
-        f'A statement of the paper, in our words, holds if the {LEVEL:.0%} bootstrap interval of '
-        'every number that it takes lies where the statement puts it, and does not if one lies '
-        'elsewhere as a whole. Tests are paired by mission, all with the optimal bandwidth and '
-        'with the best policy of all seeds in validation; what is said of learning is paired by '
-        f'seed, in the last fifth of trainings, and takes {MIN_SEEDS} seeds.',
+        f'A statement of the paper, in our words, holds if the {CONFIDENCE_LEVEL:.0%} bootstrap '
+        'interval of every number that it takes lies where the statement puts it, and does not if '
+        'one lies elsewhere as a whole. Tests are paired by mission, all with the optimal '
+        'bandwidth and with the best policy of all seeds in validation; what is said of learning '
+        f'is paired by seed, in the last fifth of trainings, and takes {MIN_SEEDS} seeds.',
         _counts(judged),
         _table(judged),
         '## Evidence',
@@ -46,7 +46,7 @@ def results_text(
 
 
 def _what_was_run(
-    scale: ScaleConfig, studies: Mapping[str, Study], spent: Spent, not_run: Sequence[str]
+    scale: ScaleConfig, studies: Mapping[str, Study], spent: SpentCost, not_run: Sequence[str]
 ) -> str:
     tests, fields = scale.tests, scale.fields
     last = tests.first_seed + tests.missions - 1
@@ -74,13 +74,13 @@ def _overrides(values: Mapping[str, object]) -> str:
     return f' with {told}' if told else ''
 
 
-def _counts(judged: Sequence[Judged]) -> str:
+def _counts(judged: Sequence[JudgedClaim]) -> str:
     counted = Counter(it.verdict for it in judged)
     told = [f'{counted[verdict]} {verdict}' for verdict in _ORDER if counted[verdict]]
     return f'Of {len(judged)} statements: {", ".join(told)}.'
 
 
-def _table(judged: Sequence[Judged]) -> str:
+def _table(judged: Sequence[JudgedClaim]) -> str:
     lines = ['| | fig. | statement | measured | verdict |', '|---|---|---|---|---|']
     for number, it in enumerate(judged, start=1):
         claim = it.claim
@@ -97,15 +97,19 @@ def _measured(evidence: Sequence[Evidence]) -> str:
         return '<br>'.join(map(_shown, evidence))
     counted = Counter(it.verdict for it in evidence)
     told = [f'{counted[verdict]} of {len(evidence)} {_word(verdict)}' for verdict in counted]
-    against = [it for it in evidence if it.verdict is not Verdict.HOLDS][:_FEW]
+    against = [it for it in evidence if it.verdict is not ClaimStatus.HOLDS][:_FEW]
     return '<br>'.join([', '.join(told), *map(_shown, against)])
 
 
-def _word(verdict: Verdict) -> str:
-    return {Verdict.HOLDS: 'hold', Verdict.FAILS: 'do not hold', Verdict.OPEN: 'are open'}[verdict]
+def _word(verdict: ClaimStatus) -> str:
+    return {
+        ClaimStatus.HOLDS: 'hold',
+        ClaimStatus.FAILS: 'do not hold',
+        ClaimStatus.OPEN: 'are open',
+    }[verdict]
 
 
-def _details(number: int, judged: Judged) -> str:
+def _details(number: int, judged: JudgedClaim) -> str:
     lines = [
         f'### {number}. {judged.claim.statement}',
         '',

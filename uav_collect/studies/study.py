@@ -11,7 +11,7 @@ RULES = {HERT: 'hert', SWEEP: 'sweep'}
 
 
 @dataclass(frozen=True, kw_only=True)
-class Trained:
+class TrainedPolicies:
     """One algorithm's trainings on one scenario, which differ in their seed alone."""
 
     label: str
@@ -19,7 +19,7 @@ class Trained:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Tested:
+class MissionSet:
     """Missions of one policy on one scenario, or the plans of these missions."""
 
     digests: tuple[str, ...]  # in the order of the mission seeds
@@ -27,7 +27,7 @@ class Tested:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Measure:
+class PanelMeasure:
     """What a panel shows."""
 
     key: str  # a column of the missions; the unit is its last word
@@ -37,18 +37,18 @@ class Measure:
     scale: float = 1.0  # from the column to what is shown
 
 
-EFFICIENCY = Measure(
+EFFICIENCY = PanelMeasure(
     key='efficiency_kbit_per_j',
     title='energy efficiency',
     unit='kbit/J',
     plan_key='thriftiest_efficiency_kbit_per_j',
 )
-COMPLETION = Measure(
+COMPLETION = PanelMeasure(
     key='completion_s', title='completion time', unit='s', plan_key='shortest_completion_s'
 )
-COLLECTED = Measure(key='collected_share', title='data collected', unit='%', scale=100.0)
-COLLECTING = Measure(key='collecting_s', title='time spent collecting, all UAVs', unit='s')
-REWARD = Measure(key='training_reward', title='reward of a mission in training', unit='1')
+COLLECTED = PanelMeasure(key='collected_share', title='data collected', unit='%', scale=100.0)
+COLLECTING = PanelMeasure(key='collecting_s', title='time spent collecting, all UAVs', unit='s')
+REWARD = PanelMeasure(key='training_reward', title='reward of a mission in training', unit='1')
 MEASURES = (EFFICIENCY, COMPLETION, COLLECTED, COLLECTING, REWARD)
 
 
@@ -58,7 +58,7 @@ class Line:
 
     label: str
     policy: str  # one of the labels above
-    tests: tuple[Tested, ...]  # one for each value
+    tests: tuple[MissionSet, ...]  # one for each value
     is_thin: bool = False  # drawn as the lesser one of two of a policy
 
 
@@ -74,7 +74,7 @@ class LinesStudy:
     column: str  # the same in the CSV; the unit is its last word
     values: tuple[float, ...]
     names: tuple[str, ...]  # of the values; where they are, they stand side by side
-    measures: tuple[Measure, ...]
+    measures: tuple[PanelMeasure, ...]
     lines: tuple[Line, ...]
 
     def line(self, label: str) -> Line:
@@ -88,10 +88,10 @@ class CurvesPanel:
 
     label: str
     key: str  # in the CSV
-    curves: tuple[Trained, ...]
-    references: Mapping[str, Tested]  # by label
+    curves: tuple[TrainedPolicies, ...]
+    references: Mapping[str, MissionSet]  # by label
 
-    def curve(self, label: str) -> Trained:
+    def curve(self, label: str) -> TrainedPolicies:
         """The trainings of that name."""
         return next(curve for curve in self.curves if curve.label == label)
 
@@ -130,7 +130,7 @@ class TrajectoriesStudy:
     scenario: Scenario
     mission_seed: int
     flown: Mapping[str, str]  # digest of the job that kept the log, by label
-    tests: Mapping[str, Tested]  # many missions of the same policies, by label
+    tests: Mapping[str, MissionSet]  # many missions of the same policies, by label
 
 
 Study = LinesStudy | CurvesStudy | TopologyStudy | TrajectoriesStudy

@@ -21,7 +21,13 @@ import numpy as np
 from uav_collect.analysis.trajectories import COLOURS, DPI
 from uav_collect.errors import TrainingRunError
 from uav_collect.kernels.arrays import Floats
-from uav_collect.training.run_record import Axis, Measure, read_columns, read_run, RunRecord
+from uav_collect.training.run_record import (
+    CurveAxis,
+    CurveMeasure,
+    read_columns,
+    read_run,
+    RunRecord,
+)
 
 _REFERENCE_STYLES = ((0.0, (5.0, 2.0)), (0.0, (1.5, 1.5)), (0.0, (5.0, 1.5, 1.0, 1.5)))
 _TITLE_WIDTH, _LABEL_WIDTH = 100, 85  # characters
@@ -42,7 +48,7 @@ class LearningCurve:
 
 
 def learning_curves(
-    folders: Sequence[Path], measure: Measure, axis: Axis
+    folders: Sequence[Path], measure: CurveMeasure, axis: CurveAxis
 ) -> tuple[LearningCurve, ...]:
     """The curves of runs, in the order in which the runs are given.
 
@@ -99,7 +105,7 @@ def _numbered(names: Sequence[str], fingerprints: Sequence[str]) -> list[str]:
 
 
 def _curve(
-    label: str, members: Sequence[tuple[RunRecord, Path]], measure: Measure, axis: Axis
+    label: str, members: Sequence[tuple[RunRecord, Path]], measure: CurveMeasure, axis: CurveAxis
 ) -> LearningCurve:
     seeds = tuple(record.seed for record, _ in members)
     if len(set(seeds)) < len(seeds):
@@ -138,7 +144,7 @@ def mean_curve(
     )
 
 
-def _line(folder: Path, measure: Measure, axis: Axis) -> tuple[Floats, Floats]:
+def _line(folder: Path, measure: CurveMeasure, axis: CurveAxis) -> tuple[Floats, Floats]:
     """Moments and values of one run, moments rising; of several at one moment the last counts."""
     columns = read_columns(folder / measure.file, (axis.column, measure.key))
     over, values = columns[axis.column] * axis.scale, columns[measure.key]
@@ -150,7 +156,7 @@ def _line(folder: Path, measure: Measure, axis: Axis) -> tuple[Floats, Floats]:
     return moments, values[::-1][last_from_end]
 
 
-def to_csv(curves: Sequence[LearningCurve], measure: Measure, axis: Axis) -> bytes:
+def to_csv(curves: Sequence[LearningCurve], measure: CurveMeasure, axis: CurveAxis) -> bytes:
     """One row per curve and moment; the deviation of a single seed is left empty."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator='\n')
@@ -168,8 +174,8 @@ def to_csv(curves: Sequence[LearningCurve], measure: Measure, axis: Axis) -> byt
 
 def draw(
     curves: Sequence[LearningCurve],
-    measure: Measure,
-    axis: Axis,
+    measure: CurveMeasure,
+    axis: CurveAxis,
     file: Path | BinaryIO,
     references: Mapping[str, float] | None = None,
     title: str = '',

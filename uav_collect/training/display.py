@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:  # loaded when training, so that --help answers at once
     from rich.console import RenderableType
-    from uav_collect.training.progress import Progress, Validation
+    from uav_collect.training.progress import Progress, ValidationResult
 
 _LINE_EVERY_S = 5.0
 _BAR_WIDTH = 40
 
 
 @contextmanager
-def showing(
+def progress_display(
     title: str, more: Callable[[], tuple[str, ...]] = tuple
 ) -> Iterator[Callable[['Progress'], None]]:
     """Show a training; call what it yields with each look at it.
@@ -31,21 +31,21 @@ def showing(
     if not console.is_terminal:
         yield _lines(lambda line: console.print(line, highlight=False, soft_wrap=True), more)
         return
-    validated = Validated()
+    validated = LastValidation()
     with Live(console=console, transient=True, auto_refresh=False) as live:
         yield lambda progress: live.update(
             _picture(title, progress, validated.after(progress), more()), refresh=True
         )
 
 
-class Validated:
+class LastValidation:
     """What the last validation said; most looks at a training bring none."""
 
     def __init__(self) -> None:
         """There was none."""
-        self._last: Validation | None = None
+        self._last: ValidationResult | None = None
 
-    def after(self, progress: 'Progress') -> 'Validation | None':
+    def after(self, progress: 'Progress') -> 'ValidationResult | None':
         """The last validation, that of this look among them."""
         self._last = progress.validation or self._last
         return self._last
@@ -56,21 +56,26 @@ def _lines(
 ) -> Callable[['Progress'], None]:
     """A line every few seconds, and one for each validation."""
     said_s = -math.inf
-    validated = Validated()
+    validated = LastValidation()
 
     def show(progress: 'Progress') -> None:
         nonlocal said_s
         last = validated.after(progress)
         if progress.validation is not None or monotonic() - said_s >= _LINE_EVERY_S:
             said_s = monotonic()
-            parts = (*speeds(progress), *merits(progress, last), time_left(progress), *more())
+            parts = (
+                *speeds(progress),
+                *efficiencies(progress, last),
+                time_left(progress),
+                *more(),
+            )
             say(', '.join(filter(None, parts)))
 
     return show
 
 
 def _picture(
-    title: str, progress: 'Progress', last: 'Validation | None', more: tuple[str, ...]
+    title: str, progress: 'Progress', last: 'ValidationResult | None', more: tuple[str, ...]
 ) -> 'RenderableType':
     from rich.console import Group
     from rich.progress_bar import ProgressBar
@@ -80,7 +85,12 @@ def _picture(
     top = Table.grid(padding=(0, 2))
     bar = ProgressBar(total=1.0, completed=progress.share_done, width=_BAR_WIDTH)
     top.add_row(Text(title, 'bold'), bar, Text(time_left(progress)))
-    lines = (speeds(progress), merits(progress, last), sizes(progress), *((it,) for it in more))
+    lines = (
+        speeds(progress),
+        efficiencies(progress, last),
+        sizes(progress),
+        *((it,) for it in more),
+    )
     return Group(top, *(Text('  ' + '   '.join(parts)) for parts in lines))
 
 
@@ -94,7 +104,7 @@ def speeds(progress: 'Progress') -> tuple[str, ...]:
     )
 
 
-def merits(progress: 'Progress', last: 'Validation | None') -> tuple[str, ...]:
+def efficiencies(progress: 'Progress', last: 'ValidationResult | None') -> tuple[str, ...]:
     """Energy efficiency: of the last missions, which explore, and of policies as validated."""
     recent = progress.training_efficiency_kbit_per_j
     exploring = 'no mission yet' if math.isnan(recent) else f'{recent:.3f} kbit/J exploring'
@@ -103,7 +113,7 @@ def merits(progress: 'Progress', last: 'Validation | None') -> tuple[str, ...]:
     return exploring, f'{_efficiency(last)} validated', f'{_efficiency(progress.best)} best'
 
 
-def _efficiency(validation: 'Validation') -> str:
+def _efficiency(validation: 'ValidationResult') -> str:
     # Without it a policy that leaves missions unfinished looks better than the best one.
     share = validation.complete_share
     complete = '' if share == 1.0 else f' ({int(100.0 * share)} % complete)'
@@ -124,10 +134,10 @@ def time_left(progress: 'Progress') -> str:
     """The time that the rest will take if it goes on as fast as so far."""
     if progress.share_done <= 0:
         return ''
-    return f'{clock(progress.wall_s * (1.0 / progress.share_done - 1.0))} left'
+    return f'{minutes_text(progress.wall_s * (1.0 / progress.share_done - 1.0))} left'
 
 
-def clock(duration_s: float) -> str:
+def minutes_text(duration_s: float) -> str:
     """A time as minutes and seconds."""
     minutes, seconds = divmod(round(duration_s), 60)
     return f'{minutes}:{seconds:02d} min'

@@ -23,7 +23,7 @@ from uav_collect.training.run_record import (
 
 if TYPE_CHECKING:  # loaded when training, so that --help answers at once
     from uav_collect.training.progress import Progress
-    from uav_collect.training.tensorboard import ScalarEvents
+    from uav_collect.training.tensorboard import ScalarWriter
     from uav_collect.uav.policy_network import FrozenPolicy
 
 CHECKPOINT = 'checkpoint'
@@ -33,11 +33,11 @@ CURVE = 'curve.png'
 TENSORBOARD = 'tensorboard'
 
 
-class RunFolder:
+class TrainingFolder:
     """Where one run is kept; open it by `opened`."""
 
     def __init__(
-        self, run: PlannedRun, validations: TextIO, progress: TextIO, events: 'ScalarEvents'
+        self, run: PlannedRun, validations: TextIO, progress: TextIO, events: 'ScalarWriter'
     ) -> None:
         """Append to tables and to TensorBoard."""
         self.path = run.folder
@@ -92,7 +92,7 @@ class RunFolder:
 
 
 @contextmanager
-def opened(run: PlannedRun, n_decisions: int) -> Iterator[RunFolder]:
+def open_training_folder(run: PlannedRun, n_decisions: int) -> Iterator[TrainingFolder]:
     """The folder of a run that begins, or goes on after so many decisions.
 
     What tables and TensorBoard have of later ones is dropped: it will be made again.
@@ -101,7 +101,7 @@ def opened(run: PlannedRun, n_decisions: int) -> Iterator[RunFolder]:
         TrainingRunError: another process trains in the folder.
         OSError: naming what cannot be written.
     """
-    from uav_collect.training.tensorboard import scalar_events
+    from uav_collect.training.tensorboard import scalar_writer
 
     run.folder.mkdir(parents=True, exist_ok=True)
     with ExitStack() as stack:
@@ -120,8 +120,8 @@ def opened(run: PlannedRun, n_decisions: int) -> Iterator[RunFolder]:
             )
         ]  # fmt: skip
         with files.naming(run.folder / TENSORBOARD):
-            events = stack.enter_context(scalar_events(run.folder / TENSORBOARD, n_decisions + 1))
-        yield RunFolder(run, tables[0], tables[1], events)
+            events = stack.enter_context(scalar_writer(run.folder / TENSORBOARD, n_decisions + 1))
+        yield TrainingFolder(run, tables[0], tables[1], events)
 
 
 def _keep(policy: 'FrozenPolicy | None', path: Path) -> None:

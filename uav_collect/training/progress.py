@@ -20,7 +20,7 @@ class Budget:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Validation:
+class ValidationResult:
     """How the policy flew the validation missions."""
 
     wall_s: float
@@ -53,8 +53,8 @@ class Progress:
     training_reward: float
     replay_transitions: int
     replay_bytes: int
-    validation: Validation | None
-    best: Validation | None
+    validation: ValidationResult | None
+    best: ValidationResult | None
 
 
 class RecentMissions:
@@ -87,7 +87,7 @@ class RecentMissions:
         self._figures.extend(state)
 
 
-class Counted(Protocol):
+class TrainingCounts(Protocol):
     """What counts its decisions and updates."""
 
     @property
@@ -99,10 +99,10 @@ class Counted(Protocol):
         """Updates so far."""
 
 
-class Pace:
+class SpeedMeter:
     """How fast a training goes; reads the clock, which no result depends on."""
 
-    def __init__(self, counted: Counted) -> None:
+    def __init__(self, counted: TrainingCounts) -> None:
         self._counted = counted
         self._lap_from_s = self._read_s = monotonic()
         self._read_at = counted.n_decisions, counted.n_updates

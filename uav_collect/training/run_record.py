@@ -34,7 +34,7 @@ PROGRESS_COLUMNS = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class Measure:
+class CurveMeasure:
     """What a learning curve shows."""
 
     key: str  # the column; its unit is the last word
@@ -44,7 +44,7 @@ class Measure:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Axis:
+class CurveAxis:
     """What a learning curve runs over."""
 
     key: str  # in the CSV
@@ -53,24 +53,27 @@ class Axis:
     scale: float  # from the column to what is shown
 
 
-MEASURES = (
-    Measure(key='efficiency_kbit_per_j', file=VALIDATION_FILE, title='energy efficiency',
-            unit='kbit/J'),
-    Measure(key='team_reward', file=VALIDATION_FILE, title='reward of a mission', unit='1'),
-    Measure(key='completion_s', file=VALIDATION_FILE, title='completion time', unit='s'),
-    Measure(key='energy_kj', file=VALIDATION_FILE, title='energy', unit='kJ'),
-    Measure(key='collected_share', file=VALIDATION_FILE, title='data collected', unit='share'),
-    Measure(key='complete_share', file=VALIDATION_FILE, title='complete missions', unit='share'),
-    Measure(key='safe_share', file=VALIDATION_FILE, title='safe returns', unit='share'),
-    Measure(key='training_efficiency_kbit_per_j', file=PROGRESS_FILE,
-            title='energy efficiency while exploring', unit='kbit/J'),
-    Measure(key='training_reward', file=PROGRESS_FILE,
-            title='reward of a mission while exploring', unit='1'),
+CURVE_MEASURES = tuple(
+    CurveMeasure(key=key, file=file, title=title, unit=unit)
+    for file, key, title, unit in (
+        (VALIDATION_FILE, 'efficiency_kbit_per_j', 'energy efficiency', 'kbit/J'),
+        (VALIDATION_FILE, 'team_reward', 'reward of a mission', '1'),
+        (VALIDATION_FILE, 'completion_s', 'completion time', 's'),
+        (VALIDATION_FILE, 'energy_kj', 'energy', 'kJ'),
+        (VALIDATION_FILE, 'collected_share', 'data collected', 'share'),
+        (VALIDATION_FILE, 'complete_share', 'complete missions', 'share'),
+        (VALIDATION_FILE, 'safe_share', 'safe returns', 'share'),
+        (
+            PROGRESS_FILE, 'training_efficiency_kbit_per_j', 'energy efficiency while exploring',
+            'kbit/J',
+        ),
+        (PROGRESS_FILE, 'training_reward', 'reward of a mission while exploring', '1'),
+    )
 )  # fmt: skip
-AXES = (
-    Axis(key='decisions', title='decisions', column='n_decisions', scale=1.0),
-    Axis(key='minutes', title='time of training [min]', column='wall_s', scale=1.0 / 60.0),
-    Axis(key='updates', title='updates', column='n_updates', scale=1.0),
+CURVE_AXES = (
+    CurveAxis(key='decisions', title='decisions', column='n_decisions', scale=1.0),
+    CurveAxis(key='minutes', title='time of training [min]', column='wall_s', scale=1.0 / 60.0),
+    CurveAxis(key='updates', title='updates', column='n_updates', scale=1.0),
 )
 
 

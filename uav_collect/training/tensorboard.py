@@ -18,7 +18,7 @@ from tensorboard.summary.writer.record_writer import RecordWriter
 _VERSION = 'brain.Event:2'
 
 
-class ScalarEvents:
+class ScalarWriter:
     """Appends scalars to one event file; open it by `scalar_events`."""
 
     def __init__(self, records: RecordWriter) -> None:
@@ -36,7 +36,7 @@ class ScalarEvents:
 
 
 @contextmanager
-def scalar_events(folder: Path, first_step: int) -> Iterator[ScalarEvents]:
+def scalar_writer(folder: Path, first_step: int) -> Iterator[ScalarWriter]:
     """A new event file in a folder.
 
     Args:
@@ -53,7 +53,7 @@ def scalar_events(folder: Path, first_step: int) -> Iterator[ScalarEvents]:
         records = RecordWriter(file)
         _write(records, file_version=_VERSION)
         _write(records, step=first_step, session_log=SessionLog(status=SessionLog.START))
-        yield ScalarEvents(records)
+        yield ScalarWriter(records)
 
 
 def _write(records: RecordWriter, **content: Any) -> None:  # noqa: ANN401 - a message of protobuf

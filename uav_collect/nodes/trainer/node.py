@@ -29,7 +29,7 @@ from uav_collect.ingest.join import DropReason, JoinCounts, MissionJoiner, Repor
 from uav_collect.ingest.rebuild import EpisodeBuilder
 from uav_collect.ingest.reports import FleetReport, report_spec
 from uav_collect.kernels.compile import kernels_are_cached, kernels_are_compiled
-from uav_collect.learning.background import Ending, Flown, Learning
+from uav_collect.learning.background import BackgroundTraining, BehaviourPolicy, Ending
 from uav_collect.learning.learner import keep_freed_memory
 from uav_collect.learning.replay import replay_bytes
 from uav_collect.missions import vector_env
@@ -40,7 +40,7 @@ from uav_collect.nodes.process import FAILED, MISUSED, parse_arguments, ProcessN
 from uav_collect.nodes.trainer.settings import PARAMETERS, planned_run, read_settings
 from uav_collect.recording.bag_reader import messages
 from uav_collect.scenario.site import build_site
-from uav_collect.training.display import showing
+from uav_collect.training.display import progress_display
 from uav_collect.training.planned_run import PlannedRun
 from uav_collect.uav.briefing import brief
 from uav_collect.uav.policy_file import policy_bytes
@@ -74,7 +74,7 @@ class TrainerNode(ProcessNode):
             self._run = planned_run(settings)
             self._log_memory()
             config = self._run.config
-            self._learning = Learning(
+            self._learning = BackgroundTraining(
                 self._run,
                 most_waiting=_MOST_WAITING_UPDATES * config.rollout.decisions_per_update,
                 publish_every_updates=settings.publish_every_updates,
@@ -95,7 +95,9 @@ class TrainerNode(ProcessNode):
         self._n_lost = 0
         self._shown_s = self._logged_s = -math.inf
         self._closing = ExitStack()
-        self._show = self._closing.enter_context(showing(self._run.folder.name, self._join_status))
+        self._show = self._closing.enter_context(
+            progress_display(self._run.folder.name, self._join_status)
+        )
         # What is learned from recordings is nobody's to fly yet.
         self._policies = None if bags else topics.publisher(self, topics.POLICY)
         self._bags = self._read(bags) if bags else None
@@ -202,7 +204,7 @@ class TrainerNode(ProcessNode):
             self.get_logger().error(str(error))
             self.end(MISUSED)
 
-    def _publish(self, flown: Flown | None) -> None:
+    def _publish(self, flown: BehaviourPolicy | None) -> None:
         if flown is None:
             return
         self._version = flown.policy.header.version

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
 from uav_collect.studies.claims import learning, tests
-from uav_collect.studies.claims.judging import Evidence, Sources, together, Verdict
+from uav_collect.studies.claims.judging import ClaimStatus, combined_status, Evidence, StudyResults
 from uav_collect.studies.findings import Findings
 from uav_collect.studies.study import Study
 
@@ -20,16 +20,16 @@ class Claim:
     figure: int
     statement: str
     studies: tuple[str, ...]  # that it takes
-    evidence: Callable[[Sources], Iterable[Evidence]]
+    evidence: Callable[[StudyResults], Iterable[Evidence]]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Judged:
+class JudgedClaim:
     """A statement and what was measured for it."""
 
     claim: Claim
     evidence: tuple[Evidence, ...]
-    verdict: Verdict
+    verdict: ClaimStatus
 
 
 CLAIMS = (
@@ -209,12 +209,14 @@ CLAIMS = (
 )
 
 
-def judge(studies: Mapping[str, Study], findings: Findings) -> tuple[Judged, ...]:
+def judge(studies: Mapping[str, Study], findings: Findings) -> tuple[JudgedClaim, ...]:
     """Judge every claim whose studies are there; the others are not run."""
-    sources = Sources(studies, findings)
+    sources = StudyResults(studies, findings)
     judged = []
     for claim in CLAIMS:
         is_run = all(name in studies for name in claim.studies)
         evidence = tuple(claim.evidence(sources)) if is_run else ()
-        judged.append(Judged(claim=claim, evidence=evidence, verdict=together(evidence)))
+        judged.append(
+            JudgedClaim(claim=claim, evidence=evidence, verdict=combined_status(evidence))
+        )
     return tuple(judged)

@@ -16,10 +16,10 @@ from uav_collect.studies.study import (
     CurvesPanel,
     CurvesStudy,
     LinesStudy,
-    Measure,
+    MissionSet,
+    PanelMeasure,
     Study,
-    Tested,
-    Trained,
+    TrainedPolicies,
     TrajectoriesStudy,
 )
 
@@ -30,7 +30,7 @@ _ROUNDING = 1e-9  # relative
 _Rule = Callable[[Estimate], tuple[bool, bool]]  # whether it holds, whether it fails
 
 
-class Verdict(StrEnum):
+class ClaimStatus(StrEnum):
     """What the measurements say of a statement."""
 
     HOLDS = 'holds'
@@ -48,7 +48,7 @@ class Evidence:
     n: int  # missions or seeds that count
     noun: str
     estimate: Estimate | None  # None where nothing counts
-    verdict: Verdict
+    verdict: ClaimStatus
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,7 +69,7 @@ class Samples:
 
 
 @dataclass(frozen=True)
-class Sources:
+class StudyResults:
     """The studies that were run, and what was found."""
 
     studies: Mapping[str, Study]
@@ -96,18 +96,18 @@ class Sources:
             raise TypeError(f'{name} is no study of single missions')
         return study
 
-    def tested(self, study: LinesStudy, label: str, index: int, measure: Measure) -> Samples:
+    def tested(self, study: LinesStudy, label: str, index: int, measure: PanelMeasure) -> Samples:
         """A measure by mission, of a line at the value of that index."""
         return self.missions(study.line(label).tests[index], measure)
 
-    def missions(self, tested: Tested, measure: Measure) -> Samples:
+    def missions(self, tested: MissionSet, measure: PanelMeasure) -> Samples:
         """A measure by mission."""
         column = self.findings.column(tested, measure)
         if column is None:
             raise ValueError(f'plans have no {measure.title}')
         return Samples(value=column.value, noun='mission')
 
-    def ends(self, trained: Trained, key: str, n_seeds: int | None = None) -> Samples:
+    def ends(self, trained: TrainedPolicies, key: str, n_seeds: int | None = None) -> Samples:
         """What trainings achieved in their last fifth, by seed."""
         return Samples(value=self.findings.ends(trained, key)[:n_seeds], noun='seed')
 
@@ -140,25 +140,27 @@ def changed_percent(after: Samples, before: Samples) -> Samples:
     return Samples(value=100.0 * values, noun=after.noun)
 
 
-def together(evidence: Sequence[Evidence]) -> Verdict:
+def combined_status(evidence: Sequence[Evidence]) -> ClaimStatus:
     """The verdict of a statement: it holds if each part does, and fails if one does."""
     verdicts = {it.verdict for it in evidence}
     if not verdicts:
-        return Verdict.NOT_RUN
-    for verdict in (Verdict.FAILS, Verdict.OPEN):
+        return ClaimStatus.NOT_RUN
+    for verdict in (ClaimStatus.FAILS, ClaimStatus.OPEN):
         if verdict in verdicts:
             return verdict
-    return Verdict.HOLDS
+    return ClaimStatus.HOLDS
 
 
 def _judged(what: str, unit: str, values: Floats, noun: str, rule: _Rule) -> Evidence:
     if not len(values):
-        return Evidence(what=what, unit=unit, n=0, noun=noun, estimate=None, verdict=Verdict.OPEN)
+        return Evidence(
+            what=what, unit=unit, n=0, noun=noun, estimate=None, verdict=ClaimStatus.OPEN
+        )
     estimate = column_estimates(values[:, None], _BOOTSTRAP_SEED)[0]
     holds, fails = rule(estimate)
-    verdict = Verdict.HOLDS if holds else Verdict.FAILS if fails else Verdict.OPEN
+    verdict = ClaimStatus.HOLDS if holds else ClaimStatus.FAILS if fails else ClaimStatus.OPEN
     if len(values) < 2 or (noun == 'seed' and len(values) < MIN_SEEDS):
-        verdict = Verdict.OPEN
+        verdict = ClaimStatus.OPEN
     return Evidence(
         what=what, unit=unit, n=len(values), noun=noun, estimate=estimate, verdict=verdict
     )

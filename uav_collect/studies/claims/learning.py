@@ -9,7 +9,7 @@ from uav_collect.studies.claims.judging import (
     is_above,
     is_within,
     Samples,
-    Sources,
+    StudyResults,
 )
 from uav_collect.studies.study import AIQL, AQMIX, CurvesPanel, EFFICIENCY, QMIX, REWARD
 
@@ -18,13 +18,13 @@ _REGION = '3x3'  # what a UAV sees
 _EFFICIENCY_IN_TRAINING = 'training_efficiency_kbit_per_j'
 
 
-def aqmix_above_in_every_area(sources: Sources) -> Iterator[Evidence]:
+def aqmix_above_in_every_area(sources: StudyResults) -> Iterator[Evidence]:
     """Reward of a mission in training, at the end, area by area."""
     for panel in sources.panels('learning-areas'):
         yield from _ahead(sources, panel)
 
 
-def waiting_costs_energy(sources: Sources) -> Iterator[Evidence]:
+def waiting_costs_energy(sources: StudyResults) -> Iterator[Evidence]:
     """Efficiency of the training's own missions, in which UAVs of QMIX wait."""
     for panel in sources.panels('learning-areas'):
         yield is_above(
@@ -35,7 +35,7 @@ def waiting_costs_energy(sources: Sources) -> Iterator[Evidence]:
         )
 
 
-def aiql_varies_more(sources: Sources) -> Iterator[Evidence]:
+def aiql_varies_more(sources: StudyResults) -> Iterator[Evidence]:
     """How far each seed's reward is from the middle of all seeds."""
     for panel in sources.panels('learning-areas'):
         spread = _spread(sources.ends(panel.curve(AIQL), REWARD.key))
@@ -48,7 +48,7 @@ def aiql_varies_more(sources: Sources) -> Iterator[Evidence]:
             )
 
 
-def alike_with_one_uav(sources: Sources) -> Iterator[Evidence]:
+def alike_with_one_uav(sources: StudyResults) -> Iterator[Evidence]:
     """Validated efficiency with the smallest fleet."""
     panel = sources.panels('learning-uavs')[0]
     aqmix = sources.ends(panel.curve(AQMIX), EFFICIENCY.key)
@@ -63,7 +63,7 @@ def alike_with_one_uav(sources: Sources) -> Iterator[Evidence]:
         )
 
 
-def gaps_grow_with_uavs(sources: Sources) -> Iterator[Evidence]:
+def gaps_grow_with_uavs(sources: StudyResults) -> Iterator[Evidence]:
     """AQMIX ahead with several UAVs, and further with the most than with the second fewest."""
     panels = sources.panels('learning-uavs')
     for panel in panels[1:]:
@@ -81,7 +81,7 @@ def gaps_grow_with_uavs(sources: Sources) -> Iterator[Evidence]:
         )
 
 
-def aiql_drops_with_uavs(sources: Sources) -> Iterator[Evidence]:
+def aiql_drops_with_uavs(sources: StudyResults) -> Iterator[Evidence]:
     """Reward in training with the smallest fleet and with the largest."""
     panels = sources.panels('learning-uavs')
     few, many = panels[0], panels[-1]
@@ -94,7 +94,7 @@ def aiql_drops_with_uavs(sources: Sources) -> Iterator[Evidence]:
     )
 
 
-def middle_kernel_best(sources: Sources) -> Iterator[Evidence]:
+def middle_kernel_best(sources: StudyResults) -> Iterator[Evidence]:
     """Reward in training of 3x3 against the smallest and the largest kernel."""
     [panel] = sources.panels('kernel')
     middle = next((it for it in panel.curves if it.label == _REGION), None)
@@ -109,7 +109,7 @@ def middle_kernel_best(sources: Sources) -> Iterator[Evidence]:
         )
 
 
-def _ahead(sources: Sources, panel: CurvesPanel) -> Iterator[Evidence]:
+def _ahead(sources: StudyResults, panel: CurvesPanel) -> Iterator[Evidence]:
     aqmix = sources.ends(panel.curve(AQMIX), REWARD.key)
     for rival in (QMIX, AIQL):
         yield is_above(
@@ -120,7 +120,7 @@ def _ahead(sources: Sources, panel: CurvesPanel) -> Iterator[Evidence]:
         )
 
 
-def _relative_gap(sources: Sources, panel: CurvesPanel, rival: str) -> Samples:
+def _relative_gap(sources: StudyResults, panel: CurvesPanel, rival: str) -> Samples:
     aqmix, other = (sources.ends(panel.curve(label), EFFICIENCY.key) for label in (AQMIX, rival))
     first, second = aqmix.paired(other)
     return Samples(value=100.0 * (first - second) / first.mean(), noun='seed')

@@ -9,7 +9,7 @@ from uav_collect.studies.claims.judging import (
     is_above,
     is_within,
     Samples,
-    Sources,
+    StudyResults,
 )
 from uav_collect.studies.study import (
     AIQL,
@@ -20,7 +20,7 @@ from uav_collect.studies.study import (
     EFFICIENCY,
     HERT,
     LinesStudy,
-    Measure,
+    PanelMeasure,
     QMIX,
 )
 
@@ -32,7 +32,7 @@ _ROBUST_PERCENT = 5.0
 _OPTIMAL, _EQUAL = f'{AQMIX}, optimal bandwidth', f'{AQMIX}, equal bandwidth'
 
 
-def enough_energy(sources: Sources) -> Iterator[Evidence]:
+def enough_energy(sources: StudyResults) -> Iterator[Evidence]:
     """Data collected with the paper's budget, or the nearest one that was tested."""
     study = sources.lines('energy')
     index = _nearest(study, _ENOUGH_KJ)
@@ -42,7 +42,7 @@ def enough_energy(sources: Sources) -> Iterator[Evidence]:
         yield is_within(what, COLLECTED.unit, collected, _ALL_PERCENT, 100.0)
 
 
-def aiql_needs_more_energy(sources: Sources) -> Iterator[Evidence]:
+def aiql_needs_more_energy(sources: StudyResults) -> Iterator[Evidence]:
     """Data left behind with the paper's largest budget, or the nearest one that was tested."""
     study = sources.lines('energy')
     index = _nearest(study, _LONG_KJ)
@@ -51,7 +51,7 @@ def aiql_needs_more_energy(sources: Sources) -> Iterator[Evidence]:
     yield is_within(what, COLLECTED.unit, collected, 0.0, _ALL_PERCENT)
 
 
-def more_energy_changes_nothing(sources: Sources) -> Iterator[Evidence]:
+def more_energy_changes_nothing(sources: StudyResults) -> Iterator[Evidence]:
     """The largest budget against the one that is enough."""
     study = sources.lines('energy')
     enough = _nearest(study, _ENOUGH_KJ)
@@ -67,7 +67,7 @@ def more_energy_changes_nothing(sources: Sources) -> Iterator[Evidence]:
         )
 
 
-def aqmix_best_over_budgets(sources: Sources) -> Iterator[Evidence]:
+def aqmix_best_over_budgets(sources: StudyResults) -> Iterator[Evidence]:
     """With the largest budget, where every policy has what it needs; data with the smallest."""
     study = sources.lines('energy')
     for rival in (QMIX, AIQL, HERT):
@@ -80,7 +80,7 @@ def aqmix_best_over_budgets(sources: Sources) -> Iterator[Evidence]:
         )
 
 
-def rising_with_density(sources: Sources) -> Iterator[Evidence]:
+def rising_with_density(sources: StudyResults) -> Iterator[Evidence]:
     """AQMIX at each density against the one before."""
     study = sources.lines('density')
     for measure in (COMPLETION, EFFICIENCY):
@@ -94,12 +94,12 @@ def rising_with_density(sources: Sources) -> Iterator[Evidence]:
             )
 
 
-def aqmix_best_over_densities(sources: Sources) -> Iterator[Evidence]:
+def aqmix_best_over_densities(sources: StudyResults) -> Iterator[Evidence]:
     """Every density, every rival."""
     yield from _best_everywhere(sources, sources.lines('density'))
 
 
-def faster_but_less_efficient(sources: Sources) -> Iterator[Evidence]:
+def faster_but_less_efficient(sources: StudyResults) -> Iterator[Evidence]:
     """The smallest fleet against the largest."""
     study = sources.lines('uavs')
     for label in (AQMIX, QMIX):
@@ -113,19 +113,19 @@ def faster_but_less_efficient(sources: Sources) -> Iterator[Evidence]:
             )
 
 
-def second_uav_of_aqmix(sources: Sources) -> Iterator[Evidence]:
+def second_uav_of_aqmix(sources: StudyResults) -> Iterator[Evidence]:
     """About 75 % is read as 70 to 80 %; the one UAV is the scenario's first, of 5 m/s."""
     yield from _second_uav(sources, AQMIX, COMPLETION, -80.0, -70.0)
     yield from _second_uav(sources, AQMIX, EFFICIENCY, -10.0, 0.0)
 
 
-def second_uav_of_qmix(sources: Sources) -> Iterator[Evidence]:
+def second_uav_of_qmix(sources: StudyResults) -> Iterator[Evidence]:
     """Read as 45 to 55 % and 25 to 35 %."""
     yield from _second_uav(sources, QMIX, COMPLETION, -55.0, -45.0)
     yield from _second_uav(sources, QMIX, EFFICIENCY, -35.0, -25.0)
 
 
-def hert_in_proportion(sources: Sources) -> Iterator[Evidence]:
+def hert_in_proportion(sources: StudyResults) -> Iterator[Evidence]:
     """Time times the number of UAVs, and efficiency, stay within a tenth."""
     study = sources.lines('uavs')
     first = study.values[0]
@@ -144,7 +144,7 @@ def hert_in_proportion(sources: Sources) -> Iterator[Evidence]:
         )
 
 
-def aiql_poor_with_many(sources: Sources) -> Iterator[Evidence]:
+def aiql_poor_with_many(sources: StudyResults) -> Iterator[Evidence]:
     """AIQL against HERT, the paper's weakest, wherever there are more than two UAVs."""
     study = sources.lines('uavs')
     for index, n_uavs in enumerate(study.values):
@@ -157,19 +157,19 @@ def aiql_poor_with_many(sources: Sources) -> Iterator[Evidence]:
             )
 
 
-def aqmix_best_over_fleets(sources: Sources) -> Iterator[Evidence]:
+def aqmix_best_over_fleets(sources: StudyResults) -> Iterator[Evidence]:
     """Every fleet, every rival."""
     yield from _best_everywhere(sources, sources.lines('uavs'))
 
 
-def hert_without_radio(sources: Sources) -> Iterator[Evidence]:
+def hert_without_radio(sources: StudyResults) -> Iterator[Evidence]:
     """The largest range against none."""
     study = sources.lines('range')
     for measure in (COMPLETION, EFFICIENCY):
         yield _over_range(sources, study, HERT, measure, -_ALIKE_PERCENT, _ALIKE_PERCENT)
 
 
-def better_with_range(sources: Sources) -> Iterator[Evidence]:
+def better_with_range(sources: StudyResults) -> Iterator[Evidence]:
     """The largest range against none."""
     study = sources.lines('range')
     for label in (AQMIX, QMIX):
@@ -183,18 +183,18 @@ def better_with_range(sources: Sources) -> Iterator[Evidence]:
         yield is_above(f'efficiency that {span} adds', EFFICIENCY.unit, full[1], none[1])
 
 
-def aiql_without_gain(sources: Sources) -> Iterator[Evidence]:
+def aiql_without_gain(sources: StudyResults) -> Iterator[Evidence]:
     """The largest range against none: no better by more than what counts as alike."""
     study = sources.lines('range')
     yield _over_range(sources, study, AIQL, EFFICIENCY, -100.0, _ALIKE_PERCENT)
 
 
-def aqmix_best_over_ranges(sources: Sources) -> Iterator[Evidence]:
+def aqmix_best_over_ranges(sources: StudyResults) -> Iterator[Evidence]:
     """Every range, every rival."""
     yield from _best_everywhere(sources, sources.lines('range'))
 
 
-def optimal_better(sources: Sources) -> Iterator[Evidence]:
+def optimal_better(sources: StudyResults) -> Iterator[Evidence]:
     """Every channel error."""
     study = sources.lines('csi')
     for index, error in enumerate(study.values):
@@ -207,7 +207,7 @@ def optimal_better(sources: Sources) -> Iterator[Evidence]:
         yield is_above(f'{at}: efficiency gained', EFFICIENCY.unit, optimal[1], equal[1])
 
 
-def robust_to_errors(sources: Sources) -> Iterator[Evidence]:
+def robust_to_errors(sources: StudyResults) -> Iterator[Evidence]:
     """The largest channel error against none."""
     study = sources.lines('csi')
     without, with_error = (sources.tested(study, _OPTIMAL, index, EFFICIENCY) for index in (0, -1))
@@ -220,7 +220,7 @@ def robust_to_errors(sources: Sources) -> Iterator[Evidence]:
     )
 
 
-def marginal_gain_when_sparse(sources: Sources) -> Iterator[Evidence]:
+def marginal_gain_when_sparse(sources: StudyResults) -> Iterator[Evidence]:
     """The smallest density."""
     study = sources.lines('bandwidth')
     yield is_within(
@@ -232,7 +232,7 @@ def marginal_gain_when_sparse(sources: Sources) -> Iterator[Evidence]:
     )
 
 
-def gain_grows_with_density(sources: Sources) -> Iterator[Evidence]:
+def gain_grows_with_density(sources: StudyResults) -> Iterator[Evidence]:
     """The largest density against the smallest."""
     study = sources.lines('bandwidth')
     yield is_above(
@@ -243,7 +243,7 @@ def gain_grows_with_density(sources: Sources) -> Iterator[Evidence]:
     )
 
 
-def less_overlap(sources: Sources) -> Iterator[Evidence]:
+def less_overlap(sources: StudyResults) -> Iterator[Evidence]:
     """Cells that several UAVs flew to, as a share of all that were flown to, in all missions."""
     study = sources.trajectories('trajectories')
     overlap = {}
@@ -268,7 +268,7 @@ def _at(study: LinesStudy, index: int) -> str:
     return f'{study.over.split(" [")[0]} {shown}'
 
 
-def _ahead(sources: Sources, study: LinesStudy, rival: str, index: int) -> Iterator[Evidence]:
+def _ahead(sources: StudyResults, study: LinesStudy, rival: str, index: int) -> Iterator[Evidence]:
     """Time that AQMIX saves and efficiency that it adds."""
     aqmix, other = (
         [sources.tested(study, label, index, it) for it in (COMPLETION, EFFICIENCY)]
@@ -279,14 +279,14 @@ def _ahead(sources: Sources, study: LinesStudy, rival: str, index: int) -> Itera
     yield is_above(f'{at}: efficiency, AQMIX less {rival}', EFFICIENCY.unit, aqmix[1], other[1])
 
 
-def _best_everywhere(sources: Sources, study: LinesStudy) -> Iterator[Evidence]:
+def _best_everywhere(sources: StudyResults, study: LinesStudy) -> Iterator[Evidence]:
     for index in range(len(study.values)):
         for rival in (QMIX, AIQL, HERT):
             yield from _ahead(sources, study, rival, index)
 
 
 def _second_uav(
-    sources: Sources, label: str, measure: Measure, low: float, high: float
+    sources: StudyResults, label: str, measure: PanelMeasure, low: float, high: float
 ) -> Iterator[Evidence]:
     study = sources.lines('uavs')
     if not {1.0, 2.0} <= set(study.values):
@@ -299,14 +299,19 @@ def _second_uav(
 
 
 def _over_range(
-    sources: Sources, study: LinesStudy, label: str, measure: Measure, low: float, high: float
+    sources: StudyResults,
+    study: LinesStudy,
+    label: str,
+    measure: PanelMeasure,
+    low: float,
+    high: float,
 ) -> Evidence:
     none, full = (sources.tested(study, label, index, measure) for index in (0, -1))
     what = f'change of the {measure.title} of {label}, {study.names[0]} to {study.names[-1]}'
     return is_within(what, '%', changed_percent(full, none), low, high)
 
 
-def _gain(sources: Sources, study: LinesStudy, index: int) -> Samples:
+def _gain(sources: StudyResults, study: LinesStudy, index: int) -> Samples:
     optimal, equal = (
         sources.tested(study, label, index, EFFICIENCY) for label in (_OPTIMAL, _EQUAL)
     )

@@ -21,16 +21,16 @@ from ray.exceptions import (
 )
 import uav_collect
 from uav_collect.kernels.compile import sources_digest
-from uav_collect.studies.jobs.work import perform
+from uav_collect.studies.jobs.work import run_job
 from uav_collect.studies.jobs.worker_messages import (
-    Began,
     Event,
     Failed,
     Finished,
-    Left,
     Lost,
     Report,
-    Task,
+    Started,
+    Stopped,
+    WorkItem,
 )
 
 _LOSSES = (
@@ -39,7 +39,7 @@ _LOSSES = (
 _GET_S = 300.0  # for an event's bytes to come from where they are
 
 
-class Cluster:
+class RayEngine:
     """An engine of Ray tasks, each on one core."""
 
     def __init__(self, address: str | None, n_slots: int | None) -> None:
@@ -71,7 +71,7 @@ class Cluster:
         """How many jobs are done at once; the cluster may grow."""
         return self._n_slots or max(1, int(ray.cluster_resources().get('CPU', 1)))
 
-    def start(self, task: Task) -> None:
+    def start(self, task: WorkItem) -> None:
         """Begin a job where there is a core."""
         self._streams[self._perform.remote(task, sources_digest())] = task.digest
 
@@ -85,7 +85,7 @@ class Cluster:
         told = []
         for stream in dict.fromkeys([*ready, *more]):
             digest, report = self._streams[stream], self._next(stream)
-            if isinstance(report, Finished | Failed | Lost | Left):
+            if isinstance(report, Finished | Failed | Lost | Stopped):
                 del self._streams[stream]
             told.append((digest, report))
         return told
@@ -108,14 +108,14 @@ class Cluster:
         try:
             report: Report = ray.get(next(stream), timeout=_GET_S)
         except StopIteration:
-            return Left()
+            return Stopped()
         except TaskCancelledError:
-            return Left()
+            return Stopped()
         except _LOSSES as error:
             return Lost(why=_first_line(error))
         except RayTaskError as error:
             if self._is_stopping:
-                return Left()
+                return Stopped()
             return Failed(why=_first_line(error.cause or error), trace=str(error))
         except RayError as error:  # none that says that the job is at fault
             return Lost(why=_first_line(error))
@@ -127,10 +127,10 @@ def _first_line(error: BaseException) -> str:
     return f'{type(error).__name__}: {text[0] if text else ""}'
 
 
-def _performed(task: Task, sources: str) -> Iterator[Event]:
+def _performed(task: WorkItem, sources: str) -> Iterator[Event]:
     """The events of a job, on a machine of the cluster."""
-    for event in perform(task):
-        if isinstance(event, Began) and event.sources != sources:
+    for event in run_job(task):
+        if isinstance(event, Started) and event.sources != sources:
             raise RuntimeError(
                 f'{event.host} has another version of uav_collect: sources {event.sources},'
                 f' must be {sources}'

@@ -7,7 +7,7 @@ from functools import cache
 
 from uav_collect.learning.replay import replay_bytes
 from uav_collect.scenario.load import from_yaml
-from uav_collect.studies.jobs.jobs import FlightsJob, Job, kind_of, settings_of, TrainingJob
+from uav_collect.studies.jobs.jobs import FlightsJob, Job, job_config, job_kind, TrainingJob
 from uav_collect.studies.jobs.store import Store
 from uav_collect.uav.briefing import brief
 from uav_collect.uav.observation import observation_size
@@ -19,7 +19,7 @@ _H_PER_S = 1.0 / 3600.0
 
 
 @dataclass
-class Spent:
+class SpentCost:
     """What finished jobs took."""
 
     n_jobs: Counter[str] = field(default_factory=Counter)  # by kind
@@ -58,12 +58,12 @@ def _n_cells(scenario: str) -> int:
     return from_yaml(scenario).n_cells
 
 
-def spent(jobs: Mapping[str, Job], store: Store) -> Spent:
+def spent_cost(jobs: Mapping[str, Job], store: Store) -> SpentCost:
     """What those of some jobs took that are done."""
-    total = Spent()
+    total = SpentCost()
     for digest, job in jobs.items():
         if store.has(digest):
-            cost, kind = store.cost(digest), kind_of(job)
+            cost, kind = store.cost(digest), job_kind(job)
             total.n_jobs[kind] += 1
             total.cpu_s[kind] += cost.cpu_s
             total.units[kind] += units_of(job)
@@ -81,14 +81,14 @@ class Rates:
 
     def cost_s(self, job: Job) -> float:
         """What a job is expected to take [s of one core]."""
-        return units_of(job) * self.cpu_s.get(kind_of(job), 0.0)
+        return units_of(job) * self.cpu_s.get(job_kind(job), 0.0)
 
 
 # To weigh jobs against each other where nothing is known yet; no figure of any result.
-GUESSED = Rates(cpu_s={'training': 2e-6, 'flights': 1e-2, 'plans': 1e-2}, source='guessed')
+GUESSED_RATES = Rates(cpu_s={'training': 2e-6, 'flights': 1e-2, 'plans': 1e-2}, source='guessed')
 
 
-def rates_of(done: Spent) -> Rates | None:
+def rates_of(done: SpentCost) -> Rates | None:
     """What done jobs say; None where no training is done."""
     if not done.units['training']:
         return None
@@ -111,7 +111,7 @@ def disk_bytes(jobs: Iterable[Job], n_slots: int) -> tuple[int, int]:
 
 
 def _training_bytes(job: TrainingJob) -> tuple[int, int]:
-    scenario, config = from_yaml(job.scenario), settings_of(job)
+    scenario, config = from_yaml(job.scenario), job_config(job)
     size = observation_size(config.layout, scenario.area.cells_per_side, scenario.n_uavs)
     shapes = weight_shapes(size, config.network.hidden_size).values()
     weights_bytes = 4 * sum(shape[0] * (shape[1] if len(shape) > 1 else 1) for shape in shapes)

@@ -36,7 +36,7 @@ _ENOUGH = 0.99  # share of whole missions from which on a policy is judged by it
 Step = float | Mapping[str, bytes]
 
 
-def flights(
+def run_flights(
     job: FlightsJob, policies: Mapping[str, bytes], is_stopping: Callable[[], bool]
 ) -> Iterator[Step]:
     """Fly missions.
@@ -63,7 +63,7 @@ def flights(
     yield {MISSIONS: _csv(MISSION_COLUMNS, rows), SUMMARY: summary, **kept}
 
 
-def plans(job: PlansJob, is_stopping: Callable[[], bool]) -> Iterator[Step]:
+def run_plans(job: PlansJob, is_stopping: Callable[[], bool]) -> Iterator[Step]:
     """Plan missions; what has no plan within the budgets has empty cells."""
     site = build_site(from_yaml(job.scenario))
     seeds = mission_seeds(job.first_seed, job.n_missions)

@@ -73,7 +73,7 @@ class PlansJob:
 Job = TrainingJob | FlightsJob | PlansJob
 
 
-def kind_of(job: Job) -> str:
+def job_kind(job: Job) -> str:
     """What is done."""
     match job:
         case TrainingJob():
@@ -98,7 +98,7 @@ def training_job(
     )
 
 
-def settings_of(job: TrainingJob) -> TrainingConfig:
+def job_config(job: TrainingJob) -> TrainingConfig:
     """How a training learns.
 
     Raises:
@@ -108,14 +108,14 @@ def settings_of(job: TrainingJob) -> TrainingConfig:
     return validated(TrainingConfig, document)
 
 
-def inputs_of(job: Job) -> tuple[str, ...]:
+def job_inputs(job: Job) -> tuple[str, ...]:
     """Digests of the jobs whose results a job needs."""
     return job.trainings if isinstance(job, FlightsJob) else ()
 
 
 def to_json(job: Job) -> bytes:
     """All that the job's result depends on."""
-    kind = kind_of(job)
+    kind = job_kind(job)
     about = {'kind': kind, 'format': _FORMATS[kind], 'uav_collect': VERSION}
     return (json.dumps(about | asdict(job), sort_keys=True, indent=1) + '\n').encode()
 

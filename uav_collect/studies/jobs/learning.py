@@ -21,8 +21,8 @@ from uav_collect.studies.jobs.costs import Rates, units_of
 from uav_collect.studies.jobs.jobs import (
     CURVE,
     CURVE_COLUMNS,
+    job_config,
     POLICY,
-    settings_of,
     SUMMARY,
     TrainingJob,
 )
@@ -38,7 +38,7 @@ _SETTLED_SHARE = 0.3  # of the time: until then there may be nothing to learn fr
 Step = float | tuple[float, Any] | Mapping[str, bytes]
 
 
-def learn(
+def run_training(
     job: TrainingJob,
     state: Any,  # noqa: ANN401 - what an earlier step told
     checkpoint_s: float,
@@ -75,7 +75,7 @@ def learn(
 
 def _begun(job: TrainingJob) -> tuple[Trainer, list[list[float]]]:
     scenario = from_yaml(job.scenario)
-    return Trainer([scenario], settings_of(job), job.algorithm, job.seed), []
+    return Trainer([scenario], job_config(job), job.algorithm, job.seed), []
 
 
 def _resumed(saved: bytes, rows: list[list[float]]) -> tuple[Trainer, list[list[float]]]:
@@ -135,7 +135,7 @@ def _csv(rows: list[list[float]]) -> bytes:
     return text.getvalue().encode()
 
 
-def measured(job: TrainingJob, duration_s: float) -> Rates:
+def measure_rates(job: TrainingJob, duration_s: float) -> Rates:
     """What a decision takes in the beginning of a training that is thrown away.
 
     Validation is left out: as soon as policies get home it takes next to nothing.
@@ -143,7 +143,7 @@ def measured(job: TrainingJob, duration_s: float) -> Rates:
     Args:
         duration_s: to measure for, of a core's time [s].
     """
-    settings = settings_of(job)
+    settings = job_config(job)
     validation = settings.validation.model_copy(update={'every_updates': _NEVER})
     config = settings.model_copy(update={'validation': validation})
     trainer = Trainer([from_yaml(job.scenario)], config, job.algorithm, job.seed)

@@ -10,7 +10,14 @@ import signal
 from time import monotonic
 from traceback import format_exc
 
-from uav_collect.studies.jobs.worker_messages import Failed, Finished, Left, Lost, Report, Task
+from uav_collect.studies.jobs.worker_messages import (
+    Failed,
+    Finished,
+    Lost,
+    Report,
+    Stopped,
+    WorkItem,
+)
 
 _STOP = 'stop'
 _END_S = 5.0  # until a process that was told to end is killed
@@ -23,7 +30,7 @@ class _Worker:
     digest: str | None = None  # of the job that it does
 
 
-class Processes:
+class ProcessEngine:
     """An engine of processes."""
 
     def __init__(self, n_slots: int) -> None:
@@ -37,7 +44,7 @@ class Processes:
         """How many jobs are done at once."""
         return self._n_slots
 
-    def start(self, task: Task) -> None:
+    def start(self, task: WorkItem) -> None:
         """Begin a job in a process that has none."""
         worker = next((it for it in self._workers if it.digest is None), None)
         if worker is None:
@@ -94,12 +101,12 @@ class Processes:
             worker.connection.close()
             worker.process.join()
             return Lost(why=f'process {worker.process.pid} ended: {worker.process.exitcode}')
-        if isinstance(report, Finished | Failed | Left):
+        if isinstance(report, Finished | Failed | Stopped):
             worker.digest = None
         return report
 
 
-def _tell(worker: _Worker, what: Task | str) -> None:
+def _tell(worker: _Worker, what: WorkItem | str) -> None:
     with suppress(BrokenPipeError):  # it is gone, which waiting will tell
         worker.connection.send(what)
 
@@ -116,8 +123,8 @@ def _work(connection: Connection) -> None:
         return
 
 
-def _do(task: Task, connection: Connection) -> None:
-    from uav_collect.studies.jobs.work import perform
+def _do(task: WorkItem, connection: Connection) -> None:
+    from uav_collect.studies.jobs.work import run_job
 
     asked = False
 
@@ -127,11 +134,11 @@ def _do(task: Task, connection: Connection) -> None:
             asked = connection.recv() == _STOP
         return asked
 
-    steps = perform(task, is_stopping)
+    steps = run_job(task, is_stopping)
     last: Report | None = None
-    while not isinstance(last, Finished | Failed | Left):
+    while not isinstance(last, Finished | Failed | Stopped):
         try:
-            last = next(steps, Left())
+            last = next(steps, Stopped())
         except Exception as error:  # whatever it is, it would come again: say so where it is seen
             last = Failed(why=f'{type(error).__name__}: {error}', trace=format_exc())
         connection.send(last)

@@ -4,32 +4,32 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from uav_collect.studies.jobs.jobs import inputs_of, Job, POLICY
+from uav_collect.studies.jobs.jobs import Job, job_inputs, POLICY
 from uav_collect.studies.jobs.store import Store
 from uav_collect.studies.jobs.worker_messages import (
-    Began,
+    Advanced,
     Failed,
     Finished,
-    Left,
-    Looked,
     Lost,
     Report,
     Saved,
-    Task,
+    Started,
+    Stopped,
+    WorkItem,
 )
 
 _LOOK_EVERY_S = 0.5
 _MAX_LOSSES = 5  # of one job: then it is the job
 
 
-class Engine(Protocol):
+class JobEngine(Protocol):
     """What does jobs, several at once."""
 
     @property
     def n_slots(self) -> int:
         """How many jobs it does at once."""
 
-    def start(self, task: Task) -> None:
+    def start(self, task: WorkItem) -> None:
         """Begin a job."""
 
     def wait(self, timeout_s: float) -> Sequence[tuple[str, Report]]:
@@ -43,7 +43,7 @@ class Engine(Protocol):
 
 
 @dataclass
-class Standing:
+class JobsStatus:
     """How the jobs stand."""
 
     total: int
@@ -55,16 +55,16 @@ class Standing:
     blocked: set[str] = field(default_factory=set)  # need what failed
 
 
-Show = Callable[[Standing], None]
+Show = Callable[[JobsStatus], None]
 
 
 @dataclass
 class _Run:
     jobs: Mapping[str, Job]
     store: Store
-    engine: Engine
+    engine: JobEngine
     checkpoint_s: float
-    standing: Standing
+    standing: JobsStatus
     waiting: list[str]
     n_losses: dict[str, int] = field(default_factory=dict)
 
@@ -72,7 +72,7 @@ class _Run:
         for digest in list(self.waiting):
             if len(self.standing.running) >= self.engine.n_slots:
                 return
-            inputs = inputs_of(self.jobs[digest])
+            inputs = job_inputs(self.jobs[digest])
             if any(it in self.standing.failures or it in self.standing.blocked for it in inputs):
                 self.waiting.remove(digest)
                 self.standing.blocked.add(digest)
@@ -82,10 +82,10 @@ class _Run:
 
     def start(self, digest: str) -> None:
         job = self.jobs[digest]
-        inputs = {it: self.store.read(it, POLICY) for it in inputs_of(job)}
+        inputs = {it: self.store.read(it, POLICY) for it in job_inputs(job)}
         self.standing.running[digest] = 0.0
         self.engine.start(
-            Task(
+            WorkItem(
                 digest=digest,
                 job=job,
                 inputs=inputs,
@@ -96,9 +96,9 @@ class _Run:
 
     def take(self, digest: str, report: Report) -> None:
         match report:
-            case Began(host=host):
+            case Started(host=host):
                 self.standing.hosts[digest] = host
-            case Looked(share_done=share_done):
+            case Advanced(share_done=share_done):
                 self.standing.running[digest] = share_done
             case Saved(state=state, share_done=share_done):
                 self.standing.running[digest] = share_done
@@ -115,7 +115,7 @@ class _Run:
             case Lost(why=why):
                 self.end(digest)
                 self.retry(digest, why)
-            case Left():
+            case Stopped():
                 self.end(digest)
 
     def retry(self, digest: str, why: str) -> None:
@@ -131,16 +131,16 @@ class _Run:
         self.standing.hosts.pop(digest, None)
 
 
-def have_done(
+def run_jobs(
     jobs: Mapping[str, Job],
     store: Store,
-    engine: Engine,
+    engine: JobEngine,
     *,
     checkpoint_s: float,
     order: Callable[[Job], float],
     is_stopping: Callable[[], bool],
     show: Show,
-) -> Standing:
+) -> JobsStatus:
     """Have all jobs done that the store lacks.
 
     Args:
@@ -154,7 +154,7 @@ def have_done(
         OSError: the disk does not take what was found.
     """
     missing = store.missing(_needed_first(jobs, order))
-    standing = Standing(total=len(jobs), done=len(jobs) - len(missing))
+    standing = JobsStatus(total=len(jobs), done=len(jobs) - len(missing))
     run = _Run(jobs, store, engine, checkpoint_s, standing, missing)
     try:
         while run.waiting or standing.running:

@@ -24,16 +24,16 @@ from uav_collect.kernels.compile import (
 from uav_collect.missions import rollout, vector_env
 from uav_collect.planning import bound
 from uav_collect.revision import git_revision, VERSION
-from uav_collect.studies.jobs.flights import flights, plans
+from uav_collect.studies.jobs.flights import run_flights, run_plans
 from uav_collect.studies.jobs.jobs import FlightsJob, Job, PlansJob, TrainingJob
 from uav_collect.studies.jobs.worker_messages import (
-    Began,
+    Advanced,
     Cost,
     Event,
     Finished,
-    Looked,
     Saved,
-    Task,
+    Started,
+    WorkItem,
 )
 
 _PACKAGES = ('numpy', 'numba', 'torch')
@@ -60,7 +60,7 @@ class _Meter:
         )
 
 
-def perform(task: Task, is_stopping: Callable[[], bool] = lambda: False) -> Iterator[Event]:
+def run_job(task: WorkItem, is_stopping: Callable[[], bool] = lambda: False) -> Iterator[Event]:
     """Do a job.
 
     Args:
@@ -83,7 +83,7 @@ def _in_turn(job: Job, events: Iterator[Event]) -> Iterator[Event]:
         if not kernels_are_cached(kernels_of(job)):
             for event in events:
                 yield event
-                if not isinstance(event, Began):
+                if not isinstance(event, Started):
                     break
     yield from events
 
@@ -109,8 +109,8 @@ def kernels_of(job: Job) -> tuple[Callable[..., object], ...]:
             return bound.KERNELS
 
 
-def _perform(task: Task, is_stopping: Callable[[], bool]) -> Iterator[Event]:
-    yield Began(host=socket.gethostname(), process=os.getpid(), sources=sources_digest())
+def _perform(task: WorkItem, is_stopping: Callable[[], bool]) -> Iterator[Event]:
+    yield Started(host=socket.gethostname(), process=os.getpid(), sources=sources_digest())
     state, before = None, Cost()
     if task.state is not None:
         state, before = pickle.loads(task.state)
@@ -118,17 +118,17 @@ def _perform(task: Task, is_stopping: Callable[[], bool]) -> Iterator[Event]:
     meter = _Meter(before)
     match task.job:
         case TrainingJob() as job:
-            from uav_collect.studies.jobs.learning import learn
+            from uav_collect.studies.jobs.learning import run_training
 
-            steps = learn(job, state, task.checkpoint_s, is_stopping)
+            steps = run_training(job, state, task.checkpoint_s, is_stopping)
         case FlightsJob() as job:
-            steps = flights(job, task.inputs, is_stopping)
+            steps = run_flights(job, task.inputs, is_stopping)
         case PlansJob() as job:
-            steps = plans(job, is_stopping)
+            steps = run_plans(job, is_stopping)
     for step in steps:
         match step:
             case float():
-                yield Looked(share_done=step)
+                yield Advanced(share_done=step)
             case (float() as share_done, saved):
                 told = pickle.dumps((saved, meter.cost()))
                 yield Saved(state=told, share_done=share_done)

@@ -7,7 +7,7 @@ from uav_collect.studies.jobs.jobs import Job
 
 
 @dataclass(frozen=True, kw_only=True)
-class Task:
+class WorkItem:
     """A job with all that is needed to do it anywhere."""
 
     digest: str
@@ -31,7 +31,7 @@ class Cost:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Began:
+class Started:
     """The job is being done."""
 
     host: str
@@ -40,7 +40,7 @@ class Began:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Looked:
+class Advanced:
     """How far a job is."""
 
     share_done: float
@@ -62,7 +62,7 @@ class Finished:
     cost: Cost
 
 
-Event = Began | Looked | Saved | Finished
+Event = Started | Advanced | Saved | Finished
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,8 +81,8 @@ class Failed:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Left:
+class Stopped:
     """The job was left as it was asked to be."""
 
 
-Report = Event | Lost | Failed | Left
+Report = Event | Lost | Failed | Stopped

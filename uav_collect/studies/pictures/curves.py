@@ -3,24 +3,31 @@
 from matplotlib.axes import Axes
 from matplotlib.ticker import EngFormatter
 from uav_collect.analysis.trajectories import COLOURS
-from uav_collect.studies.findings import estimated, Findings
+from uav_collect.studies.findings import estimate_column, Findings
 from uav_collect.studies.pictures.drawing import (
     COLOUR,
-    counted,
+    count_label,
     csv_of,
-    Drawn,
+    Drawing,
     finish,
     panels,
     STYLE,
 )
-from uav_collect.studies.study import CurvesPanel, CurvesStudy, EFFICIENCY, Measure, PLAN, REWARD
+from uav_collect.studies.study import (
+    CurvesPanel,
+    CurvesStudy,
+    EFFICIENCY,
+    PanelMeasure,
+    PLAN,
+    REWARD,
+)
 from uav_collect.training.curves import LearningCurve
 
 _SIZE_IN = (4.2, 3.9)
 _OVER = 'decisions in training [1]'
 
 
-def draw(study: CurvesStudy, findings: Findings) -> Drawn:
+def draw(study: CurvesStudy, findings: Findings) -> Drawing:
     """Draw a study.
 
     Raises:
@@ -51,19 +58,19 @@ def draw(study: CurvesStudy, findings: Findings) -> Drawn:
             )
     header = ('panel', 'line', 'measure', 'unit', 'n_seeds', 'n_missions', 'n_decisions', 'mean',
               'deviation', 'low', 'high')  # fmt: skip
-    return Drawn(figure=figure, table=csv_of(header, rows))
+    return Drawing(figure=figure, table=csv_of(header, rows))
 
 
 def _draw_curve(axes: Axes, curve: LearningCurve, colour: str) -> None:
     n_seeds = len(curve.seeds)
-    label = counted(curve.label, [n_seeds], 'seed')
+    label = count_label(curve.label, [n_seeds], 'seed')
     axes.plot(curve.over, curve.mean, color=colour, linewidth=1.6, label=label)
     if n_seeds > 1:
         low, high = curve.mean - curve.deviation, curve.mean + curve.deviation
         axes.fill_between(curve.over, low, high, color=colour, alpha=0.2, linewidth=0)
 
 
-def _rows(panel: CurvesPanel, curve: LearningCurve, measure: Measure) -> list[list[object]]:
+def _rows(panel: CurvesPanel, curve: LearningCurve, measure: PanelMeasure) -> list[list[object]]:
     n_seeds = len(curve.seeds)
     points = zip(curve.over.tolist(), curve.mean.tolist(), curve.deviation.tolist(), strict=True)
     about = (panel.key, curve.label, measure.key, measure.unit, n_seeds, '')
@@ -77,14 +84,14 @@ def _draw_references(axes: Axes, panel: CurvesPanel, findings: Findings) -> list
     rows: list[list[object]] = []
     for label, tested in panel.references.items():
         column = findings.column(tested, EFFICIENCY)
-        point = None if column is None else estimated(column)
+        point = None if column is None else estimate_column(column)
         if point is None:
             continue
         n_missions, estimate = point
         name = 'thriftiest clairvoyant plan' if label == PLAN else label
         axes.axhline(
             estimate.mean, color=COLOUR[label], linewidth=1.1, linestyle=STYLE[label],
-            label=counted(name, [n_missions], 'mission'),
+            label=count_label(name, [n_missions], 'mission'),
         )  # fmt: skip
         about = (panel.key, label, EFFICIENCY.key, EFFICIENCY.unit, '', n_missions, '')
         rows.append([*about, estimate.mean, '', estimate.low, estimate.high])

@@ -2,7 +2,7 @@
 
 from uav_collect.studies.findings import Findings
 from uav_collect.studies.pictures import curves, lines, missions
-from uav_collect.studies.pictures.drawing import Drawn
+from uav_collect.studies.pictures.drawing import Drawing
 from uav_collect.studies.study import (
     CurvesStudy,
     LinesStudy,
@@ -12,7 +12,7 @@ from uav_collect.studies.study import (
 )
 
 
-def draw(study: Study, findings: Findings) -> Drawn:
+def draw(study: Study, findings: Findings) -> Drawing:
     """Draw a study.
 
     Raises:

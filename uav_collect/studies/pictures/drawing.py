@@ -26,7 +26,7 @@ _GRID = '#E2E2E2'
 
 
 @dataclass(frozen=True, kw_only=True)
-class Drawn:
+class Drawing:
     """A figure and the numbers that it shows."""
 
     figure: Figure
@@ -76,7 +76,7 @@ def finish(axes: Axes, over: str, title: str, unit: str) -> None:
     axes.spines[['top', 'right']].set_visible(False)
 
 
-def counted(label: str, numbers: Sequence[int], noun: str) -> str:
+def count_label(label: str, numbers: Sequence[int], noun: str) -> str:
     """A label with how many things its line is made of: `sweep (300 missions)`."""
     least, most = min(numbers), max(numbers)
     count = f'{least}' if least == most else f'{least} to {most}'

@@ -2,20 +2,20 @@
 
 from matplotlib.axes import Axes
 import numpy as np
-from uav_collect.analysis.statistics import Estimate, LEVEL
-from uav_collect.studies.findings import estimated, Findings
+from uav_collect.analysis.statistics import CONFIDENCE_LEVEL, Estimate
+from uav_collect.studies.findings import estimate_column, Findings
 from uav_collect.studies.pictures.drawing import (
     COLOUR,
-    counted,
+    count_label,
     csv_of,
-    Drawn,
+    Drawing,
     finish,
     panels,
     SOLID,
     STYLE,
     THIN,
 )
-from uav_collect.studies.study import Line, LinesStudy, Measure, PLAN
+from uav_collect.studies.study import Line, LinesStudy, PanelMeasure, PLAN
 
 _SIZE_IN = (4.6, 4.6)
 _PLAN_LABELS = {
@@ -27,13 +27,14 @@ _Point = tuple[int, Estimate]  # of so many missions
 _Points = list[_Point | None]  # by value; None where nothing is known
 
 
-def draw(study: LinesStudy, findings: Findings) -> Drawn:
+def draw(study: LinesStudy, findings: Findings) -> Drawing:
     """Draw a study.
 
     Raises:
         StoreError: a job of it is not done.
     """
-    note = f'Fig. {study.figure} of the paper; {study.about}; mean and {LEVEL:.0%} interval'
+    interval = f'mean and {CONFIDENCE_LEVEL:.0%} interval'
+    note = f'Fig. {study.figure} of the paper; {study.about}; {interval}'
     figure, [row] = panels(1, len(study.measures), study.title, note, size_in=_SIZE_IN)
     rows: list[list[object]] = []
     for axes, measure in zip(row, study.measures, strict=True):
@@ -47,18 +48,18 @@ def draw(study: LinesStudy, findings: Findings) -> Drawn:
         'measure', 'line', study.column, 'n_missions', 'first_seed', 'last_seed', 'mean', 'low',
         'high', 'unit',
     )  # fmt: skip
-    return Drawn(figure=figure, table=csv_of(header, rows))
+    return Drawing(figure=figure, table=csv_of(header, rows))
 
 
-def _points(line: Line, measure: Measure, findings: Findings) -> _Points | None:
+def _points(line: Line, measure: PanelMeasure, findings: Findings) -> _Points | None:
     columns = [findings.column(tested, measure) for tested in line.tests]
     if any(column is None for column in columns):
         return None
-    return [estimated(column) for column in columns if column is not None]
+    return [estimate_column(column) for column in columns if column is not None]
 
 
 def _draw_line(
-    axes: Axes, study: LinesStudy, line: Line, measure: Measure, points: _Points
+    axes: Axes, study: LinesStudy, line: Line, measure: PanelMeasure, points: _Points
 ) -> None:
     places = np.arange(len(study.values)) if study.names else np.array(study.values)
     known = [(at, *point) for at, point in zip(places, points, strict=True) if point is not None]
@@ -73,12 +74,12 @@ def _draw_line(
         over, mean, [below, above], color=COLOUR[line.policy], marker='o', markersize=3.5,
         linewidth=1.1 if line.is_thin else 1.7, capsize=2.5, elinewidth=0.9,
         linestyle=THIN if line.is_thin else STYLE.get(line.policy, SOLID),
-        label=counted(name, counts, 'mission'),
+        label=count_label(name, counts, 'mission'),
     )  # fmt: skip
 
 
 def _rows(
-    study: LinesStudy, line: Line, measure: Measure, points: _Points, findings: Findings
+    study: LinesStudy, line: Line, measure: PanelMeasure, points: _Points, findings: Findings
 ) -> list[list[object]]:
     rows: list[list[object]] = []
     for value, tested, point in zip(study.values, line.tests, points, strict=True):
@@ -94,7 +95,7 @@ def _rows(
     return rows
 
 
-def _finish(axes: Axes, study: LinesStudy, measure: Measure) -> None:
+def _finish(axes: Axes, study: LinesStudy, measure: PanelMeasure) -> None:
     finish(axes, study.over, measure.title, measure.unit)
     if study.names:
         axes.set_xticks(range(len(study.names)), study.names)

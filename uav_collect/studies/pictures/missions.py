@@ -8,7 +8,7 @@ from uav_collect.recording.mission_log import ACTION_NAMES, from_jsonl, MissionL
 from uav_collect.scenario.site import build_site, Site
 from uav_collect.studies.findings import Findings
 from uav_collect.studies.jobs.flights import log_name
-from uav_collect.studies.pictures.drawing import csv_of, Drawn, finish, panels
+from uav_collect.studies.pictures.drawing import csv_of, Drawing, finish, panels
 from uav_collect.studies.study import TopologyStudy, TrajectoriesStudy
 from uav_collect.world.sensor_field import draw_demand, lay_out
 
@@ -19,7 +19,7 @@ _LOG_COLUMNS = (
 )  # fmt: skip
 
 
-def draw_topology(study: TopologyStudy) -> Drawn:
+def draw_topology(study: TopologyStudy) -> Drawing:
     """Draw where the sensors are, coloured by what they hold in a mission."""
     site = build_site(study.scenario)
     demand_mbit = _demand_bit(site, study.mission_seed) / 1e6
@@ -46,10 +46,10 @@ def draw_topology(study: TopologyStudy) -> Drawn:
     )
     cells = zip(site.sensor_ids, east_m.tolist(), north_m.tolist(), demand_mbit, strict=True)
     rows = [[name, x_m, y_m, float(data)] for name, x_m, y_m, data in cells]
-    return Drawn(figure=figure, table=csv_of(('sensor', 'x_m', 'y_m', 'data_mbit'), rows))
+    return Drawing(figure=figure, table=csv_of(('sensor', 'x_m', 'y_m', 'data_mbit'), rows))
 
 
-def draw_trajectories(study: TrajectoriesStudy, findings: Findings) -> Drawn:
+def draw_trajectories(study: TrajectoriesStudy, findings: Findings) -> Drawing:
     """Draw one mission as each policy flew it.
 
     Raises:
@@ -69,7 +69,7 @@ def draw_trajectories(study: TrajectoriesStudy, findings: Findings) -> Drawn:
             fontsize=7.5, ncols=2,
         )  # fmt: skip
         rows += _rows(label, log)
-    return Drawn(figure=figure, table=csv_of(('policy', 'uav', *_LOG_COLUMNS), rows))
+    return Drawing(figure=figure, table=csv_of(('policy', 'uav', *_LOG_COLUMNS), rows))
 
 
 def _merits(label: str, log: MissionLog) -> str:
