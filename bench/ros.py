@@ -96,10 +96,10 @@ def ping() -> None:
     """Measure round trips to `echo`; writes them to standard output [s], as JSON."""
     import rclpy
     from std_msgs.msg import UInt32
-    from uav_collect.nodes.middleware import find_each_other_quickly
+    from uav_collect.nodes.middleware import use_quick_discovery
     from uav_collect.nodes.process import make_executor
 
-    find_each_other_quickly()
+    use_quick_discovery()
     rclpy.init()
     node = rclpy.create_node('ping')
     executor = make_executor()

@@ -188,12 +188,12 @@ def swap_ms(scenario: Scenario) -> tuple[list[float], float]:
     """
     import rclpy
     from uav_collect.nodes import topics
-    from uav_collect.nodes.middleware import find_each_other_quickly
+    from uav_collect.nodes.middleware import use_quick_discovery
     from uav_collect.nodes.process import make_executor
     from uav_collect.nodes.topics import publisher, subscription
     from uav_collect_msgs.msg import Policy
 
-    find_each_other_quickly()
+    use_quick_discovery()
     rclpy.init()
     node = rclpy.create_node('swaps')
     executor = make_executor()

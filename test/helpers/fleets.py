@@ -184,10 +184,10 @@ def listener(*topics: Any) -> Iterator[Listener]:  # noqa: ANN401
     """Listen to topics of the table in the ROS domain of the test."""
     import rclpy
     from rclpy.executors import SingleThreadedExecutor
-    from uav_collect.nodes.middleware import find_each_other_quickly
+    from uav_collect.nodes.middleware import use_quick_discovery
     from uav_collect.nodes.topics import subscription
 
-    find_each_other_quickly()
+    use_quick_discovery()
     context = rclpy.Context()
     rclpy.init(context=context)
     node = rclpy.create_node('listener', context=context)

@@ -13,7 +13,7 @@ from processes import DEADLINE_S
 import rclpy
 from uav_collect.lockstep.inbox import Inbox
 from uav_collect.nodes import convert, topics
-from uav_collect.nodes.middleware import find_each_other_quickly
+from uav_collect.nodes.middleware import use_quick_discovery
 from uav_collect.nodes.topics import publisher, subscription
 from uav_collect.scenario.load import from_yaml, Scenario
 from uav_collect.uav.agent import Agent, allocator_named
@@ -227,7 +227,7 @@ def stand_in() -> Iterator[StandIn]:
     """A node in the ROS domain of the test."""
     from uav_collect.nodes.process import make_executor
 
-    find_each_other_quickly()
+    use_quick_discovery()
     rclpy.init()
     node = rclpy.create_node('stand_in')
     executor = make_executor()

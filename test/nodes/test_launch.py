@@ -210,7 +210,7 @@ def test_rviz_can_switch_every_kind_of_marker() -> None:
     pytest.importorskip('rclpy')
     viewers = importlib.import_module('uav_collect.nodes.world.markers')
     site = build_site(load('paper_8x8'))
-    drawn = viewers.Viewers(site)
+    drawn = viewers.MissionMarkers(site)
     drawn.begin(Simulation(site, 0))
     markers = drawn.markers(0.0, viewers.Header().stamp).markers[1:]
     namespaces = displays()['MarkerArray']['Namespaces']

@@ -22,7 +22,7 @@ class Watched(Flight):
 
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
-        self.viewers = viewers.Viewers(build_site(scenario))
+        self.viewers = viewers.MissionMarkers(build_site(scenario))
         self.viewers.begin(self.simulation)
 
     def step(self, action: int) -> Event:
@@ -331,7 +331,7 @@ def test_a_fleet_that_knows_everything_leaves_no_cell_open() -> None:
 
 def test_a_scenario_with_hundreds_of_sensors_needs_few_markers() -> None:
     site = build_site(load('paper_20x20'))
-    drawn = viewers.Viewers(site)
+    drawn = viewers.MissionMarkers(site)
     drawn.begin(Simulation(site, 0))
     markers = drawn.markers(0.0, STAMP).markers
     assert len(markers) < 25

@@ -29,7 +29,7 @@ from uav_collect_msgs.srv import ControlMission
 
 pytestmark = pytest.mark.ros
 
-middleware.find_each_other_quickly()
+middleware.use_quick_discovery()
 LATCHED = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 PROGRAM = """
@@ -322,7 +322,7 @@ def test_a_release_without_the_events_executor_gets_the_usual_one(
 def test_profiles_of_the_user_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv('FASTRTPS_DEFAULT_PROFILES_FILE', '/etc/mine.xml')
     monkeypatch.delenv('FASTDDS_DEFAULT_PROFILES_FILE', raising=False)
-    middleware.find_each_other_quickly()
+    middleware.use_quick_discovery()
     assert middleware.os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] == '/etc/mine.xml'
     assert 'FASTDDS_DEFAULT_PROFILES_FILE' not in middleware.os.environ
 
@@ -330,6 +330,6 @@ def test_profiles_of_the_user_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_nodes_announce_themselves_often_by_default(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE'):
         monkeypatch.delenv(name, raising=False)
-    middleware.find_each_other_quickly()
+    middleware.use_quick_discovery()
     file = Path(middleware.os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'])
     assert 'leaseAnnouncement' in file.read_text()

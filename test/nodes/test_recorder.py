@@ -21,13 +21,13 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.serialization import deserialize_message
 from uav_collect.errors import BagError
 from uav_collect.nodes import topics
-from uav_collect.nodes.middleware import find_each_other_quickly
+from uav_collect.nodes.middleware import use_quick_discovery
 from uav_collect_msgs.msg import Epoch, Mission
 
 pytestmark = pytest.mark.ros
 
 N_UAVS = 2
-find_each_other_quickly()
+use_quick_discovery()
 
 
 class FakeFleet:

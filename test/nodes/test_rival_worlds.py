@@ -14,7 +14,7 @@ from processes import Processes, RunningProcess
 from rclpy.duration import Duration
 from scripted_agent_node import stand_in, StandIn
 from uav_collect.nodes import topics
-from uav_collect.nodes.identity import Identity, scenario_msg
+from uav_collect.nodes.identity import scenario_msg, WorldIdentity
 from uav_collect.nodes.process import FAILED, make_executor
 from uav_collect.nodes.topics import publisher
 from uav_collect.nodes.world import node
@@ -68,14 +68,14 @@ def ears(ros_domain: int) -> Iterator[StandIn]:
 class FakeWorld:
     """What agents meet of a world: its scenario, and answers to those who join."""
 
-    def __init__(self, ears: StandIn, instance: str, born_s: float, joined: list[str]) -> None:
+    def __init__(self, ears: StandIn, instance: str, started_s: float, joined: list[str]) -> None:
         self._node = ears.node
         self._instance = instance
         self._joined = joined  # instances of all worlds, as agents turned to them
         self.n_others_asked = 0
         self._scenarios = publisher(ears.node, topics.SCENARIO)
         scenario = scenario_of(1)
-        identity = Identity(born_s=born_s, instance=instance)
+        identity = WorldIdentity(started_s=started_s, instance=instance)
         self._scenarios.publish(scenario_msg(identity, build_site(scenario)))
 
     def serve(self) -> 'FakeWorld':
@@ -126,13 +126,13 @@ def test_who_takes_late_hears_each_of_two_worlds(ears: StandIn) -> None:
 def test_a_world_gives_way_to_an_earlier_one_that_it_hears_while_it_opens(
     ears: StandIn, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    earlier, make_display = publisher(ears.node, topics.SCENARIO), node.Display
+    earlier, make_display = publisher(ears.node, topics.SCENARIO), node.ViewerPublisher
 
     def display_of_a_busy_world(*arguments: Any) -> Any:  # noqa: ANN401
         earlier.publish(Scenario(world_instance='earlier'))
         return make_display(*arguments)
 
-    monkeypatch.setattr(node, 'Display', display_of_a_busy_world)
+    monkeypatch.setattr(node, 'ViewerPublisher', display_of_a_busy_world)
     monkeypatch.setattr(node, 'check_can_start', lambda *_: None)  # compiles for long
     world, executor = node.WorldNode(), make_executor()
     executor.add_node(world)

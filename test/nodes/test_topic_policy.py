@@ -24,7 +24,7 @@ pytest.importorskip('rclpy')
 pytest.importorskip('uav_collect_msgs')
 
 from uav_collect.nodes import convert, topics
-from uav_collect.nodes.identity import Identity, scenario_msg
+from uav_collect.nodes.identity import scenario_msg, WorldIdentity
 from uav_collect.nodes.topics import publisher
 from uav_collect_msgs.msg import Policy
 from uav_collect_msgs.srv import Join
@@ -179,7 +179,7 @@ def test_an_agent_that_missed_the_policy_of_a_mission_asks_the_world_for_it(
     simulation = Simulation(site, SEED)
     event = simulation.next_event()
     assert event is not None
-    world = Identity(born_s=time.time(), instance='world-of-the-test')
+    world = WorldIdentity(started_s=time.time(), instance='world-of-the-test')
     observation = convert.observation_msg(event, world.mission_id(0), 0)
     observation.exploration_key = SEED
     observation.policy_trainer, observation.policy_sequence = 'stand-in', 2

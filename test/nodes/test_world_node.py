@@ -18,7 +18,7 @@ from scripted_agent_node import stand_in, StandIn
 from uav_collect.analysis.metrics import mission_metrics
 from uav_collect.limits import MAX_SEED
 from uav_collect.nodes import topics
-from uav_collect.nodes.convert import uav_ids, unpacked
+from uav_collect.nodes.convert import uav_ids, unpacked_map
 from uav_collect.nodes.topics import publisher
 from uav_collect.nodes.world import markers
 from uav_collect.recording.mission_log import EVENT_DTYPE, header_from_line, MissionLog, read
@@ -339,15 +339,15 @@ def test_the_fleet_in_an_epoch_is_where_the_log_says(flown: Flown) -> None:
             [Epoch.FLYING_HOME, Epoch.LANDED] if is_home else [Epoch.ACTIVE]
         )
         own_map = np.reshape(epoch.uav_complete, (2, -1))[own]
-        assert sum(unpacked(own_map, flown.scenario.n_cells)) == epoch.known_complete
+        assert sum(unpacked_map(own_map, flown.scenario.n_cells)) == epoch.known_complete
 
 
 def test_what_uavs_hold_for_complete_grows_and_is_complete_in_truth(flown: Flown) -> None:
     before = np.zeros((2, flown.scenario.n_cells), dtype=bool)
     for epoch in flown.epochs:
         packed = np.reshape(epoch.uav_complete, (2, -1))
-        known = np.array([unpacked(one, flown.scenario.n_cells) for one in packed], dtype=bool)
-        truth = np.array(unpacked(epoch.true_complete, flown.scenario.n_cells), dtype=bool)
+        known = np.array([unpacked_map(one, flown.scenario.n_cells) for one in packed], dtype=bool)
+        truth = np.array(unpacked_map(epoch.true_complete, flown.scenario.n_cells), dtype=bool)
         assert (known >= before).all()
         assert (truth >= known).all()
         before = known
@@ -399,7 +399,7 @@ def test_the_clock_shows_the_time_of_the_decisions(flown: Flown) -> None:
 def test_viewers_are_shown_the_mission_to_its_end(flown: Flown) -> None:
     pictures, grids = (flown.heard[t.name] for t in (topics.MARKERS, topics.COMPLETED_CELLS))
     maps = np.reshape(flown.epochs[-1].uav_complete, (2, -1))
-    known = np.any([unpacked(one, flown.scenario.n_cells) for one in maps], axis=0)
+    known = np.any([unpacked_map(one, flown.scenario.n_cells) for one in maps], axis=0)
     assert [value == markers.COMPLETE for value in grids[-1].data] == known.tolist()
     assert {marker.header.frame_id for marker in pictures[-1].markers} == {markers.FRAME}
     paths = [marker for marker in pictures[-1].markers if marker.ns == 'paths']

@@ -26,14 +26,14 @@ def stamp(time_s: float) -> Time:
     return Time(sec=sec, nanosec=nanosec)
 
 
-def packed(complete: Row[int]) -> bytes:
+def packed_map(complete: Row[int]) -> bytes:
     """A completion map, one bit per cell: cell c is bit c % 8 of byte c // 8."""
     bits = np.array(complete, dtype=np.uint8)
     return np.packbits(bits, bitorder='little').tobytes()
 
 
-def unpacked(content: Any, n_cells: int) -> list[int]:
-    """The completion map of `packed`, (n_cells,).
+def unpacked_map(content: Any, n_cells: int) -> list[int]:
+    """The completion map of `packed_map`, (n_cells,).
 
     Raises:
         ValueError: there are not as many bytes as that many cells take.
@@ -141,7 +141,7 @@ def radio_msg(
         time_s=message.time_s,
         x_m=message.x_m,
         y_m=message.y_m,
-        complete=array('B', packed(message.complete)),
+        complete=array('B', packed_map(message.complete)),
     )
 
 
@@ -153,7 +153,7 @@ def radio_from_msg(msg: Any, n_cells: int) -> RadioMessage:
     """
     return RadioMessage(
         sender=msg.sender - 1,
-        complete=row_of(unpacked(msg.complete, n_cells)),
+        complete=row_of(unpacked_map(msg.complete, n_cells)),
         x_m=msg.x_m,
         y_m=msg.y_m,
         time_s=msg.time_s,
@@ -196,8 +196,8 @@ def transition_msg(
         energy_left_j=observation.energy_left_j,
         cell=observation.cell,
         previous_action=observation.previous_action,
-        complete=array('B', packed(belief.complete)),
-        seen=array('B', packed(row_of([int(bit > 0.0) for bit in belief.seen_bit]))),
+        complete=array('B', packed_map(belief.complete)),
+        seen=array('B', packed_map(row_of([int(bit > 0.0) for bit in belief.seen_bit]))),
         peer_x_m=array('d', belief.peer_x_m),
         peer_y_m=array('d', belief.peer_y_m),
         peer_s=array('d', belief.peer_s),
@@ -215,6 +215,6 @@ def uav_ids(mask: int) -> list[int]:
     return [index + 1 for index in range(mask.bit_length()) if mask >> index & 1]
 
 
-def joined_maps(complete: Sequence[Row[int]]) -> 'array[int]':
+def packed_maps(complete: Sequence[Row[int]]) -> 'array[int]':
     """Completion maps one after the other, each packed."""
-    return array('B', b''.join(packed(each) for each in complete))
+    return array('B', b''.join(packed_map(each) for each in complete))

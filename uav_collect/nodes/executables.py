@@ -47,7 +47,7 @@ def trainer() -> int:
 
 @contextmanager
 def _loading(*, interprets: bool = True) -> Iterator[None]:
-    """End without a word if told to stop before there is a node to stop."""
+    """End silently if a signal comes before there is a node to stop."""
     numbers = (signal.SIGINT, signal.SIGTERM)
     before = [signal.signal(number, lambda *_: os._exit(0)) for number in numbers]
     if interprets:

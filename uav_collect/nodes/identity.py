@@ -13,38 +13,38 @@ _SHORT = 8  # characters of an instance that the ids of its missions begin with
 
 
 @dataclass(frozen=True, kw_only=True)
-class Identity:
+class WorldIdentity:
     """One process of the world node."""
 
-    born_s: float  # wall-clock time of its start
+    started_s: float  # wall-clock time of its start
     instance: str  # UUID
 
-    def gives_way_to(self, other: 'Identity') -> bool:
+    def gives_way_to(self, other: 'WorldIdentity') -> bool:
         """Whether this is the later one; the instance breaks ties."""
-        return (self.born_s, self.instance) > (other.born_s, other.instance)
+        return (self.started_s, self.instance) > (other.started_s, other.instance)
 
     def mission_id(self, index: int) -> str:
         """Names the mission with a running number."""
         return f'{self.instance[:_SHORT]}-{index}'
 
-    def why_not(self, mission_id: str, decision: int) -> str:
-        """Why a decision is of no use that is not of the mission in flight."""
+    def refusal_of(self, mission_id: str, decision: int) -> str:
+        """Why a decision is refused that is not of the mission in flight."""
         if mission_id.startswith(f'{self.instance[:_SHORT]}-'):
             return f'decision {decision} is of mission {mission_id}, which is not in flight'
         return f'mission {mission_id!r} is not of this world'
 
 
-NO_WORLD = Identity(born_s=math.inf, instance='')  # every world comes before it
+NO_WORLD = WorldIdentity(started_s=math.inf, instance='')  # every world comes before it
 
 
-def identity_of(msg: Any) -> Identity:
-    """Who sent a scenario."""
-    born_s = msg.stamp.sec + msg.stamp.nanosec * 1e-9
-    return Identity(born_s=born_s, instance=msg.world_instance)
+def identity_of(msg: Any) -> WorldIdentity:
+    """The world that has published a scenario."""
+    started_s = msg.stamp.sec + msg.stamp.nanosec * 1e-9
+    return WorldIdentity(started_s=started_s, instance=msg.world_instance)
 
 
-def rivalry(msg: Any, *, gives_way: bool) -> str:
-    """What to say when another world's scenario is heard."""
+def rival_warning(msg: Any, *, gives_way: bool) -> str:
+    """What to log when another world publishes its scenario."""
     name = str(msg.yaml).partition('\n')[0].removeprefix('name:').strip()
     text = f'another world_sim flies scenario {name} in this ROS domain'
     if gives_way:
@@ -52,10 +52,10 @@ def rivalry(msg: Any, *, gives_way: bool) -> str:
     return f'{text}; it came later and has to give way'
 
 
-def scenario_msg(identity: Identity, site: Site) -> ScenarioMsg:
-    """What a world tells the fleet."""
+def scenario_msg(identity: WorldIdentity, site: Site) -> ScenarioMsg:
+    """What a world publishes of itself, its scenario and its site."""
     return ScenarioMsg(
-        stamp=stamp(identity.born_s),
+        stamp=stamp(identity.started_s),
         world_instance=identity.instance,
         yaml=site.scenario.to_yaml(),
         fingerprint=fingerprint(site.scenario),

@@ -10,7 +10,7 @@ _PROFILES = Path('config', 'fastdds.xml')
 _VARIABLES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')  # 2.x, then 3.x
 
 
-def find_each_other_quickly() -> None:
+def use_quick_discovery() -> None:
     """Let this process announce itself often; call it before `rclpy.init`.
 
     Whoever has chosen profiles of their own keeps them.

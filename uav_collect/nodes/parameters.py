@@ -25,16 +25,16 @@ class Parameter:
     @property
     def descriptor(self) -> ParameterDescriptor:
         """What ROS shows of it, and checks."""
-        told = ParameterDescriptor(description=self.description, read_only=True)
+        descriptor = ParameterDescriptor(description=self.description, read_only=True)
         if self.low is None or self.high is None:
-            return told
+            return descriptor
         if isinstance(self.default, int):
             bounds = IntegerRange(from_value=int(self.low), to_value=int(self.high))
-            told.integer_range = [bounds]
+            descriptor.integer_range = [bounds]
         else:
             bounds = FloatingPointRange(from_value=float(self.low), to_value=float(self.high))
-            told.floating_point_range = [bounds]
-        return told
+            descriptor.floating_point_range = [bounds]
+        return descriptor
 
     @property
     def help(self) -> str:
@@ -47,7 +47,7 @@ class Parameter:
 
 
 def add_world_option(parser: argparse.ArgumentParser) -> None:
-    """Add what tells worlds in one ROS domain apart."""
+    """Add the option that names one of several worlds in a ROS domain."""
     parser.add_argument(
         '--world',
         type=_namespace,

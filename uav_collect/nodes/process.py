@@ -23,20 +23,20 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 from rclpy.utilities import remove_ros_args
 from uav_collect.errors import NodeError
-from uav_collect.nodes.middleware import find_each_other_quickly
+from uav_collect.nodes.middleware import use_quick_discovery
 
 FAILED = 1  # exit status of a node that could not go on
 MISUSED = 2  # exit status of a node that was given wrong arguments, parameters or files
 
 _WAIT_S = 0.1  # longest time until a signal is noticed by an idle node
-_LAST_WORDS_S = 0.5  # longest wait of a stopped node for the readers of what it published
+_FLUSH_S = 0.5  # longest wait of a stopped node for the readers of what it published
 _HANDOVER_S = 4.0  # the same of a node that ends by itself: DDS repeats lost packets every 3 s
 _N_RETIRED = 8  # subscriptions kept after their end; what was queued for more has passed
-_FOUND_S = 1.0  # within this, listeners find a new node: one that ends by itself lives as long
+_DISCOVERED_S = 1.0  # until subscribers find a new node; one that ends by itself lives as long
 
 
 class ProcessNode(Node):
-    """A node that owns its process: it can end it, and hears when it is ended."""
+    """A node that owns its process: it can end it, and is called when it is ended."""
 
     end_status: int | None = None  # exit status, once the node has asked to end
 
@@ -64,7 +64,7 @@ class ProcessNode(Node):
             self.end_status = status
 
     def on_stop(self) -> None:
-        """Last words: runs once, while publishers still publish, whatever ends the process."""
+        """Called once as the process ends, for whatever reason; publishers still publish."""
 
 
 class _Stop:
@@ -110,7 +110,7 @@ def run_node(make_node: Callable[[], ProcessNode], argv: Sequence[str]) -> int:
         Exit status of the process: 0 after SIGINT or SIGTERM, else what the node asked for.
     """
     stop = _Stop()
-    find_each_other_quickly()
+    use_quick_discovery()
     try:
         rclpy.init(args=list(argv), signal_handler_options=SignalHandlerOptions.NO)
     except (_rclpy.RCLError, _rclpy.UnknownROSArgsError) as error:
@@ -157,7 +157,7 @@ def _delivers(executor: Any) -> bool:
 
 
 def _run(node: ProcessNode, stop: _Stop) -> int:
-    born_s = time.monotonic()
+    started_s = time.monotonic()
     executor = make_executor()
     executor.add_node(node)
     try:
@@ -168,8 +168,8 @@ def _run(node: ProcessNode, stop: _Stop) -> int:
     finally:
         node.on_stop()
         if node.end_status == 0:
-            _let_listeners_find(born_s, stop)
-        _deliver_last_words(node, stop)
+            _wait_to_be_discovered(started_s, stop)
+        _flush_publishers(node, stop)
         executor.shutdown()
         node.destroy_node()
     return node.end_status or 0
@@ -187,19 +187,19 @@ def _spin_once(node: ProcessNode, executor: Any) -> None:
         node.get_logger().debug(f'passed over an event: {error}')
 
 
-def _let_listeners_find(born_s: float, stop: _Stop) -> None:
+def _wait_to_be_discovered(started_s: float, stop: _Stop) -> None:
     """Keep what a short-lived node has published until those who wait for it know the node."""
-    while not stop.asked and time.monotonic() < born_s + _FOUND_S:
+    while not stop.asked and time.monotonic() < started_s + _DISCOVERED_S:
         time.sleep(_WAIT_S / 10)
 
 
-def _deliver_last_words(node: ProcessNode, stop: _Stop) -> None:
+def _flush_publishers(node: ProcessNode, stop: _Stop) -> None:
     """Give the readers time to get what was published; a dead one must not hold us for ever."""
     begun_s = time.monotonic()
     for publisher in node.publishers:
         while not publisher.wait_for_all_acked(Duration(seconds=_WAIT_S / 10)):
             is_leisurely = node.end_status == 0 and not stop.asked
-            if time.monotonic() > begun_s + (_HANDOVER_S if is_leisurely else _LAST_WORDS_S):
+            if time.monotonic() > begun_s + (_HANDOVER_S if is_leisurely else _FLUSH_S):
                 return
 
 

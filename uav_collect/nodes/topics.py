@@ -4,7 +4,7 @@ Lockstep must never lose a message, so all that a mission needs is reliable, wit
 than any reader lags behind (keep-all would block the writer of a slow reader instead). The
 history is latched too: no first message is lost to a reader that is matched a moment later, and
 a recorder may start late. The price: whoever starts late also gets messages of the past, which
-`mission_id` and `decision` tell apart.
+are known by their `mission_id` and `decision`.
 
 A silent death is a liveliness event on `command` (of an agent), `scenario` (of the world) or
 `policy` (of the trainer).

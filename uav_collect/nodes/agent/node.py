@@ -1,4 +1,4 @@
-"""The agent node of one UAV: on board, it knows only what it saw and what others told it."""
+"""The agent node of one UAV: on board, it knows only what it saw and what it heard of others."""
 
 import argparse
 from collections.abc import Callable, Sequence
@@ -18,7 +18,7 @@ from uav_collect.limits import ALLOCATOR_NAMES, MAX_UAVS
 from uav_collect.lockstep.inbox import Inbox
 from uav_collect.lockstep.published_policy import PolicyStore, TopicPolicy
 from uav_collect.nodes import convert, topics
-from uav_collect.nodes.agent.transitions import Reporter
+from uav_collect.nodes.agent.transitions import TransitionBuilder
 from uav_collect.nodes.agent.world_choice import WorldChoice
 from uav_collect.nodes.parameters import add_world_option, declare, help_text, Parameter
 from uav_collect.nodes.process import MISUSED, ProcessNode, run_node
@@ -39,7 +39,7 @@ with the world and the other agents.
 _ASK_PERIOD_S = 0.25  # between two requests to join
 _ANSWER_S = 1.5  # a request to a world that died since it was found is never answered
 _PATIENCE_S = 6.0  # how long a UAV's last agent may take to be noticed dead
-_TOLD_PERIOD_S = 10.0  # between two lines that say what the agent waits for
+_WAITING_PERIOD_S = 10.0  # between two lines that say what the agent waits for
 
 PARAMETERS = (
     Parameter(name='uav', default=0, description='id of the UAV (--id)', low=0, high=MAX_UAVS),
@@ -64,8 +64,8 @@ PARAMETERS = (
 )
 
 
-def _ending(callback: Callable[..., None]) -> Callable[..., None]:
-    """A callback of the agent that ends it, with one line, when it cannot fly or go on flying."""
+def _gives_up_on_error(callback: Callable[..., None]) -> Callable[..., None]:
+    """Let a callback end the agent, with one line, when it cannot fly or go on flying."""
 
     @wraps(callback)
     def guarded(agent: 'AgentNode', *arguments: Any) -> None:
@@ -99,25 +99,25 @@ class AgentNode(ProcessNode):
         self._instance = str(uuid.uuid4())
         self._layout = _layout_named(self._value('observation_layout'))
         self._inbox: Inbox | None = None
-        self._reporter: Reporter | None = None
+        self._transitions: TransitionBuilder | None = None
         self._policies: PolicyStore | None = None
         self._asked_s = -math.inf
         self._is_member = False
         self._published_for = ''  # the instance that the publishers were made for
         self._since_s = time.monotonic()
-        self._told, self._told_s = '', -math.inf
+        self._logged, self._logged_s = '', -math.inf
         self._names = topics.world_topics(topics.world_of(self.get_namespace(), self._uav))
         self._own = self._names.uav(self._uav)
         self._world = WorldChoice(self, self._names.scenario, self._on_world)
         subscription(self, self._own.radio_rx, self._on_radio)
         subscription(self, self._own.observation, self._on_observation)
         self._client = self.create_client(Join, self._names.join_service)
-        self._command: Any = None  # publishers, there once the agent flies
-        self._radio: Any = None
-        self._transition: Any = None  # None unless wanted
+        self._command_pub: Any = None  # there once the agent flies, as the other publishers
+        self._radio_pub: Any = None
+        self._transition_pub: Any = None  # None unless wanted
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_ASK_PERIOD_S, self._tick, clock=steady)
-        self._tell_waiting()
+        self._log_waiting()
 
     def _value(self, name: str) -> Any:
         return self.get_parameter(name).value
@@ -128,9 +128,9 @@ class AgentNode(ProcessNode):
         self._world.tick()
         if self._inbox is not None and self._inbox.lacks_policy:
             self._is_member = False  # the world has the policy, and answers with it
-        self._ask()
+        self._ask_to_join()
 
-    @_ending
+    @_gives_up_on_error
     def _on_world(self, msg: Any) -> None:
         """Try to join the fleet of a world, by its scenario."""
         scenario = self._checked_scenario(msg)
@@ -146,11 +146,11 @@ class AgentNode(ProcessNode):
             topic_policy=topic_policy,
         )
         if self._layout is not None or topic_policy is not None:
-            self._reporter = Reporter(self._layout, briefing, uav, msg.fingerprint)
+            self._transitions = TransitionBuilder(self._layout, briefing, uav, msg.fingerprint)
         self._is_member = False
         self._asked_s = -math.inf
         self._since_s = time.monotonic()
-        self._ask()
+        self._ask_to_join()
 
     def _topic_policy(self, briefing: Briefing) -> TopicPolicy | None:
         """The policy that flies what trainers publish, if that is wanted."""
@@ -166,6 +166,11 @@ class AgentNode(ProcessNode):
         return TopicPolicy(self._policies)
 
     def _checked_scenario(self, msg: Any) -> Scenario:
+        """The scenario of a world.
+
+        Raises:
+            ConfigError: it reads otherwise here, or has no such UAV.
+        """
         try:
             scenario = from_yaml(msg.yaml)
         except ConfigError as error:
@@ -182,12 +187,13 @@ class AgentNode(ProcessNode):
             )
         return scenario
 
-    def _ask(self) -> None:
+    def _ask_to_join(self) -> None:
+        """Ask the world to join its fleet, unless that is done or just was."""
         now_s = time.monotonic()
         if self._is_member or now_s - self._asked_s < _ANSWER_S or self.end_status is not None:
             return
         if self._inbox is None or not self._client.service_is_ready():
-            self._tell_waiting()
+            self._log_waiting()
             return
         self._asked_s = now_s
         request = Join.Request(
@@ -202,7 +208,7 @@ class AgentNode(ProcessNode):
         )
         self._client.call_async(request).add_done_callback(self._on_answer)
 
-    @_ending
+    @_gives_up_on_error
     def _on_answer(self, future: Future) -> None:
         if self._is_member or self._inbox is None:
             return
@@ -212,7 +218,7 @@ class AgentNode(ProcessNode):
             return
         if answer.waits_for_policy:
             self._since_s = time.monotonic()
-            self._tell_waiting(f'the first policy of a trainer on {topics.POLICY.name}')
+            self._log_waiting(f'the first policy of a trainer on {topics.POLICY.name}')
             return
         if not answer.accepted:
             if not answer.retry or time.monotonic() - self._since_s > _PATIENCE_S:
@@ -231,19 +237,21 @@ class AgentNode(ProcessNode):
         if self._published_for == self._world.instance:
             return
         self._published_for = self._world.instance
-        for stale in filter(None, (self._command, self._radio, self._transition)):
+        for stale in filter(None, (self._command_pub, self._radio_pub, self._transition_pub)):
             self.destroy_publisher(stale)
-        self._command = publisher(self, self._own.command)
-        self._radio = publisher(self, self._own.radio_tx)
-        if self._reporter is not None:
-            self._transition = publisher(self, self._own.transition)
+        self._command_pub = publisher(self, self._own.command)
+        self._radio_pub = publisher(self, self._own.radio_tx)
+        if self._transitions is not None:
+            self._transition_pub = publisher(self, self._own.transition)
 
-    def _tell_waiting(self, what: str = '') -> None:
-        if what != self._told or time.monotonic() - self._told_s > _TOLD_PERIOD_S:
-            self._told, self._told_s = what, time.monotonic()
-            self.get_logger().info(f'UAV {self._uav}: waiting for {what or self._world_told()}')
+    def _log_waiting(self, what: str = '') -> None:
+        """Log what the agent waits for, a world unless it says what, but not too often."""
+        if what != self._logged or time.monotonic() - self._logged_s > _WAITING_PERIOD_S:
+            self._logged, self._logged_s = what, time.monotonic()
+            self.get_logger().info(f'UAV {self._uav}: waiting for {what or self._any_world()}')
 
-    def _world_told(self) -> str:
+    def _any_world(self) -> str:
+        """Where a world is looked for, for people."""
         domain = os.environ.get('ROS_DOMAIN_ID', '0')
         name = self._names.namespace
         return f'a world_sim in ROS domain {domain}{f", namespace {name}" if name else ""}'
@@ -254,39 +262,40 @@ class AgentNode(ProcessNode):
 
     # Flying.
 
-    @_ending
+    @_gives_up_on_error
     def _on_radio(self, msg: Any) -> None:
         if self._inbox is not None:
             self._inbox.add_radio(msg)
             self._answer_observations()
 
-    @_ending
+    @_gives_up_on_error
     def _on_observation(self, msg: Any) -> None:
         if self._inbox is not None:
             self._inbox.add_observation(msg)
             self._answer_observations()
 
     def _answer_observations(self) -> None:
+        """Decide for each observation that is due, and publish what follows from it."""
         if not self._is_member or self._inbox is None:
             return
         agent = self._inbox.agent
         while (observation := self._inbox.next_observation()) is not None:
             start_s = time.perf_counter()
             view = self._inbox.deliver(observation)
-            self._radio.publish(
+            self._radio_pub.publish(
                 convert.radio_msg(
                     agent.message(view), observation.mission_id, sequence=observation.decision
                 )
             )
             decision = agent.decide(view)
-            if self._reporter is not None:  # first: no decision is carried out and not told
-                told = self._reporter.transition(observation, view, agent, decision)
-                self._transition.publish(told)
+            if self._transitions is not None:  # first: a decision carried out was published
+                transition = self._transitions.transition(observation, view, agent, decision)
+                self._transition_pub.publish(transition)
             command = convert.command_msg(decision, observation)
             command.agent_instance = self._instance
             command.policy_version = agent.policy.version
             command.compute_time_s = time.perf_counter() - start_s
-            self._command.publish(command)
+            self._command_pub.publish(command)
 
 
 def _layout_named(name: str) -> Layout | None:

@@ -1,4 +1,4 @@
-"""Tells learners what an agent decided, and from what."""
+"""Reports to learners what an agent decided, and from what."""
 
 from typing import Any
 
@@ -14,13 +14,13 @@ from uav_collect.uav.observation import encode, Layout, observation_size
 from uav_collect.uav.view import LocalView
 
 
-class Reporter:
-    """Makes one UAV's transitions."""
+class TransitionBuilder:
+    """Builds the messages about one UAV's decisions."""
 
     def __init__(
         self, layout: Layout | None, briefing: Briefing, uav: int, scenario_fingerprint: str
     ) -> None:
-        """Report a UAV, by index.
+        """Build the transitions of a UAV, by index.
 
         Args:
             layout: that learners asked for; None for that of the policy which is followed.
@@ -53,6 +53,7 @@ class Reporter:
         )
 
     def _layout_of(self, agent: Agent) -> Layout:
+        """The layout that learners asked for, or that of the policy which flies."""
         if self._layout is not None:
             return self._layout
         if not isinstance(agent.policy, TopicPolicy) or agent.policy.current is None:
@@ -70,6 +71,7 @@ class Reporter:
         return learned.observation
 
     def _row(self, layout: Layout) -> Row[float]:
+        """Room for an observation; it is written anew for each decision."""
         if layout not in self._encoded:
             briefing = self._briefing
             size = observation_size(layout, briefing.cells_per_side, briefing.n_uavs)

@@ -16,14 +16,14 @@ _GIVES_WAY_S = 10.0  # a later world is gone by then, or else it is the earlier 
 
 
 class WorldChoice:
-    """Hears worlds come and go: what is told by a later one, which has to give way, is ignored."""
+    """Sees worlds come and go; a later one, which has to give way, is ignored."""
 
     def __init__(self, node: ProcessNode, topic: Topic, fly_for: Callable[[Any], None]) -> None:
         """Listen for worlds.
 
         Args:
             node: the agent.
-            topic: where worlds tell their scenarios.
+            topic: on which worlds publish their scenarios.
             fly_for: gets the scenario of a world that is chosen.
         """
         self._node = node
@@ -45,7 +45,7 @@ class WorldChoice:
         if time.monotonic() < self._look_at_s:
             return
         self._look_at_s = math.inf
-        self._world = replace(self._world, born_s=math.inf)  # until it is heard again, if it is
+        self._world = replace(self._world, started_s=math.inf)  # until it is heard again, if it is
         if self._again is not None:
             self._node.retire(self._again)
         self._again = subscription(self._node, self._topic, self._on_scenario)
@@ -60,7 +60,7 @@ class WorldChoice:
             self._fly_for(msg)
 
     def _on_liveliness(self, event: Any) -> None:
-        """A world is gone, or only too slow to be heard; its instance tells when one is back."""
+        """Look again: a world is gone, or only too slow to be heard; its instance says which."""
         if self._world == NO_WORLD:
             return
         if event.alive_count_change < 0:

@@ -73,14 +73,14 @@ PARAMETERS = (
 
 
 class RecorderNode(ProcessNode):
-    """Keeps what it hears and hands it to the bag in chunks."""
+    """Subscribes to all topics and hands what comes to the bag, in chunks."""
 
     def __init__(self, output: Path | None, world: str = '') -> None:
-        """Open the bag and listen.
+        """Open the bag and subscribe.
 
         Args:
             output: folder to create; None for the parameter `output_dir`.
-            world: name of the world to listen to; empty for that without a name.
+            world: name of the world to record; empty for that without a name.
         """
         super().__init__('recorder', namespace=world)
         self._world = world_topics(world_of(self.get_namespace()))
@@ -96,11 +96,11 @@ class RecorderNode(ProcessNode):
         self._n_lost: Counter[str] = Counter()
         fleet_wide = self._world.recorded()
         for topic in fleet_wide:
-            self._listen(topic)
+            self._record(topic)
         # Wall time, whatever the simulated clock does.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(self._value('flush_period_s'), self._flush, clock=steady)
-        self.create_timer(_LOOK_PERIOD_S, self._look_around, clock=steady)
+        self.create_timer(_LOOK_PERIOD_S, self._look_for_uavs, clock=steady)
         self.get_logger().info(f'recording {len(fleet_wide)} topics to {self._bag.folder}')
 
     def on_stop(self) -> None:
@@ -108,7 +108,7 @@ class RecorderNode(ProcessNode):
         for topic, n_lost in self._n_lost.items():
             self._bag.remark(f'messages lost of {topic}', str(n_lost))
             self.get_logger().warning(f'lost {n_lost} messages of {topic}')
-        self._guarded(self._bag.close)
+        self._write(self._bag.close)
         self.get_logger().info(f'recorded {self._bag.n_messages} messages to {self._bag.folder}')
 
     def _open(self, output: Path | None) -> BagWriter:
@@ -122,7 +122,8 @@ class RecorderNode(ProcessNode):
     def _value(self, name: str) -> Any:
         return self.get_parameter(name).value
 
-    def _listen(self, topic: Topic) -> None:
+    def _record(self, topic: Topic) -> None:
+        """Subscribe to a topic, and keep what comes in the bag."""
         stored = self._bag.add_topic(topic.name, topic.type_name, _rosbag_qos(topic.qos))
         world = self._world
         own = {
@@ -131,19 +132,19 @@ class RecorderNode(ProcessNode):
             world.epoch.name: self._on_epoch,
         }
         on_message = own.get(topic.name, self._on_message)
-        told = SubscriptionEventCallbacks(message_lost=partial(self._on_lost, topic))
+        events = SubscriptionEventCallbacks(message_lost=partial(self._on_lost, topic))
         self.create_subscription(
             topic.message,
             topic.name,
             partial(on_message, stored),
             _reader_qos(topic.qos),
-            event_callbacks=None if topic.name == world.clock.name else told,
+            event_callbacks=None if topic.name == world.clock.name else events,
             raw=True,
         )
 
     def _keep(self, stored: Connection, message: bytes) -> None:
         if self.end_status is None:
-            self._guarded(partial(self._bag.write, stored, time.time_ns(), message))
+            self._write(partial(self._bag.write, stored, time.time_ns(), message))
 
     def _on_message(self, stored: Connection, message: bytes) -> None:
         self._heard_s = time.monotonic()
@@ -166,15 +167,15 @@ class RecorderNode(ProcessNode):
         self._n_lost[topic.name] = event.total_count
 
     def _flush(self) -> None:
-        self._guarded(self._bag.flush)
+        self._write(self._bag.flush)
 
-    def _look_around(self) -> None:
-        """Listen to new UAVs; stop when the last mission has ended and its messages are here."""
+    def _look_for_uavs(self) -> None:
+        """Record new UAVs; stop when the last mission has ended and its messages are here."""
         seen = (self._uav_topic.fullmatch(name) for name, _ in self.get_topic_names_and_types())
         for uav in sorted({int(match[1]) for match in seen if match} - self._uavs):
             self._uavs.add(uav)
             for topic in topics_of_uav(uav, self._world.namespace):
-                self._listen(topic)
+                self._record(topic)
             self.get_logger().info(f'recording UAV {uav}')
         if self._ended_s < math.inf:
             self._stop_when_quiet()
@@ -190,7 +191,7 @@ class RecorderNode(ProcessNode):
         if (is_quiet and not self._unfinished) or now_s - self._ended_s > _WAIT_S:
             self.end()
 
-    def _guarded(self, write: Callable[[], None]) -> None:
+    def _write(self, write: Callable[[], None]) -> None:
         """Write; end the process, but nothing else, when the disk does not take it."""
         try:
             write()

@@ -99,7 +99,7 @@ class TrainerNode(ProcessNode):
             progress_display(self._run.folder.name, self._join_status)
         )
         # What is learned from recordings is nobody's to fly yet.
-        self._policies = None if bags else topics.publisher(self, topics.POLICY)
+        self._policy_pub = None if bags else topics.publisher(self, topics.POLICY)
         self._bags = self._read(bags) if bags else None
         self._learning.start()
         for namespace in self._joiners:
@@ -208,11 +208,11 @@ class TrainerNode(ProcessNode):
         if flown is None:
             return
         self._version = flown.policy.header.version
-        if self._policies is None:
+        if self._policy_pub is None:
             return
         content = policy_bytes(flown.policy)
         self._sequence += 1
-        self._policies.publish(
+        self._policy_pub.publish(
             Policy(
                 stamp=self.get_clock().now().to_msg(),
                 version=self._version,

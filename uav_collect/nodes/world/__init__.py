@@ -1,1 +1,1 @@
-"""The world node: flies the missions, tells the fleet and viewers."""
+"""The world node: simulates missions, and publishes them to the fleet and to viewers."""

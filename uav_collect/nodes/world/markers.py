@@ -48,7 +48,7 @@ _PHASES = ('', ', flies home', ', landed')
 
 
 @dataclass
-class _Flight:
+class _UavTrack:
     """What was noted of one UAV."""
 
     energy_j: float  # left when its running action began
@@ -58,7 +58,7 @@ class _Flight:
     hovered: list[Any] = field(default_factory=list)
 
 
-class Viewers:
+class MissionMarkers:
     """Draws missions of one scenario.
 
     The node calls `begin` for each mission and `note_event` for each event, which costs next to
@@ -81,7 +81,7 @@ class Viewers:
         """Draw this mission from now on."""
         self._simulation = simulation
         budgets_j = simulation.briefing.energy_budget_j
-        self._flights = [_Flight(energy_j=budgets_j[uav]) for uav in range(len(self._colours))]
+        self._tracks = [_UavTrack(energy_j=budgets_j[uav]) for uav in range(len(self._colours))]
         self._noted: list[tuple[Event, Decision]] = []
         self._cells_with_data = {
             cell
@@ -109,8 +109,8 @@ class Viewers:
             Markers of the same namespaces and ids each time; those with nothing to show are
             deletions. Valid until the next call, which changes them.
         """
-        self._follow()
-        uavs = range(len(self._flights))
+        self._update_tracks()
+        uavs = range(len(self._tracks))
         positions_m = [self._simulation.position_m(uav, time_s) for uav in uavs]
         places = [_point(x_m, y_m, self._area.altitude_m) for x_m, y_m in positions_m]
         flying = [
@@ -139,8 +139,8 @@ class Viewers:
             By cell COMPLETE, DATA_SEEN or UNKNOWN. A cell stays DATA_SEEN while it is served: it
             is complete when the UAV knows that nothing is left.
         """
-        self._follow()
-        maps = [self._simulation.known_complete(uav) for uav in range(len(self._flights))]
+        self._update_tracks()
+        maps = [self._simulation.known_complete(uav) for uav in range(len(self._tracks))]
         values = [COMPLETE if any(known) else UNKNOWN for known in zip(*maps, strict=True)]
         for cell in self._cells_seen & self._cells_with_data:
             if values[cell] == UNKNOWN:
@@ -152,19 +152,19 @@ class Viewers:
         header = Header(frame_id=FRAME, stamp=stamp)
         return OccupancyGrid(header=header, info=info, data=array('b', values))
 
-    def _follow(self) -> None:
-        """Draw the events noted since the last picture into the flights."""
+    def _update_tracks(self) -> None:
+        """Draw the events noted since the last picture into the tracks."""
         briefing = self._simulation.briefing
         for event, decision in self._noted:
-            view, flight = event.view, self._flights[event.uav]
+            view, track = event.view, self._tracks[event.uav]
             is_hover = decision.action == actions.HOVER
             powers_w = briefing.hover_power_w if is_hover else briefing.flight_power_w
-            flight.energy_j, flight.start_s = view.energy_left_j, view.time_s
-            flight.power_w = powers_w[event.uav]
+            track.energy_j, track.start_s = view.energy_left_j, view.time_s
+            track.power_w = powers_w[event.uav]
             place = _point(view.x_m, view.y_m, self._area.altitude_m)
-            _lengthen(flight.corners, place)
+            _lengthen(track.corners, place)
             if is_hover:
-                flight.hovered.append(place)
+                track.hovered.append(place)
             self._see_around(view.cell)
         self._noted.clear()
 
@@ -221,17 +221,17 @@ class Viewers:
     def _hover_points(self) -> Any:
         marker = self._marker('hover_points', Marker.SPHERE_LIST, _HOVER_POINT)
         points, colours = [], []
-        for flight, colour in zip(self._flights, self._colours, strict=True):
-            points += flight.hovered
-            colours += [colour] * len(flight.hovered)
+        for track, colour in zip(self._tracks, self._colours, strict=True):
+            points += track.hovered
+            colours += [colour] * len(track.hovered)
         _fill(marker, points, colours)
         return marker
 
     def _paths(self, places: list[Any]) -> list[Any]:
         paths = []
-        for uav, flight in enumerate(self._flights):
+        for uav, track in enumerate(self._tracks):
             path = self._marker('paths', Marker.LINE_STRIP, _PATH, self._colours[uav], uav + 1)
-            _fill(path, [*flight.corners, places[uav]] if flight.corners else [])
+            _fill(path, [*track.corners, places[uav]] if track.corners else [])
             paths.append(path)
         return paths
 
@@ -262,9 +262,9 @@ class Viewers:
         return labels
 
     def _energy_left_j(self, uav: int, time_s: float) -> float:
-        flight = self._flights[uav]
-        used_j = flight.power_w * (time_s - flight.start_s)
-        return max(flight.energy_j - used_j, self._simulation.energy_left_j(uav))
+        track = self._tracks[uav]
+        used_j = track.power_w * (time_s - track.start_s)
+        return max(track.energy_j - used_j, self._simulation.energy_left_j(uav))
 
     def _grid_lines(self) -> list[Any]:
         side_m = self._area.side_m

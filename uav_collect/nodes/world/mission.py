@@ -1,4 +1,4 @@
-"""One mission in flight as the world node sees it: the simulation, and what was said about it."""
+"""A mission in flight as the world node sees it: its simulation, and what agents were sent."""
 
 from array import array
 from collections import defaultdict
@@ -23,11 +23,11 @@ from uav_collect_msgs.msg import Epoch, Mission, Observation, UavFigures
 from uav_collect_msgs.msg import RadioMessage as RadioMessageMsg
 
 _NO_AGENT = 'none'  # stands for the policy of a UAV that had no agent when the mission began
-FAILSAFE = Decision(action=actions.HOME, reason=actions.FAILSAFE)
+FAILSAFE_DECISION = Decision(action=actions.HOME, reason=actions.FAILSAFE)
 
 
 @dataclass
-class Pending:
+class PendingDecision:
     """The event that waits for the deciding UAV's answer."""
 
     event: Event
@@ -43,14 +43,14 @@ class Pending:
 
 
 @dataclass
-class _Said:
-    """What one UAV was told in this mission; a restarted agent is told it again."""
+class _UavHistory:
+    """What one UAV was sent in this mission; a restarted agent gets it again."""
 
     observations: list[Observation] = field(default_factory=list)
     radio: list[RadioMessageMsg] = field(default_factory=list)
 
 
-class Flight:
+class MissionInFlight:
     """A mission from its start to its end; the node publishes what the methods return."""
 
     def __init__(
@@ -81,18 +81,18 @@ class Flight:
             [pilots[uav].allocator if uav in pilots else _NO_AGENT for uav in ids],
         )
         self.unflown = {uav for uav in ids if uav not in pilots}  # ids the failsafe flies home
-        self.pending: Pending | None = None
+        self.pending: PendingDecision | None = None
         self.n_radio_messages = 0
         self.n_decisions = 0
         self._n_cells = scenario.n_cells
-        self._said: dict[int, _Said] = defaultdict(_Said)  # by id
+        self._histories: dict[int, _UavHistory] = defaultdict(_UavHistory)  # by id
         self._sequences = [0] * scenario.n_uavs  # decision of each UAV's latest transmission
         self._outbox: defaultdict[int, list[RadioMessageMsg]] = defaultdict(list)  # by receiver
         self._event: Event | None = None  # the next one, once known
         self._open: tuple[float, str] | None = None  # time and policy of the latest event
 
     def next_event(self) -> Event | None:
-        """The event that nobody was asked about yet; None when all fly home."""
+        """The event for which no decision was requested yet; None when all fly home."""
         if self._event is None:
             self._event = self.simulation.next_event()
         return self._event
@@ -103,8 +103,8 @@ class Flight:
         event = self._event
         return self.simulation.end_s if event is None else event.view.time_s
 
-    def deliver(self, event: Event) -> list[RadioMessageMsg]:
-        """What the deciding UAV has heard and hears of the others, to be published to it."""
+    def radio_before(self, event: Event) -> list[RadioMessageMsg]:
+        """What the deciding UAV hears before it sees, to be published to it."""
         receiver = event.uav + 1
         for message in event.heard:
             sequence = self._sequences[message.sender]
@@ -114,24 +114,24 @@ class Flight:
     def undelivered(self) -> Iterator[tuple[int, RadioMessageMsg]]:
         """What UAVs hear, with their ids, to be published to them; each is given once.
 
-        They need it when they decide next, so it can wait until the one that decides now is told.
+        They need it when they decide next, so it can wait until the one that decides now is asked.
         """
         while self._outbox:
             receiver, messages = self._outbox.popitem()
             yield from ((receiver, message) for message in messages)
 
-    def ask(self, event: Event) -> Observation:
-        """Wait for the deciding UAV's answer to what it observes, to be published to it."""
-        said = self._said[event.uav + 1]
-        observation = convert.observation_msg(event, self.mission_id, len(said.radio))
+    def request_decision(self, event: Event) -> Observation:
+        """What the deciding UAV sees, to be published to it; its answer is awaited from now on."""
+        history = self._histories[event.uav + 1]
+        observation = convert.observation_msg(event, self.mission_id, len(history.radio))
         observation.exploration_key = self.seed
         if self.policy is not None:
             observation.policy_trainer, observation.policy_sequence = self.policy.key
-        said.observations.append(observation)
-        self.pending = Pending(event=event, observation=observation)
+        history.observations.append(observation)
+        self.pending = PendingDecision(event=event, observation=observation)
         return observation
 
-    def take_command(self, uav: int, msg: Any) -> str | None:
+    def accept_command(self, uav: int, msg: Any) -> str | None:
         """Note a command for a UAV, by id; why it is refused, or None."""
         refusal = self._mismatch(uav, msg.decision)
         pending = self.pending
@@ -144,7 +144,7 @@ class Flight:
             pending.policy_version = msg.policy_version
         return refusal
 
-    def take_radio(self, uav: int, msg: Any) -> str | None:
+    def accept_radio(self, uav: int, msg: Any) -> str | None:
         """Note what a UAV, by id, transmits; why it is refused, or None."""
         refusal = self._mismatch(uav, msg.sequence)
         if refusal or self.pending is None:
@@ -174,7 +174,7 @@ class Flight:
     def fly_home(self, event: Event) -> None:
         """Let the failsafe fly the deciding UAV home."""
         self.unflown.add(event.uav + 1)
-        self._start(event, FAILSAFE, 'failsafe')
+        self._start(event, FAILSAFE_DECISION, 'failsafe')
 
     def closed_event(self) -> tuple[Epoch, Events] | None:
         """The latest event's epoch and log, once the next one is known; each is returned once.
@@ -192,18 +192,18 @@ class Flight:
         convert.fill_epoch(epoch, event)
         return epoch, event
 
-    def recall(self, response: Any, pilot: Pilot) -> None:
-        """Tell an agent that joins all that its UAV was told so far, and what it is flown by."""
-        said, pending = self._said[pilot.uav], self.pending
+    def fill_history(self, response: Any, pilot: Pilot) -> None:
+        """Give an agent that joins all that its UAV was sent so far, and what it is flown by."""
+        history, pending = self._histories[pilot.uav], self.pending
         response.mission_id = self.mission_id
-        response.observations, response.radio = said.observations, said.radio
+        response.observations, response.radio = history.observations, history.radio
         response.decision_pending = pending is not None and pending.event.uav + 1 == pilot.uav
         if self.policy is not None and pilot.policy == TOPIC:
             response.policy = self.policy.message
 
-    def terminated(self, event: Event) -> Observation:
-        """Tells a UAV that the failsafe flies it home."""
-        n_radio = len(self._said[event.uav + 1].radio)
+    def final_observation(self, event: Event) -> Observation:
+        """What ends the mission for the agent of a UAV that the failsafe flies home."""
+        n_radio = len(self._histories[event.uav + 1].radio)
         observation = convert.observation_msg(event, self.mission_id, n_radio)
         observation.terminated = True
         return observation
@@ -228,9 +228,9 @@ class Flight:
         return f'{word} decision {decision}, awaited is {expected}'
 
     def _send(self, receiver: int, message: RadioMessageMsg) -> None:
-        said = self._said[receiver]
-        message.delivery = len(said.radio) + 1
-        said.radio.append(message)
+        history = self._histories[receiver]
+        message.delivery = len(history.radio) + 1
+        history.radio.append(message)
         self._outbox[receiver].append(message)
         self.n_radio_messages += 1
 
@@ -251,28 +251,28 @@ class Flight:
             uav_y_m=array('d', [y_m for _, y_m in places_m]),
             uav_energy_left_j=array('d', [simulation.energy_left_j(uav) for uav in uavs]),
             uav_phase=array('B', [simulation.phase(uav, time_s) for uav in uavs]),
-            uav_complete=convert.joined_maps([simulation.known_complete(uav) for uav in uavs]),
-            true_complete=convert.joined_maps([served]),
+            uav_complete=convert.packed_maps([simulation.known_complete(uav) for uav in uavs]),
+            true_complete=convert.packed_maps([served]),
         )
 
 
-def mission_msg(flight: Flight, world_instance: str, index: int, phase: int) -> Mission:
-    """What the world says of a mission at its start and at its end."""
-    result = flight.metrics()
+def mission_msg(mission: MissionInFlight, world_instance: str, index: int, phase: int) -> Mission:
+    """What the world publishes of a mission at its start and at its end."""
+    result = mission.metrics()
     message = Mission(
-        stamp=convert.stamp(flight.simulation.time_s),
-        mission_id=flight.mission_id,
+        stamp=convert.stamp(mission.simulation.time_s),
+        mission_id=mission.mission_id,
         phase=phase,
         world_instance=world_instance,
-        scenario_fingerprint=flight.header.scenario_fingerprint,
-        seed=flight.seed,
+        scenario_fingerprint=mission.header.scenario_fingerprint,
+        seed=mission.seed,
         index=index,
-        log_header=header_line(flight.header),
-        demand_bit=array('d', flight.simulation.demand_bit),
+        log_header=header_line(mission.header),
+        demand_bit=array('d', mission.simulation.demand_bit),
         total_bit=result.total_bit,
     )
     if phase != Mission.STARTED:
-        _add_figures(message, flight, result)
+        _add_figures(message, mission, result)
     return message
 
 
@@ -288,19 +288,19 @@ def summary(message: Mission) -> str:
 
 
 def _flown_by(pilot: Pilot | None, policy: PublishedPolicy | None) -> str:
-    """What the log's header says that a UAV is flown by."""
+    """The policy that the log's header names for a UAV."""
     if pilot is None:
         return _NO_AGENT
     return policy.version if policy is not None and pilot.policy == TOPIC else pilot.policy
 
 
-def _add_figures(message: Mission, flight: Flight, result: MissionMetrics) -> None:
+def _add_figures(message: Mission, mission: MissionInFlight, result: MissionMetrics) -> None:
     message.collected_bit = result.collected_bit
     message.completion_s = result.completion_s
     message.energy_j = result.energy_j
     message.efficiency_bit_per_j = result.efficiency_bit_per_j
     message.n_decisions = result.n_decisions
-    message.n_radio_messages = flight.n_radio_messages
+    message.n_radio_messages = mission.n_radio_messages
     message.failsafe_used = result.failsafe_used
     if math.isfinite(result.completion_s):
         message.stamp = convert.stamp(result.completion_s)

@@ -15,15 +15,19 @@ from uav_collect.lockstep.roster import Roster
 from uav_collect.lockstep.schedule import MissionSchedule, SimulationPacer
 from uav_collect.missions.simulation import Event
 from uav_collect.nodes import convert, topics
-from uav_collect.nodes.identity import Identity, identity_of, rivalry, scenario_msg
+from uav_collect.nodes.identity import identity_of, rival_warning, scenario_msg, WorldIdentity
 from uav_collect.nodes.parameters import add_world_option, help_text
 from uav_collect.nodes.process import FAILED, parse_arguments, ProcessNode, run_node
 from uav_collect.nodes.topics import subscription
 from uav_collect.nodes.trainer_listener import subscribe_to_trainers
-from uav_collect.nodes.world.diagnostics import Reports
-from uav_collect.nodes.world.display import Display
-from uav_collect.nodes.world.mission import FAILSAFE, Flight, mission_msg, summary
-from uav_collect.nodes.world.publishers import Voice
+from uav_collect.nodes.world.diagnostics import WorldDiagnostics
+from uav_collect.nodes.world.mission import (
+    FAILSAFE_DECISION,
+    mission_msg,
+    MissionInFlight,
+    summary,
+)
+from uav_collect.nodes.world.publishers import ViewerPublisher, WorldPublishers
 from uav_collect.nodes.world.settings import PARAMETERS, read_settings
 from uav_collect.recording.mission_folder import RunFolder
 from uav_collect.scenario.load import load
@@ -40,13 +44,13 @@ waits for its command, and relays messages between UAVs in range. Waits for the 
 its missions, writes their logs and exits.
 """
 _TICK_S = 0.005
-_TOLD_PERIOD_S = 5.0  # between two lines that say for whom the world waits
+_WAITING_PERIOD_S = 5.0  # between two lines that say for whom the world waits
 _OTHER_WORLD_S = 0.5  # how long a starting world listens for one that is there already
 _GATHER_S = 3.5  # from the start, for agents to join a world that does not wait for all of them
 
 
 class WorldNode(ProcessNode):
-    """Converts, asks the flight, publishes."""
+    """Converts messages, asks the mission in flight, publishes what it answers."""
 
     def __init__(self, world: str = '') -> None:
         """Read the scenario; the world opens when no other one of its name answers."""
@@ -63,43 +67,45 @@ class WorldNode(ProcessNode):
             raise NodeError(str(error)) from error
         except OSError as error:
             raise NodeError(f'output_dir: {error}') from error
-        self._identity = Identity(born_s=time.time(), instance=str(uuid.uuid4()))
+        self._identity = WorldIdentity(started_s=time.time(), instance=str(uuid.uuid4()))
         self._roster = Roster(scenario.n_uavs)
         self._policies = PolicyStore(briefing)
         first_seed = settings.seed if settings.missions else None
         self._schedule = MissionSchedule(n_missions=settings.missions, next_seed=first_seed)
         self._pacer = SimulationPacer(settings.real_time_factor)
-        self._flight: Flight | None = None
+        self._mission: MissionInFlight | None = None
         self._asked_s = self._begun_s = time.monotonic()
-        self._told_s = 0.0
-        self._told_missing: list[int] = []
-        self._reports = Reports(self, self._names.namespace)
+        self._logged_s = 0.0
+        self._logged_missing: list[int] = []
+        self._diagnostics = WorldDiagnostics(self, self._names.namespace)
         self._other = subscription(self, self._names.scenario, self._on_scenario)
         self._is_open = self._gives_way = False
         self.create_timer(_TICK_S, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def on_stop(self) -> None:
-        """A mission in flight is aborted, and what is known of it kept."""
-        if self._flight is not None:
+        """Abort the mission in flight, and keep what is known of it."""
+        if self._mission is not None:
             self._end_mission(Mission.ABORTED, 'the world was stopped')
 
     def _open(self) -> None:
         self._is_open = True
         scenario = self._site.scenario
-        self._voice = Voice(self, self._names, scenario.n_uavs)
+        self._pubs = WorldPublishers(self, self._names, scenario.n_uavs)
         for uav in range(1, scenario.n_uavs + 1):
-            self._listen_to(uav, self._names.uav(uav))
+            self._subscribe_to_agent(uav, self._names.uav(uav))
         self.create_service(Join, self._names.join_service, self._on_join)
         self.create_service(ControlMission, self._names.control_service, self._on_control)
-        self._display = Display(self, self._names, self._site, self._settings.viewer_rate_hz)
-        subscribe_to_trainers(self, self._policies, partial(self._reports.note, 'policy refused'))
-        self._reports.note_lost(self._folder.keep_scenario(scenario.to_yaml()))
-        self._voice.tell_scenario(scenario_msg(self._identity, self._site))
+        rate_hz = self._settings.viewer_rate_hz
+        self._viewers = ViewerPublisher(self, self._names, self._site, rate_hz)
+        warn = self._diagnostics.warn
+        subscribe_to_trainers(self, self._policies, partial(warn, 'policy refused'))
+        self._diagnostics.warn_if_lost(self._folder.keep_scenario(scenario.to_yaml()))
+        self._pubs.publish_scenario(scenario_msg(self._identity, self._site))
         self.get_logger().info(
             f'scenario {scenario.name}: {scenario.n_uavs} UAVs, {self._site.n_sensors} sensors'
         )
 
-    def _listen_to(self, uav: int, own: topics.UavTopics) -> None:
+    def _subscribe_to_agent(self, uav: int, own: topics.UavTopics) -> None:
         watch = SubscriptionEventCallbacks(
             liveliness=lambda event: self._on_liveliness(uav, event)
         )
@@ -111,7 +117,7 @@ class WorldNode(ProcessNode):
         if other.instance == self._identity.instance:
             return
         gives_way = not self._is_open or self._identity.gives_way_to(other)
-        self._reports.note('second world', rivalry(msg, gives_way=gives_way))
+        self._diagnostics.warn('second world', rival_warning(msg, gives_way=gives_way))
         self._gives_way |= gives_way
 
     def _on_join(self, request: Any, response: Any) -> Any:
@@ -126,15 +132,15 @@ class WorldNode(ProcessNode):
         response.accepted, response.retry = answer.accepted, answer.retry
         response.reason = answer.reason
         if not answer.accepted:
-            told = f'UAV {pilot.uav}: {pilot} refused: {answer.reason}'
-            self._reports.note('join refused', told)
+            text = f'UAV {pilot.uav}: {pilot} refused: {answer.reason}'
+            self._diagnostics.warn('join refused', text)
             return response
         self.get_logger().info(
             f'UAV {pilot.uav}: {pilot} joined, policy {pilot.policy}, bandwidth {pilot.allocator}'
         )
         response.mission_id = self._identity.mission_id(self._schedule.n_started)
-        if self._flight is not None:
-            self._flight.recall(response, pilot)
+        if self._mission is not None:
+            self._mission.fill_history(response, pilot)
         elif self._policies.latest is not None and pilot.policy == TOPIC:
             response.policy = self._policies.latest.message
         return response
@@ -145,30 +151,32 @@ class WorldNode(ProcessNode):
             return
         lost = self._roster.mark_gone(uav)
         if lost is not None:
-            self._reports.note('agent lost', f'UAV {uav}: its agent is gone, {lost}')
+            self._diagnostics.warn('agent lost', f'UAV {uav}: its agent is gone, {lost}')
 
-    # What agents and people say.
+    # What agents and people send.
 
     def _on_command(self, uav: int, msg: Any) -> None:
-        flight = self._flight
-        if flight is None or msg.mission_id != flight.mission_id:
-            self._refuse(uav, 'command', self._identity.why_not(msg.mission_id, msg.decision))
+        mission = self._mission
+        if mission is None or msg.mission_id != mission.mission_id:
+            self._refuse(uav, 'command', self._identity.refusal_of(msg.mission_id, msg.decision))
         elif not self._roster.is_flown_by(uav, msg.agent_instance):
             self._refuse(uav, 'command', 'it is not from the agent that flies this UAV')
         else:
-            self._go_on(flight, uav, 'command', flight.take_command(uav, msg))
+            self._carry_out(mission, uav, 'command', mission.accept_command(uav, msg))
 
     def _on_radio(self, uav: int, msg: Any) -> None:
-        flight = self._flight
-        if flight is None or msg.mission_id != flight.mission_id:
+        mission = self._mission
+        if mission is None or msg.mission_id != mission.mission_id:
             self._refuse(
-                uav, 'radio message', self._identity.why_not(msg.mission_id, msg.sequence)
+                uav,
+                'radio message',
+                self._identity.refusal_of(msg.mission_id, msg.sequence),
             )
         else:
-            self._go_on(flight, uav, 'radio message', flight.take_radio(uav, msg))
+            self._carry_out(mission, uav, 'radio message', mission.accept_radio(uav, msg))
 
     def _on_control(self, request: Any, response: Any) -> Any:
-        is_flying = self._flight is not None
+        is_flying = self._mission is not None
         if request.command == ControlMission.Request.START:
             answer = self._schedule.request(int(request.seed), is_flying=is_flying)
         elif request.command == ControlMission.Request.ABORT:
@@ -186,18 +194,18 @@ class WorldNode(ProcessNode):
         if now_s - self._begun_s < _OTHER_WORLD_S:
             return
         if self._gives_way:
-            self._reports.publish(self._roster, self._flight)
+            self._diagnostics.publish(self._roster, self._mission)
             self.end(FAILED)
             return
         if not self._is_open:
             self._open()
             return
-        if self._flight is not None:
-            self._watch(self._flight, now_s)
+        if self._mission is not None:
+            self._keep_time(self._mission, now_s)
         elif self._schedule.next_seed is not None and self._is_fleet_ready(now_s):
             self._start_mission()
-        if self._reports.is_due(now_s):
-            self._reports.publish(self._roster, self._flight)
+        if self._diagnostics.is_due(now_s):
+            self._diagnostics.publish(self._roster, self._mission)
 
     def _is_fleet_ready(self, now_s: float) -> bool:
         missing = self._roster.missing()
@@ -205,8 +213,8 @@ class WorldNode(ProcessNode):
             return True
         if not self._settings.wait_for_agents and now_s - self._begun_s > _GATHER_S:
             return True
-        if missing != self._told_missing or now_s - self._told_s > _TOLD_PERIOD_S:
-            self._told_missing, self._told_s = missing, now_s
+        if missing != self._logged_missing or now_s - self._logged_s > _WAITING_PERIOD_S:
+            self._logged_missing, self._logged_s = missing, now_s
             self.get_logger().info(f'waiting for {", ".join(f"UAV {uav}" for uav in missing)}')
         return False
 
@@ -215,117 +223,122 @@ class WorldNode(ProcessNode):
         seed = self._schedule.start_next()
         self._roster.begin_mission()
         pilots = self._roster.flying
-        flight = Flight(
+        mission = MissionInFlight(
             self._site,
             seed,
             mission_id=mission_id,
             pilots=pilots,
             policy=self._policies.latest,
         )
-        self._flight = flight
+        self._mission = mission
         self._pacer.restart()
-        self._reports.note_lost(self._folder.begin(flight.header))
-        self._publish_mission(flight, Mission.STARTED)
-        self.get_logger().info(f'mission {flight.mission_id} starts, seed {seed}')
-        self._display.begin(flight.simulation)
+        self._diagnostics.warn_if_lost(self._folder.begin(mission.header))
+        self._publish_mission(mission, Mission.STARTED)
+        self.get_logger().info(f'mission {mission.mission_id} starts, seed {seed}')
+        self._viewers.begin(mission.simulation)
         self._advance()
 
     def _advance(self) -> None:
         """Go on until an agent has to answer, or the time of the next event has not come."""
-        while self._flight is not None and self._flight.pending is None:
-            flight, event = self._flight, self._flight.next_event()
-            time_s = flight.simulation.end_s if event is None else event.view.time_s
+        while self._mission is not None and self._mission.pending is None:
+            mission, event = self._mission, self._mission.next_event()
+            time_s = mission.simulation.end_s if event is None else event.view.time_s
             if not self._pacer.is_due(time_s):
-                self._relay(flight)
+                self._publish_radio(mission)
                 return
             if event is None:
-                self._tell_event(flight)
-                self._end_mission(Mission.ENDED, flight.failsafe_note)
-            elif 0 < self._settings.max_decisions < flight.n_decisions:
-                self._tell_event(flight)
+                self._publish_event(mission)
+                self._end_mission(Mission.ENDED, mission.failsafe_note)
+            elif 0 < self._settings.max_decisions < mission.n_decisions:
+                self._publish_event(mission)
                 self._end_mission(Mission.ABORTED, 'cut off by max_decisions')
-            elif event.uav + 1 in flight.unflown:
-                self._tell_event(flight)
-                self._fly_home(flight, event)
+            elif event.uav + 1 in mission.unflown:
+                self._publish_event(mission)
+                self._fly_home(mission, event)
             else:
-                self._ask(flight, event)
-                self._tell_event(flight)  # while the agent decides
+                self._request_decision(mission, event)
+                self._publish_event(mission)  # while the agent decides
 
-    def _ask(self, flight: Flight, event: Event) -> None:
-        """Let the deciding UAV hear and see."""
+    def _request_decision(self, mission: MissionInFlight, event: Event) -> None:
+        """Publish what the deciding UAV hears and sees; its agent is to answer."""
         uav = event.uav + 1
-        for message in flight.deliver(event):
-            self._voice.relay(uav, message)
-        self._voice.show(uav, flight.ask(event))
+        for message in mission.radio_before(event):
+            self._pubs.publish_radio(uav, message)
+        self._pubs.publish_observation(uav, mission.request_decision(event))
         self._asked_s = time.monotonic()
-        self._voice.tell_time(event.view.time_s)
+        self._pubs.publish_time(event.view.time_s)
 
     def _refuse(self, uav: int, what: str, why: str) -> None:
-        self._reports.note(f'{what} refused', f'UAV {uav}: {what} refused: {why}')
+        self._diagnostics.warn(f'{what} refused', f'UAV {uav}: {what} refused: {why}')
 
-    def _go_on(self, flight: Flight, uav: int, what: str, refusal: str | None) -> None:
+    def _carry_out(
+        self, mission: MissionInFlight, uav: int, what: str, refusal: str | None
+    ) -> None:
         """Carry a decision out, once all that belongs to it has come."""
         if refusal is not None:
             self._refuse(uav, what, refusal)
-        if flight.pending is None or not flight.pending.is_answered:
+        if mission.pending is None or not mission.pending.is_answered:
             return
-        event, decision = flight.pending.event, flight.pending.decision
-        flight.carry_out()
-        self._display.note_event(event, decision)
+        event, decision = mission.pending.event, mission.pending.decision
+        mission.carry_out()
+        self._viewers.note_event(event, decision)
         self._advance()
 
-    def _fly_home(self, flight: Flight, event: Event) -> None:
-        flight.fly_home(event)
-        self._display.note_event(event, FAILSAFE)
+    def _fly_home(self, mission: MissionInFlight, event: Event) -> None:
+        mission.fly_home(event)
+        self._viewers.note_event(event, FAILSAFE_DECISION)
 
-    def _watch(self, flight: Flight, now_s: float) -> None:
-        """Keep time: of the agent's answer, of the simulation, of viewers."""
-        time_s = flight.simulation.time_s
+    def _keep_time(self, mission: MissionInFlight, now_s: float) -> None:
+        """See to what is due: the clock, viewers, an agent that has not answered in time."""
+        time_s = mission.simulation.time_s
         if not self._pacer.is_unlimited:
-            time_s = min(self._pacer.time_s, flight.next_time_s)
-            self._voice.tell_time(time_s)
-        self._display.show(time_s)
+            time_s = min(self._pacer.time_s, mission.next_time_s)
+            self._pubs.publish_time(time_s)
+        self._viewers.publish(time_s)
         timeout_s = self._settings.decision_timeout_s
-        if flight.pending is not None and now_s - self._asked_s > timeout_s:
-            event = flight.pending.event
+        if mission.pending is not None and now_s - self._asked_s > timeout_s:
+            event = mission.pending.event
             text = f'UAV {event.uav + 1}: no answer to decision {event.decision} within'
-            self._reports.note('failsafe', f'{text} {timeout_s:g} s; the failsafe flies it home')
-            self._fly_home(flight, event)
-            self._voice.show(event.uav + 1, flight.terminated(event))
+            self._diagnostics.warn(
+                'failsafe', f'{text} {timeout_s:g} s; the failsafe flies it home'
+            )
+            self._fly_home(mission, event)
+            self._pubs.publish_observation(event.uav + 1, mission.final_observation(event))
         self._advance()
 
-    def _relay(self, flight: Flight) -> None:
-        for hearer, message in flight.undelivered():
-            self._voice.relay(hearer, message)
+    def _publish_radio(self, mission: MissionInFlight) -> None:
+        """Publish what UAVs have heard since they were asked last."""
+        for hearer, message in mission.undelivered():
+            self._pubs.publish_radio(hearer, message)
 
-    def _tell_event(self, flight: Flight) -> None:
-        """Tell the others what they heard, and everybody what the latest event was."""
-        self._relay(flight)
-        closed = flight.closed_event()
+    def _publish_event(self, mission: MissionInFlight) -> None:
+        """Publish what the others heard, and what the latest event was."""
+        self._publish_radio(mission)
+        closed = mission.closed_event()
         if closed is not None:
             epoch, event = closed
-            self._voice.tell_epoch(epoch)
-            self._reports.note_lost(self._folder.append(event))
+            self._pubs.publish_epoch(epoch)
+            self._diagnostics.warn_if_lost(self._folder.append(event))
 
-    def _publish_mission(self, flight: Flight, phase: int, note: str = '') -> Mission:
+    def _publish_mission(self, mission: MissionInFlight, phase: int, note: str = '') -> Mission:
         index = self._schedule.n_started - 1
-        message = mission_msg(flight, self._identity.instance, index, phase)
+        message = mission_msg(mission, self._identity.instance, index, phase)
         message.note = note
-        self._voice.tell_mission(message)
+        self._pubs.publish_mission(message)
         return message
 
     def _end_mission(self, phase: int, note: str) -> None:
-        flight, self._flight = self._flight, None
-        if flight is None:
+        mission, self._mission = self._mission, None
+        if mission is None:
             return
         self._roster.end_mission()
         self._folder.end()
-        message = self._publish_mission(flight, phase, note)
-        self._display.show(flight.simulation.end_s, now=True)
+        message = self._publish_mission(mission, phase, note)
+        self._viewers.publish(mission.simulation.end_s, now=True)
         self.get_logger().info(summary(message))
-        self._schedule.plan_after(flight.seed)
+        self._schedule.plan_after(mission.seed)
         if self._schedule.is_over:
-            self._reports.publish(self._roster, self._flight)
+            self._diagnostics.publish(self._roster, self._mission)
             self.end()
 
 

@@ -1,15 +1,20 @@
-"""What a world says: to its fleet, to recorders and learners, to viewers."""
+"""All that a world publishes: to its fleet, to recorders and learners, to viewers."""
 
+import time
 from typing import Any
 
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
-from uav_collect.nodes.convert import stamp
+from uav_collect.missions.simulation import Event, Simulation
+from uav_collect.nodes import convert
 from uav_collect.nodes.topics import publisher, WorldTopics
+from uav_collect.nodes.world.markers import MissionMarkers
+from uav_collect.scenario.site import Site
+from uav_collect.uav.messages import Decision
 
 
-class Voice:
-    """The publishers of a world, but those of its picture and its diagnostics."""
+class WorldPublishers:
+    """The publishers of a world, but those for viewers and that of its diagnostics."""
 
     def __init__(self, node: Node, names: WorldTopics, n_uavs: int) -> None:
         """Advertise the topics of a world and its fleet."""
@@ -21,26 +26,58 @@ class Voice:
         self._observations = {uav: publisher(node, own[uav].observation) for uav in own}
         self._radio = {uav: publisher(node, own[uav].radio_rx) for uav in own}
 
-    def tell_time(self, time_s: float) -> None:
-        """Say which simulated time it is."""
-        self._clock.publish(Clock(clock=stamp(time_s)))
+    def publish_time(self, time_s: float) -> None:
+        """Publish the simulated time as the clock of the ROS domain."""
+        self._clock.publish(Clock(clock=convert.stamp(time_s)))
 
-    def tell_scenario(self, message: Any) -> None:
-        """Say what is flown."""
+    def publish_scenario(self, message: Any) -> None:
+        """Publish what is flown, and who simulates it."""
         self._scenarios.publish(message)
 
-    def tell_mission(self, message: Any) -> None:
-        """Say that a mission has started or ended."""
+    def publish_mission(self, message: Any) -> None:
+        """Publish that a mission has started or ended."""
         self._missions.publish(message)
 
-    def tell_epoch(self, message: Any) -> None:
-        """Say what an event was."""
+    def publish_epoch(self, message: Any) -> None:
+        """Publish an event with the state of the fleet after it."""
         self._epochs.publish(message)
 
-    def show(self, uav: int, message: Any) -> None:
-        """Let a UAV, by id, see."""
+    def publish_observation(self, uav: int, message: Any) -> None:
+        """Publish what a UAV, by id, sees."""
         self._observations[uav].publish(message)
 
-    def relay(self, uav: int, message: Any) -> None:
-        """Let a UAV, by id, hear."""
+    def publish_radio(self, uav: int, message: Any) -> None:
+        """Publish what a UAV, by id, hears of another one."""
         self._radio[uav].publish(message)
+
+
+class ViewerPublisher:
+    """Publishes markers and grid, at most so many times per second of wall-clock time."""
+
+    def __init__(self, node: Node, names: WorldTopics, site: Site, rate_hz: float) -> None:
+        """Advertise both topics; a rate of 0 publishes nothing."""
+        self._period_s = 1.0 / rate_hz if rate_hz > 0.0 else None
+        self._published_s = 0.0
+        self._mission = MissionMarkers(site)
+        self._markers = publisher(node, names.markers)
+        self._grid = publisher(node, names.completed_cells)
+
+    def begin(self, simulation: Simulation) -> None:
+        """Show a mission from now on, in the next picture."""
+        self._mission.begin(simulation)
+
+    def note_event(self, event: Event, decision: Decision | None) -> None:
+        """Take note of an event, right after its decision was carried out."""
+        if decision is not None:
+            self._mission.note_event(event, decision)
+
+    def publish(self, time_s: float, *, now: bool = False) -> None:
+        """Publish the picture at a simulated time, if the last one is old enough, or now."""
+        if self._period_s is None:
+            return
+        wall_s = time.monotonic()
+        if now or wall_s - self._published_s > self._period_s:
+            self._published_s = wall_s
+            stamp = convert.stamp(time_s)
+            self._markers.publish(self._mission.markers(time_s, stamp))
+            self._grid.publish(self._mission.completed_cells(stamp))
