@@ -101,9 +101,14 @@ class MissionEnv(AECEnv):
         """Get ready for `reset`.
 
         Args:
-            stepping: logged and not synchronous.
+            stepping: logged, with observations, not synchronous.
+
+        Raises:
+            ValueError: there are no observations.
         """
         super().__init__()
+        if stepping.layout is None:
+            raise ValueError('stepping.layout is None: agents must observe something')
         self.render_mode = render_mode
         self._site = build_site(scenario)
         self._ground = lay_out(self._site)

@@ -11,9 +11,8 @@ from uav_collect.missions.vector_env import Flights, Stepping
 from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.uav.actions import NONE
-from uav_collect.uav.policy import flown_version
 from uav_collect.uav.policy_file import policy_bytes
-from uav_collect.uav.policy_network import best_actions, FrozenPolicy
+from uav_collect.uav.policy_network import best_actions, flown_version, FrozenPolicy
 
 HOVER_SHARE = 0.6
 

@@ -36,8 +36,7 @@ from uav_collect.uav.belief import Belief
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.exploration import explore
 from uav_collect.uav.observation import encode, Layout, observation_size
-from uav_collect.uav.policy import LearnedPolicy
-from uav_collect.uav.policy_network import best_actions, FrozenPolicy
+from uav_collect.uav.policy_network import best_actions, FrozenPolicy, LearnedPolicy
 from uav_collect.uav.view import LocalView
 from uav_collect.world.reward import Reward
 

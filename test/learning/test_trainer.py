@@ -8,6 +8,7 @@ from episodes import single_threaded_torch, small
 import numpy as np
 import pytest
 from tiny_world import tiny, uav
+from uav_collect.errors import PolicyMismatchError
 from uav_collect.kernels.compile import kernels_are_compiled
 from uav_collect.learning.minibatch import Algorithm
 from uav_collect.learning.replay import replay_bytes
@@ -15,10 +16,10 @@ from uav_collect.missions.rollout import fly
 from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.training.config import TrainingConfig
-from uav_collect.uav.policy import LearnedPolicy
+from uav_collect.uav.policy_network import LearnedPolicy
 
 torch = single_threaded_torch()
-from uav_collect.errors import CheckpointError, ConfigError, PolicyMismatchError
+from uav_collect.errors import CheckpointError, ConfigError
 from uav_collect.learning.trainer import Trainer
 from uav_collect.training.progress import Budget, Progress
 from uav_collect.uav.briefing import brief

@@ -11,7 +11,7 @@ from uav_collect.lockstep.published_policy import PolicyStore, TopicPolicy
 from uav_collect.scenario.load import load
 from uav_collect.uav.briefing import brief, Briefing
 from uav_collect.uav.exploration import explore
-from uav_collect.uav.policy import ExploringPolicy, LearnedPolicy
+from uav_collect.uav.policy_network import ExploringPolicy, LearnedPolicy
 
 FROZEN = random_policy(header())
 

@@ -16,9 +16,8 @@ from uav_collect.recording.mission_log import from_jsonl
 from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.uav.observation import Layout, observation_size
-from uav_collect.uav.policy import flown_version
 from uav_collect.uav.policy_file import policy_bytes
-from uav_collect.uav.policy_network import FrozenPolicy
+from uav_collect.uav.policy_network import flown_version, FrozenPolicy
 
 pytest.importorskip('rclpy')
 pytest.importorskip('uav_collect_msgs')

@@ -24,16 +24,9 @@ from uav_collect.uav.agent import Agent, allocator_named
 from uav_collect.uav.belief import Belief, belief_of, new_beliefs
 from uav_collect.uav.briefing import brief, Briefing
 from uav_collect.uav.observation import Layout
-from uav_collect.uav.policy import (
-    frozen_policy,
-    LearnedPolicy,
-    Policy,
-    policy_for,
-    policy_named,
-    STRONG,
-)
+from uav_collect.uav.policy import frozen_policy, Policy, policy_for, policy_named, STRONG
 from uav_collect.uav.policy_file import load_policy
-from uav_collect.uav.policy_network import FrozenPolicy
+from uav_collect.uav.policy_network import FrozenPolicy, LearnedPolicy
 from uav_collect.uav.view import LocalView
 
 SPEEDS_MPS = (5.0, 10.0, 7.5)

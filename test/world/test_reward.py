@@ -14,10 +14,9 @@ from uav_collect.scenario.site import build_site
 from uav_collect.uav.actions import BACKWARD, FORWARD, HOVER, LEFT, RIGHT
 from uav_collect.uav.briefing import brief, Briefing
 from uav_collect.uav.view import new_view_rows
-from uav_collect.world.dynamics import look, start_action
+from uav_collect.world.dynamics import look, Mission, mission_of, new_missions, start_action
 from uav_collect.world.reward import interval_reward
 from uav_collect.world.sensor_field import Ground, lay_out, most_sensors
-from uav_collect.world.state import Mission, mission_of, new_missions
 
 PENALTY = 0.01
 LOG_GAMMA = math.log(0.99)

@@ -184,7 +184,7 @@ def _scenarios() -> Finding:
 
 
 def _kernel_cache() -> Finding:
-    from uav_collect.missions.rollout import KERNELS
+    from uav_collect.missions.batch_kernels import KERNELS
 
     folder = cache_folder()
     state = 'warm' if kernels_are_cached(KERNELS) else 'cold: the first flight compiles'

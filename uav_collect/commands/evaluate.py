@@ -2,7 +2,7 @@
 
 import argparse
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 import csv
 from dataclasses import dataclass, replace
 from functools import partial
@@ -150,35 +150,25 @@ def _fly(
     """Fly all missions, a few with each policy in turn, into `flown`; plan them into `bounds`."""
     from uav_collect.analysis.metrics import mission_metrics
     from uav_collect.analysis.statistics import mission_seeds
+    from uav_collect.missions import batch_kernels
     from uav_collect.missions.rollout import fly
-    from uav_collect.planning.bound import bound_of
+    from uav_collect.planning import bound
     from uav_collect.scenario.site import build_site
 
     site = build_site(scenario)
     seeds = mission_seeds(arguments.seed, arguments.missions)
     at_once = 1 if 'cvxpy' in arguments.bandwidth else _AT_ONCE
-    terminal.say_if_compiling(_kernels(flown, is_planned=bool(bounds)))
+    terminal.say_if_compiling((*batch_kernels.KERNELS, *(bound.KERNELS if bounds else ())))
     with terminal.progress_bar(len(seeds) * len(flown), 'missions') as advance:
         for start in range(0, len(seeds), at_once):
             some = seeds[start : start + at_once]
             for bandwidth, found in bounds.items():
-                found |= {seed: bound_of(site, seed, bandwidth) for seed in some}
+                found |= {seed: bound.bound_of(site, seed, bandwidth) for seed in some}
             for contender, missions in flown.items():
                 make_policy = partial(replace, contender.policy)
                 logs = fly(site, some, make_policy, contender.bandwidth)
                 missions += [mission_metrics(log) for log in logs]
                 advance(len(some))
-
-
-def _kernels(contenders: Iterable[_Contender], *, is_planned: bool) -> set[Callable[..., object]]:
-    from uav_collect.missions import rollout, simulation, vector_env
-    from uav_collect.planning import bound
-    from uav_collect.uav.policy import LearnedPolicy
-    from uav_collect.uav.user_policy import CallablePolicy
-
-    kernels_of = {LearnedPolicy: vector_env.KERNELS, CallablePolicy: simulation.KERNELS}
-    kernels: set[Callable[..., object]] = set(bound.KERNELS if is_planned else ())
-    return kernels.union(*(kernels_of.get(type(it.policy), rollout.KERNELS) for it in contenders))
 
 
 def _show(

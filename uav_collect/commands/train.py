@@ -94,7 +94,7 @@ def run(arguments: argparse.Namespace) -> int:
         _fill_in(arguments)
     training = plan_training(arguments)
     _check_device(training.runs[0].record.device)
-    from uav_collect.missions.vector_env import KERNELS
+    from uav_collect.missions.batch_kernels import KERNELS
 
     terminal.say_if_compiling(KERNELS)
     status = _train_all(training, arguments.checkpoint_minutes * 60.0)

@@ -30,10 +30,26 @@ from uav_collect.scenario.site import Site
 from uav_collect.uav.actions import HOME, NONE
 from uav_collect.uav.briefing import brief, Briefing
 from uav_collect.uav.observation import Layout, observation_size
-from uav_collect.world.dynamics import end_s, start_leg
-from uav_collect.world.reward import discount, energy_reward, news_reward, Reward
+from uav_collect.world.dynamics import (
+    ACTIVE,
+    end_s,
+    Mission,
+    mission_of,
+    new_missions,
+    restart_mission,
+    start_leg,
+)
+from uav_collect.world.reward import (
+    earn,
+    earn_interval,
+    Earnings,
+    energy_reward,
+    new_earnings,
+    news_reward,
+    Reward,
+    start_earning,
+)
 from uav_collect.world.sensor_field import demand_by_cell, Ground, lay_out
-from uav_collect.world.state import ACTIVE, Mission, mission_of, new_missions, restart_mission
 
 _ENERGY = int(Reward.ENERGY)
 
@@ -89,6 +105,7 @@ class EpisodeBuilder:
         self._briefing = brief(scenario)
         self._ground = lay_out(site.with_discount(discount_per_s))
         self._mission = mission_of(new_missions(self._briefing, self._ground, [0]), 0)
+        self._earnings = new_earnings(1)
         self._union: Any = np.zeros(scenario.n_cells, dtype=np.uint8)
 
     def warm_up(self) -> None:
@@ -151,6 +168,7 @@ class EpisodeBuilder:
             events,
             is_whole,
             self._union,
+            self._earnings,
             records.reward,
             records.duration_s,
         )
@@ -269,40 +287,40 @@ def _sum_rewards(
     events: _Events,
     is_whole: bool,
     union: Row[int],
+    earnings: Earnings,
     reward_out: Row[float],
     duration_out: Row[float],
 ) -> None:
-    """Sum up what each decision brought until the next one, as `batch_kernels.go_on` does.
+    """Sum up what each decision brought until the next one, as `batch_kernels.fly_on` does.
 
     Args:
         mission: scratch.
+        earnings: scratch, of one mission.
         union: of the maps before the first event, (C,): zeros; written.
         reward_out: written, one for each decision; where a mission is cut off, not for the last.
         duration_out: the same.
     """
     restart_mission(briefing, ground, mission)
+    start_earning(earnings, 0, 0.0)
     n_events = len(events.uav)
     row = -1
-    first_s = start_s = reward = 0.0
     for event in range(n_events + 1):
         if event == n_events and not is_whole:
             break
+        start_s = earnings.until_s[0]
         stop_s = events.time_s[event] if event < n_events else end_s(mission)
+        reward = events.reward[event - 1] if event > 0 else 0.0
         if goal == _ENERGY:
-            gained = energy_reward(briefing, ground, mission, start_s, stop_s)
-        else:
-            gained = events.reward[event - 1] if event > 0 else 0.0
-        reward += discount(ground, start_s - first_s) * gained
-        start_s = stop_s
+            reward = energy_reward(briefing, ground, mission, start_s, stop_s)
+        earn_interval(earnings, 0, ground, reward, stop_s)
         if event < n_events and goal == _ENERGY:
-            news = news_reward(events.known[event], union)
-            reward += discount(ground, start_s - first_s) * news
+            earn(earnings, 0, ground, news_reward(events.known[event], union))
         if event == n_events or events.action[event] != HOME:
             if row >= 0:
-                reward_out[row] = reward
-                duration_out[row] = start_s - first_s
+                reward_out[row] = earnings.reward[0]
+                duration_out[row] = stop_s - earnings.since_s[0]
             row += 1
-            first_s, reward = start_s, 0.0
+            start_earning(earnings, 0, stop_s)
         if event < n_events:
             start_leg(
                 mission,

@@ -19,7 +19,7 @@ from uav_collect.training.config import TrainingConfig
 from uav_collect.training.progress import RecentMissions
 from uav_collect.uav.briefing import brief, Briefing
 from uav_collect.uav.observation import observation_size
-from uav_collect.uav.policy import LearnedPolicy
+from uav_collect.uav.policy_network import LearnedPolicy
 
 
 class EpisodeSource(Protocol):

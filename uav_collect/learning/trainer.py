@@ -19,8 +19,12 @@ from uav_collect.training.config import TrainingConfig
 from uav_collect.training.progress import Budget, Progress, SpeedMeter, ValidationResult
 from uav_collect.uav import policy_network
 from uav_collect.uav.observation import observation_size
-from uav_collect.uav.policy import LearnedPolicy
-from uav_collect.uav.policy_network import FrozenPolicy, PolicyHeader, weights_digest
+from uav_collect.uav.policy_network import (
+    FrozenPolicy,
+    LearnedPolicy,
+    PolicyHeader,
+    weights_digest,
+)
 
 VALIDATION_SEED = 2**60  # of the first validation mission
 _REPLAY_KEY = 1  # of the run's seed: which missions are learned from

@@ -10,9 +10,14 @@ from uav_collect.errors import PolicyMismatchError
 from uav_collect.kernels.arrays import Row
 from uav_collect.uav.belief import Belief
 from uav_collect.uav.briefing import Briefing
-from uav_collect.uav.policy import ExploringPolicy, flown_version, LearnedPolicy, TOPIC
+from uav_collect.uav.policy import TOPIC
 from uav_collect.uav.policy_file import policy_from_bytes
-from uav_collect.uav.policy_network import FrozenPolicy
+from uav_collect.uav.policy_network import (
+    ExploringPolicy,
+    flown_version,
+    FrozenPolicy,
+    LearnedPolicy,
+)
 from uav_collect.uav.view import LocalView
 
 _N_KEPT = 4  # policies; a mission may begin with one that is no longer the latest

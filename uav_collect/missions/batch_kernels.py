@@ -1,201 +1,392 @@
-"""Carries many missions from one decision to the next: the kernels under `stepping`."""
+"""Flies missions side by side, as kernels; `fly_on` is what happens when a UAV decides.
 
+Rules choose inside the kernels. Whoever else flies, a network, a user's function or a learner, is
+asked from outside: a mission then waits, and `fly_batch` carries it on once it is answered.
+"""
+
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.compile import kernel
-from uav_collect.missions.batch import arrive, Batch
-from uav_collect.missions.event_log import EventLog, log_event, log_interval
-from uav_collect.missions.experience import record, Records
-from uav_collect.uav import actions
-from uav_collect.uav.actions import HOME, HOVER, N_ACTIONS, NONE
-from uav_collect.uav.agent import allocate
-from uav_collect.uav.belief import belief_of, forget
-from uav_collect.uav.briefing import Briefing
+from uav_collect.kernels.rows import new_map_table, new_row, new_table
+from uav_collect.missions.event_log import EventLog, new_log
+from uav_collect.missions.experience import new_records, record, Records
+from uav_collect.scenario.site import Site
+from uav_collect.uav.actions import BY_POLICY, HOME, HOVER, N_ACTIONS, NONE
+from uav_collect.uav.agent import allocate, Desk, must_go_home, new_desk
+from uav_collect.uav.belief import belief_of, Beliefs, forget, hear, new_beliefs, observe
+from uav_collect.uav.briefing import brief, Briefing
 from uav_collect.uav.exploration import explore
-from uav_collect.uav.observation import encode
-from uav_collect.uav.view import LocalView
-from uav_collect.world.dynamics import end_s, look, next_uav, start_action, wait_for_the_slowest
-from uav_collect.world.reward import (
-    discount,
-    energy_reward,
-    interval_reward,
-    news_reward,
-    Reward,
-    terminal_reward,
+from uav_collect.uav.heuristics import choose, MEMORY_SIZE
+from uav_collect.uav.observation import encode, Layout, observation_size
+from uav_collect.uav.view import LocalView, new_view_rows, ViewRows
+from uav_collect.world.dynamics import (
+    end_s,
+    in_contact,
+    look,
+    Mission,
+    mission_of,
+    Missions,
+    new_missions,
+    next_uav,
+    restart_mission,
+    start_action,
+    wait_for_the_slowest,
+    x_m_at,
+    y_m_at,
 )
-from uav_collect.world.sensor_field import Ground
-from uav_collect.world.state import Mission, mission_of, restart_mission
+from uav_collect.world.reward import (
+    earn,
+    earn_interval,
+    Earnings,
+    energy_reward,
+    new_earnings,
+    news_reward,
+    paper_reward,
+    Reward,
+    start_earning,
+)
+from uav_collect.world.sensor_field import Ground, lay_out, most_sensors
 
+IN_FLIGHT = -2  # a mission that waits for nobody and is not over: it is to be flown on
+_PAPER = int(Reward.PAPER)
 _ENERGY = int(Reward.ENERGY)
 
 
-class Rules(NamedTuple):
-    """What `vector_env.Stepping` says, as kernels read it."""
+class Settings(NamedTuple):
+    """How missions are flown; NONE (-1) stands for what is not wanted."""
 
-    layout: int
+    rule: int  # who decides; NONE: somebody outside is asked
     allocator: int
-    reward: int
-    is_synchronous: int
-    is_logged: int
-    n_rows: int  # records that a mission has room for
+    layout: int = NONE  # of the observations that whoever is asked gets
+    reward: int = NONE
+    is_synchronous: int = 0  # UAVs wait for each other and decide at the same instants
+    is_logged: int = 0
+    n_rows: int = 0  # decisions of a mission that there is room to record
 
 
-class Desks(NamedTuple):
+class Waiting(NamedTuple):
     """What each mission waits for; kernels write it."""
 
-    uav: Row[int]  # (W,) NONE once the mission is over
+    uav: Row[int]  # (W,) whose decision; NONE once the mission is over, or IN_FLIGHT
     time_s: Row[float]  # (W,)
-    duration_s: Row[float]  # (W,)
-    reward: Row[float]  # (W,)
+    duration_s: Row[float]  # (W,) since the decision before
+    reward: Row[float]  # (W,) the same
     legal: Row[Row[int]]  # (W, N_ACTIONS)
     observation: Row[Row[float]]  # (W, observation_size)
     heard: Row[int]  # (W,) UAVs in contact, as bits
     n_records: Row[int]  # (W,)
-    complete: Row[Row[int]]  # (W, C) the union of the UAVs' maps
 
 
-class Air(NamedTuple):
-    """All that kernels need of the flights."""
+class Batch(NamedTuple):
+    """Missions side by side, and all that kernels need to fly them."""
 
-    rules: Rules
+    settings: Settings
     briefing: Briefing
     ground: Ground
-    batch: Batch
-    desks: Desks
+    missions: Missions
+    beliefs: Beliefs  # by mission, then UAV: (W * U, ...)
+    memory: Row[Row[int]]  # of the rules, the same
+    complete: Row[Row[int]]  # (W, C) the union of the UAVs' maps, where news are rewarded
+    n_events: Row[int]  # (W,)
+    earnings: Earnings
+    waiting: Waiting
     log: EventLog
     records: Records
+    desk: Desk  # scratch of the UAV that decides
+    view_rows: ViewRows  # the same
 
 
-@kernel
-def explore_batch(air: Air, epsilon: float, hover_share: float, actions: Row[int]) -> None:
-    """Write the random action of each mission's decision; NONE stays where nobody explores."""
-    for world in range(len(actions)):
-        uav = air.desks.uav[world]
-        if uav != NONE:
-            mission = mission_of(air.batch.missions, world)
-            seed, decision = mission.seed[0], mission.n_decisions[uav]
-            legal = air.desks.legal[world]
-            actions[world] = explore(seed, uav, decision, epsilon, hover_share, legal)
+def new_batch(
+    site: Site, mission_seeds: Sequence[int], settings: Settings, log_capacity: int = 1
+) -> Batch:
+    """Missions at their start, all in flight.
+
+    Args:
+        log_capacity: events of a mission that the log has room for.
+
+    Raises:
+        ConfigError: the layout has no room for the fleet.
+    """
+    briefing, ground = brief(site.scenario), lay_out(site)
+    n_worlds, n_uavs = len(mission_seeds), briefing.n_uavs
+    n_cells = briefing.cells_per_side * briefing.cells_per_side
+    max_sensors, is_news_wanted = most_sensors(ground), settings.reward == _ENERGY
+    return Batch(
+        settings=settings,
+        briefing=briefing,
+        ground=ground,
+        missions=new_missions(briefing, ground, mission_seeds),
+        beliefs=new_beliefs(briefing, n_worlds * n_uavs),
+        memory=new_table(n_worlds * n_uavs, MEMORY_SIZE, 0),
+        complete=new_map_table(n_worlds if is_news_wanted else 1, n_cells),
+        n_events=new_row(n_worlds, 0),
+        earnings=new_earnings(n_worlds),
+        waiting=_new_waiting(settings.layout, briefing, n_worlds),
+        log=new_log(n_worlds, log_capacity),
+        records=new_records(max(1, n_worlds * settings.n_rows), briefing),
+        desk=new_desk(max_sensors),
+        view_rows=new_view_rows(max_sensors),
+    )
 
 
-@kernel
-def step_batch(air: Air, answers: Row[int]) -> None:
-    """Carry out a decision of each mission and go on to its next one."""
-    briefing, batch, desks = air.briefing, air.batch, air.desks
-    for world in range(len(answers)):
-        uav = desks.uav[world]
-        if uav == NONE:
-            desks.duration_s[world] = 0.0
-            desks.reward[world] = 0.0
-            continue
-        mission = mission_of(batch.missions, world)
-        # A second look shows the same channels as the first.
-        view = look(briefing, air.ground, mission, uav, batch.view_rows)
-        if answers[world] == HOVER:
-            allocate(air.rules.allocator, briefing, view, batch.desk)
-        if desks.n_records[world] > 0:
-            row = world * air.rules.n_rows + desks.n_records[world] - 1
-            air.records.action[row] = answers[world]
-        bit = start_action(briefing, mission, uav, view, answers[world], batch.desk.share_hz)
-        _log(air, world, uav, view, actions.BY_POLICY, bit, desks.heard[world])
-        go_on(air, world)
-
-
-@kernel
-def put_back(air: Air, world: int) -> None:
-    """Put a mission back to its start."""
-    briefing, batch = air.briefing, air.batch
-    restart_mission(briefing, air.ground, mission_of(batch.missions, world))
-    for uav in range(briefing.n_uavs):
-        forget(belief_of(batch.beliefs, world * briefing.n_uavs + uav))
-    batch.n_events[world][0] = 0
-    air.desks.n_records[world] = 0
-    for cell in range(briefing.cells_per_side * briefing.cells_per_side):
-        air.desks.complete[world][cell] = 0
-
-
-@kernel
-def go_on(air: Air, world: int) -> None:
-    """Go on to a mission's next decision, past the UAVs that turn home."""
-    briefing, ground, batch, desks = air.briefing, air.ground, air.batch, air.desks
-    mission = mission_of(batch.missions, world)
-    first_s = mission.clock_s[0]
-    start_s = first_s
-    reward = 0.0
-    last = desks.n_records[world] - 1
-    while True:
-        if air.rules.is_synchronous == 1:
-            wait_for_the_slowest(briefing, mission)
-        uav = next_uav(mission)
-        stop_s = mission.leg_end_s[uav] if uav >= 0 else end_s(mission)
-        gained = _interval_reward(air, mission, start_s, stop_s)
-        reward += discount(ground, start_s - first_s) * gained
-        n_events = batch.n_events[world][0]
-        if air.rules.is_logged == 1 and n_events > 0:
-            log_interval(air.log, world, n_events - 1, briefing, ground, mission, stop_s)
-        start_s = stop_s
-        if uav < 0:
-            break
-        view, reason, heard = arrive(air.rules.allocator, briefing, ground, batch, world, uav)
-        reward += discount(ground, start_s - first_s) * _news_reward(air, world, uav)
-        if reason == NONE:
-            belief = belief_of(batch.beliefs, world * briefing.n_uavs + uav)
-            encode(air.rules.layout, briefing, uav, belief, view, desks.observation[world])
-            desks.heard[world] = heard
-            _record(air, world, uav, view)
-            break
-        start_action(briefing, mission, uav, view, HOME, batch.desk.share_hz)
-        _log(air, world, uav, view, reason, 0.0, heard)
-    for action in range(N_ACTIONS):
-        desks.legal[world][action] = batch.desk.legal[action] if uav >= 0 else 0
-    desks.uav[world] = uav
-    desks.time_s[world] = start_s
-    desks.duration_s[world] = start_s - first_s
-    desks.reward[world] = reward
-    if last >= 0:
-        air.records.reward[world * air.rules.n_rows + last] = reward
-        air.records.duration_s[world * air.rules.n_rows + last] = start_s - first_s
-
-
-@kernel
-def _interval_reward(air: Air, mission: Mission, start_s: float, stop_s: float) -> float:
-    if air.rules.reward == _ENERGY:
-        return energy_reward(air.briefing, air.ground, mission, start_s, stop_s)
-    return interval_reward(air.briefing, air.ground, mission, start_s, stop_s) + terminal_reward(
-        air.briefing, air.ground, mission, start_s
+def _new_waiting(layout: int, briefing: Briefing, n_worlds: int) -> Waiting:
+    size = 1
+    if layout != NONE:
+        size = observation_size(Layout(layout), briefing.cells_per_side, briefing.n_uavs)
+    return Waiting(
+        uav=new_row(n_worlds, IN_FLIGHT),
+        time_s=new_row(n_worlds, 0.0),
+        duration_s=new_row(n_worlds, 0.0),
+        reward=new_row(n_worlds, 0.0),
+        legal=new_table(n_worlds, N_ACTIONS, 0),
+        observation=new_table(n_worlds, size, 0.0),
+        heard=new_row(n_worlds, 0),
+        n_records=new_row(n_worlds, 0),
     )
 
 
 @kernel
-def _news_reward(air: Air, world: int, uav: int) -> float:
-    if air.rules.reward != _ENERGY:
-        return 0.0
-    known = air.batch.beliefs.complete[world * air.briefing.n_uavs + uav]
-    return news_reward(known, air.desks.complete[world])
+def restart(batch: Batch, world: int) -> None:
+    """Put a mission back to its start, by its own seed."""
+    n_uavs = batch.briefing.n_uavs
+    restart_mission(batch.briefing, batch.ground, mission_of(batch.missions, world))
+    for place in range(world * n_uavs, (world + 1) * n_uavs):
+        forget(belief_of(batch.beliefs, place))
+        for index in range(MEMORY_SIZE):
+            batch.memory[place][index] = 0
+    if batch.settings.reward == _ENERGY:
+        for cell in range(len(batch.complete[world])):
+            batch.complete[world][cell] = 0
+    batch.n_events[world] = 0
+    start_earning(batch.earnings, world, 0.0)
+    batch.waiting.n_records[world] = 0
+    batch.waiting.uav[world] = IN_FLIGHT
 
 
 @kernel
-def _log(
-    air: Air, world: int, uav: int, view: LocalView, reason: int, bit: float, heard: int
+def fly_batch(batch: Batch, answers: Row[int]) -> int:
+    """Fly every mission on: until it waits, is over, or the log has no more room.
+
+    Args:
+        answers: the action for each mission that waits; NONE lets it wait on. Shape (W,).
+
+    Returns:
+        How many missions are still in flight, for want of room.
+    """
+    n_in_flight = 0
+    for world in range(len(answers)):
+        uav = batch.waiting.uav[world]
+        if uav != IN_FLIGHT and answers[world] == NONE:
+            continue
+        if uav == NONE:
+            batch.waiting.duration_s[world] = 0.0
+            batch.waiting.reward[world] = 0.0
+            continue
+        if uav != IN_FLIGHT:
+            answer(batch, world, uav, answers[world])
+        fly_on(batch, world)
+        if batch.waiting.uav[world] == IN_FLIGHT:
+            n_in_flight += 1
+    return n_in_flight
+
+
+KERNELS = (fly_batch,)  # that Python calls to fly missions
+
+
+@kernel
+def fly_on(batch: Batch, world: int) -> None:
+    """Fly a mission on; each round of the loop is a UAV whose action ends, and what it does then.
+
+    It looks, hears the others and is heard, shares its bandwidth, must go home or chooses, and
+    starts its next action. What all UAVs earned since the event before is added up first.
+    """
+    settings, briefing, mission = batch.settings, batch.briefing, mission_of(batch.missions, world)
+    batch.waiting.uav[world] = IN_FLIGHT
+    while batch.n_events[world] < len(batch.log.event[world]) or settings.is_logged == 0:
+        if settings.is_synchronous == 1:
+            wait_for_the_slowest(briefing, mission)
+        uav = next_uav(mission)
+        end_interval(batch, world, mission.leg_end_s[uav] if uav >= 0 else end_s(mission))
+        if uav < 0:
+            _ask_nobody(batch, world)
+            return
+        place = world * briefing.n_uavs + uav
+        belief = belief_of(batch.beliefs, place)
+        view = look(briefing, batch.ground, mission, uav, batch.view_rows)
+        observe(belief, briefing, view)
+        heard = contacts(briefing, mission, uav, view.time_s)
+        hear_all(batch, world, uav, heard, view.time_s)
+        be_heard(batch, world, uav, heard, view.time_s)
+        if settings.reward == _ENERGY:
+            news = news_reward(belief.complete, batch.complete[world])
+            earn(batch.earnings, world, batch.ground, news)
+        hover_s = allocate(settings.allocator, briefing, view, batch.desk)
+        legal, action = batch.desk.legal, HOME
+        reason = must_go_home(briefing, uav, belief.n_complete[0], view, hover_s, legal)
+        if reason == NONE and settings.rule == NONE:
+            _ask(batch, world, uav, view, heard)
+            return
+        if reason == NONE:
+            reason = BY_POLICY
+            action = choose(settings.rule, briefing, uav, belief, view, legal, batch.memory[place])
+        carry_out(batch, world, uav, view, action, reason, heard)
+
+
+@kernel
+def answer(batch: Batch, world: int, uav: int, action: int) -> None:
+    """Carry out what was chosen for the UAV that a mission waits for."""
+    mission, waiting = mission_of(batch.missions, world), batch.waiting
+    # A second look shows the same channels as the first.
+    view = look(batch.briefing, batch.ground, mission, uav, batch.view_rows)
+    if action == HOVER:
+        allocate(batch.settings.allocator, batch.briefing, view, batch.desk)
+    if waiting.n_records[world] > 0:
+        row = world * batch.settings.n_rows + waiting.n_records[world] - 1
+        batch.records.action[row] = action
+    carry_out(batch, world, uav, view, action, BY_POLICY, waiting.heard[world])
+
+
+@kernel
+def contacts(briefing: Briefing, mission: Mission, uav: int, time_s: float) -> int:
+    """The UAVs in contact with one, as bits."""
+    heard = 0
+    for other in range(briefing.n_uavs):
+        if in_contact(briefing, mission, uav, other, time_s):
+            heard |= 1 << other
+    return heard
+
+
+@kernel
+def hear_all(batch: Batch, world: int, uav: int, heard: int, time_s: float) -> None:
+    """The deciding UAV hears where the others are, and their maps."""
+    mission, first = mission_of(batch.missions, world), world * batch.briefing.n_uavs
+    belief = belief_of(batch.beliefs, first + uav)
+    for other in range(batch.briefing.n_uavs):
+        if heard >> other & 1:
+            x_m, y_m = x_m_at(mission, other, time_s), y_m_at(mission, other, time_s)
+            hear(belief, other, batch.beliefs.complete[first + other], x_m, y_m, time_s)
+
+
+@kernel
+def be_heard(batch: Batch, world: int, uav: int, heard: int, time_s: float) -> None:
+    """The others hear where the deciding UAV is, and its map."""
+    mission, first = mission_of(batch.missions, world), world * batch.briefing.n_uavs
+    complete = batch.beliefs.complete[first + uav]
+    x_m, y_m = x_m_at(mission, uav, time_s), y_m_at(mission, uav, time_s)
+    for other in range(batch.briefing.n_uavs):
+        if heard >> other & 1:
+            hear(belief_of(batch.beliefs, first + other), uav, complete, x_m, y_m, time_s)
+
+
+@kernel
+def carry_out(
+    batch: Batch, world: int, uav: int, view: LocalView, action: int, reason: int, heard: int
 ) -> None:
-    if air.rules.is_logged == 0:
-        return
-    index = air.batch.n_events[world][0]
-    mission = mission_of(air.batch.missions, world)
-    n_complete = air.batch.beliefs.n_complete[world * air.briefing.n_uavs + uav][0]
-    log_event(air.log, world, index, mission, n_complete, uav, view, reason, bit, heard)
-    air.batch.n_events[world][0] = index + 1
+    """Start the deciding UAV's action, with the bandwidth shares on the desk, and log it."""
+    mission = mission_of(batch.missions, world)
+    bit = start_action(batch.briefing, mission, uav, view, action, batch.desk.share_hz)
+    if batch.settings.is_logged == 1:
+        _log_event(batch, world, uav, view, reason, bit, heard)
+    batch.n_events[world] += 1
 
 
 @kernel
-def _record(air: Air, world: int, uav: int, view: LocalView) -> None:
-    """Open the record of the decision waited for."""
-    n_records = air.desks.n_records[world]
-    if n_records == air.rules.n_rows:
+def end_interval(batch: Batch, world: int, stop_s: float) -> None:
+    """Log the interval since the latest event, and what all UAVs earned in it."""
+    last = batch.n_events[world] - 1
+    if last < 0:
         return
-    row = world * air.rules.n_rows + n_records
-    mission, beliefs = mission_of(air.batch.missions, world), air.batch.beliefs
-    first_belief, legal = world * air.briefing.n_uavs, air.batch.desk.legal
-    record(air.records, row, air.briefing, mission, beliefs, first_belief, uav, view, legal)
-    air.desks.n_records[world] = n_records + 1
+    settings, briefing, ground = batch.settings, batch.briefing, batch.ground
+    mission, start_s = mission_of(batch.missions, world), batch.earnings.until_s[world]
+    reward = 0.0
+    if settings.is_logged == 1 or settings.reward == _PAPER:
+        reward = paper_reward(briefing, ground, mission, start_s, stop_s)
+    if settings.is_logged == 1:
+        batch.log.interval_s[world][last] = stop_s - start_s
+        batch.log.reward[world][last] = reward
+    if settings.reward == _ENERGY:
+        reward = energy_reward(briefing, ground, mission, start_s, stop_s)
+    earn_interval(batch.earnings, world, ground, reward, stop_s)
+
+
+@kernel
+def explore_batch(batch: Batch, epsilon: float, hover_share: float, actions: Row[int]) -> None:
+    """Write the random action of each mission's decision; NONE stays where nobody explores."""
+    for world in range(len(actions)):
+        uav = batch.waiting.uav[world]
+        if uav != NONE:
+            mission = mission_of(batch.missions, world)
+            seed, decision = mission.seed[0], mission.n_decisions[uav]
+            legal = batch.waiting.legal[world]
+            actions[world] = explore(seed, uav, decision, epsilon, hover_share, legal)
+
+
+@kernel
+def _ask(batch: Batch, world: int, uav: int, view: LocalView, heard: int) -> None:
+    """Let a mission wait for a UAV's decision, and record what it is decided on."""
+    waiting, settings, briefing = batch.waiting, batch.settings, batch.briefing
+    _settle(batch, world)
+    waiting.uav[world] = uav
+    waiting.heard[world] = heard
+    for action in range(N_ACTIONS):
+        waiting.legal[world][action] = batch.desk.legal[action]
+    first = world * briefing.n_uavs
+    if settings.layout != NONE:
+        belief = belief_of(batch.beliefs, first + uav)
+        encode(settings.layout, briefing, uav, belief, view, waiting.observation[world])
+    if waiting.n_records[world] < settings.n_rows:
+        row = world * settings.n_rows + waiting.n_records[world]
+        mission, legal = mission_of(batch.missions, world), batch.desk.legal
+        record(batch.records, row, briefing, mission, batch.beliefs, first, uav, view, legal)
+        waiting.n_records[world] += 1
+
+
+@kernel
+def _ask_nobody(batch: Batch, world: int) -> None:
+    """Let a mission be over."""
+    _settle(batch, world)
+    batch.waiting.uav[world] = NONE
+    for action in range(N_ACTIONS):
+        batch.waiting.legal[world][action] = 0
+
+
+@kernel
+def _settle(batch: Batch, world: int) -> None:
+    """Give the decision before what was earned since."""
+    waiting, earnings = batch.waiting, batch.earnings
+    waiting.time_s[world] = earnings.until_s[world]
+    waiting.duration_s[world] = earnings.until_s[world] - earnings.since_s[world]
+    waiting.reward[world] = earnings.reward[world]
+    if waiting.n_records[world] > 0:
+        row = world * batch.settings.n_rows + waiting.n_records[world] - 1
+        batch.records.reward[row] = waiting.reward[world]
+        batch.records.duration_s[row] = waiting.duration_s[world]
+    start_earning(earnings, world, earnings.until_s[world])
+
+
+@kernel
+def _log_event(
+    batch: Batch, world: int, uav: int, view: LocalView, reason: int, bit: float, heard: int
+) -> None:
+    """Log an event right after the deciding UAV's action started."""
+    log, index = batch.log, batch.n_events[world]
+    mission = mission_of(batch.missions, world)
+    started = 0 if mission.action[uav] == HOME else 1
+    log.event[world][index] = index
+    log.time_s[world][index] = view.time_s
+    log.uav[world][index] = uav + 1
+    log.decision[world][index] = mission.n_decisions[uav] - started
+    log.x_m[world][index] = view.x_m
+    log.y_m[world][index] = view.y_m
+    log.action[world][index] = mission.action[uav]
+    log.reason[world][index] = reason
+    log.duration_s[world][index] = mission.duration_s[uav]
+    log.energy_left_j[world][index] = view.energy_left_j
+    log.energy_j[world][index] = mission.energy_j[uav]
+    log.collected_bit[world][index] = bit
+    log.n_sensors[world][index] = view.n_sensors if bit > 0.0 else 0
+    log.heard[world][index] = heard
+    place = world * batch.briefing.n_uavs + uav
+    log.known_complete[world][index] = batch.beliefs.n_complete[place][0]

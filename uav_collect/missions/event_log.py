@@ -1,19 +1,14 @@
 """Rows that kernels log events to, one column per field of the mission log."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
 from uav_collect.kernels.arrays import Row
-from uav_collect.kernels.compile import kernel
 from uav_collect.kernels.rows import grow_table, new_table
-from uav_collect.recording.mission_log import EVENT_DTYPE, Events
-from uav_collect.uav.actions import HOME
-from uav_collect.uav.briefing import Briefing
-from uav_collect.uav.view import LocalView
-from uav_collect.world.reward import interval_reward, terminal_reward
-from uav_collect.world.sensor_field import Ground
-from uav_collect.world.state import Mission
+from uav_collect.recording.mission_log import EVENT_DTYPE, Events, MissionHeader, UavHeader
+from uav_collect.scenario.load import fingerprint, Scenario
 
 _ALL_BITS = 2**64 - 1
 
@@ -68,63 +63,36 @@ def logged_events(log: EventLog, world: int, n_events: int, first: int = 0) -> E
     return events
 
 
-def signed_bits(places: Iterable[int]) -> int:
-    """The 64-bit integer with these bits set; the last of them is the sign, as in a kernel."""
-    bits: int = sum(1 << place for place in places)
+def signed_bits(bits: int) -> int:
+    """The bits of up to 64 UAVs as an integer of 64; the last of them is its sign."""
     return bits - (bits >> 63 << 64)
 
 
-@kernel
-def log_event(
-    log: EventLog,
-    world: int,
-    index: int,
-    mission: Mission,
-    belief_complete: int,
-    uav: int,
-    view: LocalView,
-    reason: int,
-    collected_bit: float,
-    heard: int,
-) -> None:
-    """Log an event right after the deciding UAV's action started.
-
-    Args:
-        index: running number of the event.
-        belief_complete: completed cells in the UAV's map.
-        heard: bits of the UAVs in contact, as a signed 64-bit integer.
-    """
-    started = 0 if mission.action[uav] == HOME else 1
-    log.event[world][index] = index
-    log.time_s[world][index] = view.time_s
-    log.uav[world][index] = uav + 1
-    log.decision[world][index] = mission.n_decisions[uav] - started
-    log.x_m[world][index] = view.x_m
-    log.y_m[world][index] = view.y_m
-    log.action[world][index] = mission.action[uav]
-    log.reason[world][index] = reason
-    log.duration_s[world][index] = mission.duration_s[uav]
-    log.energy_left_j[world][index] = view.energy_left_j
-    log.energy_j[world][index] = mission.energy_j[uav]
-    log.collected_bit[world][index] = collected_bit
-    log.n_sensors[world][index] = view.n_sensors if collected_bit > 0.0 else 0
-    log.heard[world][index] = heard
-    log.known_complete[world][index] = belief_complete
-
-
-@kernel
-def log_interval(
-    log: EventLog,
-    world: int,
-    index: int,
-    briefing: Briefing,
-    ground: Ground,
-    mission: Mission,
-    stop_s: float,
-) -> None:
-    """Add the interval after an event, and its reward, when the next event or the end is known."""
-    start_s = log.time_s[world][index]
-    log.interval_s[world][index] = stop_s - start_s
-    log.reward[world][index] = interval_reward(
-        briefing, ground, mission, start_s, stop_s
-    ) + terminal_reward(briefing, ground, mission, start_s)
+def mission_header(
+    scenario: Scenario,
+    mission_seed: int,
+    demand_bit: Iterable[float],
+    policies: Sequence[str],
+    allocators: Sequence[str],
+) -> MissionHeader:
+    """The log header of a mission; policies and allocators by UAV."""
+    uavs = tuple(
+        UavHeader(
+            id=index + 1,
+            speed_mps=uav.speed_mps,
+            energy_budget_j=uav.energy_budget_j,
+            energy_margin_j=uav.energy_margin_j,
+            policy=policies[index],
+            allocator=allocators[index],
+        )
+        for index, uav in enumerate(scenario.uavs)
+    )
+    return MissionHeader(
+        scenario=scenario.name,
+        scenario_fingerprint=fingerprint(scenario),
+        mission_seed=mission_seed,
+        cells_per_side=scenario.area.cells_per_side,
+        cell_size_m=scenario.area.cell_size_m,
+        total_bit=math.fsum(demand_bit),
+        uavs=uavs,
+    )

@@ -20,8 +20,7 @@ from uav_collect.uav.belief import Belief, belief_of, Beliefs, new_beliefs
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.observation import encode
 from uav_collect.uav.view import LocalView, VIEW_CELLS
-from uav_collect.world.dynamics import x_m_at, y_m_at
-from uav_collect.world.state import ACTIVE, Mission
+from uav_collect.world.dynamics import ACTIVE, Mission, x_m_at, y_m_at
 
 N_UAV_SCALARS = 4  # of the global state: position, energy, whether it still decides
 _BYTE = 8

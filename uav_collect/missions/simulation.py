@@ -4,44 +4,43 @@ It holds the world, the UAVs' radios and the log. A UAV's radio keeps the comple
 UAV sent last, merges what it hears, and answers with that.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 import math
 
+from uav_collect.errors import PolicyMismatchError
 from uav_collect.kernels.arrays import Row
-from uav_collect.kernels.rows import new_row, row_of
-from uav_collect.missions.event_log import (
-    grown_log,
-    log_event,
-    log_interval,
-    logged_events,
-    new_log,
-    signed_bits,
+from uav_collect.kernels.rows import new_row
+from uav_collect.missions.batch_kernels import (
+    be_heard,
+    carry_out,
+    contacts,
+    end_interval,
+    new_batch,
+    Settings,
 )
-from uav_collect.physics.bandwidth import hover_time_s
-from uav_collect.recording.mission_log import Events, MissionHeader, MissionLog, UavHeader
-from uav_collect.scenario.load import fingerprint, Scenario
+from uav_collect.missions.event_log import grown_log, logged_events, mission_header, signed_bits
+from uav_collect.physics.bandwidth import EXACT, hover_time_s
+from uav_collect.recording.mission_log import Events, MissionHeader, MissionLog
 from uav_collect.scenario.site import Site
 from uav_collect.uav import actions
-from uav_collect.uav.actions import BY_POLICY, check_can_start, HOME, HOVER, N_ACTIONS
-from uav_collect.uav.belief import Belief, belief_of, merge, new_beliefs
-from uav_collect.uav.briefing import brief
+from uav_collect.uav.actions import BY_POLICY, check_can_start, HOME, HOVER, N_ACTIONS, NONE
+from uav_collect.uav.agent import Agent, allocator_named
+from uav_collect.uav.belief import Belief, belief_of, merge
 from uav_collect.uav.messages import Decision, RadioMessage
-from uav_collect.uav.view import LocalView, new_view_rows
+from uav_collect.uav.policy import Policy
+from uav_collect.uav.view import LocalView
 from uav_collect.world.dynamics import (
     end_s,
     has_landed,
-    in_contact,
     look,
+    mission_of,
     next_uav,
-    start_action,
     x_m_at,
     y_m_at,
 )
-from uav_collect.world.sensor_field import lay_out, most_sensors
-from uav_collect.world.state import mission_of, new_missions
 
-KERNELS = (look, start_action)  # that Python calls once an event
+KERNELS = (look, carry_out)  # that Python calls once an event
 _FIRST_CAPACITY = 512  # events that the log has room for before it must grow
 _REASONS_TO_GO_HOME = (BY_POLICY, actions.MAP_COMPLETE, actions.ENERGY_RESERVE)
 _BANDWIDTH_TOLERANCE = 1e-9  # relative; what a sum of shares may lose in rounding
@@ -59,36 +58,6 @@ class Event:
     heard: tuple[RadioMessage, ...]  # of the UAVs in contact, by index
 
 
-def mission_header(
-    scenario: Scenario,
-    mission_seed: int,
-    demand_bit: Iterable[float],
-    policies: Sequence[str],
-    allocators: Sequence[str],
-) -> MissionHeader:
-    """The log header of a mission; policies and allocators by UAV."""
-    uavs = tuple(
-        UavHeader(
-            id=index + 1,
-            speed_mps=uav.speed_mps,
-            energy_budget_j=uav.energy_budget_j,
-            energy_margin_j=uav.energy_margin_j,
-            policy=policies[index],
-            allocator=allocators[index],
-        )
-        for index, uav in enumerate(scenario.uavs)
-    )
-    return MissionHeader(
-        scenario=scenario.name,
-        scenario_fingerprint=fingerprint(scenario),
-        mission_seed=mission_seed,
-        cells_per_side=scenario.area.cells_per_side,
-        cell_size_m=scenario.area.cell_size_m,
-        total_bit=math.fsum(demand_bit),
-        uavs=uavs,
-    )
-
-
 class Simulation:
     """A mission in flight: ask for the event, transmit, start the action; until it is over."""
 
@@ -98,26 +67,27 @@ class Simulation:
         Raises:
             ConfigError: no UAV has the energy to start.
         """
-        self.briefing = brief(site.scenario)
+        settings = Settings(rule=NONE, allocator=EXACT, is_logged=1)
+        # The beliefs are those that the UAVs' radios keep; on board, agents have their own.
+        self._batch = new_batch(site, [mission_seed], settings, _FIRST_CAPACITY)
+        self._mission = mission_of(self._batch.missions, 0)
+        self.briefing = self._batch.briefing
         check_can_start(site.scenario, self.briefing)
-        self._ground = lay_out(site)
-        missions = new_missions(self.briefing, self._ground, [mission_seed])
-        self._mission = mission_of(missions, 0)
-        self._radios = new_beliefs(self.briefing, self.briefing.n_uavs)
-        self._view_rows = new_view_rows(most_sensors(self._ground))
-        self._log = new_log(1, _FIRST_CAPACITY)
-        self._capacity = _FIRST_CAPACITY
-        self.n_events = 0
         self.demand_bit = [float(bit) for bit in self._mission.demand_bit]
+
+    @property
+    def n_events(self) -> int:
+        """Actions started so far, turning home included."""
+        return int(self._batch.n_events[0])
 
     def next_event(self) -> Event | None:
         """The next UAV to decide and what it sees and hears; None when all fly home."""
         uav = next_uav(self._mission)
         if uav < 0:
             return None
-        time_s = self._mission.leg_end_s[uav]
-        self._close_interval(time_s)
-        view = look(self.briefing, self._ground, self._mission, uav, self._view_rows)
+        batch, time_s = self._batch, self._mission.leg_end_s[uav]
+        end_interval(batch, 0, time_s)
+        view = look(self.briefing, batch.ground, self._mission, uav, batch.view_rows)
         return Event(
             index=self.n_events,
             uav=uav,
@@ -128,18 +98,15 @@ class Simulation:
 
     def contacts(self, uav: int, time_s: float) -> list[int]:
         """The UAVs in range of one, by index."""
-        return [
-            other
-            for other in range(self.briefing.n_uavs)
-            if in_contact(self.briefing, self._mission, uav, other, time_s)
-        ]
+        heard = contacts(self.briefing, self._mission, uav, time_s)
+        return [other for other in range(self.briefing.n_uavs) if heard >> other & 1]
 
     def radio(self, uav: int) -> RadioMessage:
         """What a UAV's radio answers now."""
         time_s = self.time_s
         return RadioMessage(
             sender=uav,
-            complete=self._radios.complete[uav],
+            complete=self._batch.beliefs.complete[uav],
             x_m=x_m_at(self._mission, uav, time_s),
             y_m=y_m_at(self._mission, uav, time_s),
             time_s=time_s,
@@ -153,8 +120,7 @@ class Simulation:
         """
         merge(self._held(uav), complete)
         hearers = self.contacts(uav, self.time_s)
-        for other in hearers:
-            merge(self._held(other), self._radios.complete[uav])
+        be_heard(self._batch, 0, uav, _bits(hearers), self.time_s)
         return hearers
 
     def refusal(self, event: Event, decision: Decision) -> str | None:
@@ -188,32 +154,14 @@ class Simulation:
 
     def start(self, event: Event, decision: Decision) -> None:
         """Carry out a decision that is not refused, and log it."""
-        if self.n_events == self._capacity:
-            self._log = grown_log(self._log, 1)
-            self._capacity *= 2
-        collected_bit = start_action(
-            self.briefing,
-            self._mission,
-            event.uav,
-            event.view,
-            decision.action,
-            row_of(decision.share_hz or (0.0,)),
-        )
-        log_event(
-            self._log,
-            0,
-            self.n_events,
-            self._mission,
-            self._radios.n_complete[event.uav][0],
-            event.uav,
-            event.view,
-            decision.reason,
-            collected_bit,
-            signed_bits(message.sender for message in event.heard),
-        )
-        self.n_events += 1
+        if self.n_events == len(self._batch.log.event[0]):
+            self._batch = self._batch._replace(log=grown_log(self._batch.log, 1))
+        for index, share_hz in enumerate(decision.share_hz):
+            self._batch.desk.share_hz[index] = share_hz
+        heard = _bits([message.sender for message in event.heard])
+        carry_out(self._batch, 0, event.uav, event.view, decision.action, decision.reason, heard)
         if next_uav(self._mission) < 0:
-            self._close_interval(end_s(self._mission))
+            end_interval(self._batch, 0, end_s(self._mission))
 
     @property
     def time_s(self) -> float:
@@ -232,11 +180,11 @@ class Simulation:
 
     def events(self) -> Events:
         """The events so far; the last one's interval is open until the next event."""
-        return logged_events(self._log, 0, self.n_events)
+        return logged_events(self._batch.log, 0, self.n_events)
 
     def last_event(self) -> Events:
         """The latest event alone, (1,); its interval is open until the next event."""
-        return logged_events(self._log, 0, self.n_events, self.n_events - 1)
+        return logged_events(self._batch.log, 0, self.n_events, self.n_events - 1)
 
     def log(self, header: MissionHeader) -> MissionLog:
         """The log of the mission so far under a header."""
@@ -256,26 +204,14 @@ class Simulation:
 
     def known_complete(self, uav: int) -> Row[int]:
         """The completion map that a UAV's radio keeps, (C,)."""
-        return self._radios.complete[uav]
+        return self._batch.beliefs.complete[uav]
 
     def waiting_bit(self) -> list[float]:
         """Data not yet claimed, by cell."""
         return [float(bit) for bit in self._mission.cell_bit]
 
     def _held(self, uav: int) -> Belief:
-        return belief_of(self._radios, uav)
-
-    def _close_interval(self, stop_s: float) -> None:
-        if self.n_events > 0:
-            log_interval(
-                self._log,
-                0,
-                self.n_events - 1,
-                self.briefing,
-                self._ground,
-                self._mission,
-                stop_s,
-            )
+        return belief_of(self._batch.beliefs, uav)
 
     def _hover_refusal(self, uav: int, view: LocalView, decision: Decision) -> str | None:
         share_hz = decision.share_hz
@@ -303,13 +239,53 @@ class Simulation:
         return None
 
     def _hover_s(self, view: LocalView, share_hz: tuple[float, ...]) -> float:
-        power_w = self.briefing.tx_power_w
-        seen = range(view.n_sensors)
+        power_w, desk = self.briefing.tx_power_w, self._batch.desk
+        for index in range(view.n_sensors):
+            desk.signal_w[index] = power_w * view.sensor_gain[index]
+            desk.error_w[index] = power_w * view.sensor_error_gain[index]
+            desk.share_hz[index] = share_hz[index]
         return hover_time_s(
-            row_of([power_w * view.sensor_gain[index] for index in seen]),
-            row_of([power_w * view.sensor_error_gain[index] for index in seen]),
+            desk.signal_w,
+            desk.error_w,
             view.sensor_bit,
-            row_of(share_hz),
+            desk.share_hz,
             view.n_sensors,
             self.briefing.noise_w_per_hz,
         )
+
+
+def fly_by_agents(
+    site: Site, mission_seed: int, make_policy: Callable[[], Policy], allocator: str
+) -> MissionLog:
+    """Fly a mission agent by agent, as nodes do, in one process.
+
+    Raises:
+        AllocationError: there is no such allocator.
+        ConfigError: no UAV has the energy to start.
+        PolicyMismatchError: a policy does not fit, or breaks the rules in flight.
+    """
+    simulation, n_uavs = Simulation(site, mission_seed), site.scenario.n_uavs
+    agents = [
+        Agent(simulation.briefing, uav, make_policy(), allocator_named(allocator))
+        for uav in range(n_uavs)
+    ]
+    while (event := simulation.next_event()) is not None:
+        agent = agents[event.uav]
+        for message in event.heard:
+            agent.hear(message)
+        agent.observe(event.view)
+        for hearer in simulation.transmit(event.uav, agent.belief.complete):
+            agents[hearer].hear(simulation.radio(event.uav))
+        decision = agent.decide(event.view)
+        refusal = simulation.refusal(event, decision)
+        if refusal is not None:
+            raise PolicyMismatchError(f'UAV {event.uav + 1}, event {event.index}: {refusal}')
+        simulation.start(event, decision)
+    names, allocators = [agent.policy.name for agent in agents], [allocator] * n_uavs
+    header = mission_header(site.scenario, mission_seed, simulation.demand_bit, names, allocators)
+    return simulation.log(header)
+
+
+def _bits(uavs: list[int]) -> int:
+    """UAVs as the bits of an integer of 64."""
+    return signed_bits(sum(1 << uav for uav in uavs))

@@ -1,51 +1,44 @@
 """Many missions at once, stepped from outside: what a learner and a learned policy drive.
 
 Every mission waits for one decision, that of the UAV whose action ended first. A step carries
-out a decision of each mission and goes on to the next one: looking, talking, sharing bandwidth
-and turning home happen as in a rollout, by the same kernels.
+out a decision of each mission and goes on to the next one; everything in between happens by
+`batch_kernels.fly_on`, whoever decides.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from uav_collect.errors import AllocationError
+from uav_collect.errors import AllocationError, PolicyMismatchError
 from uav_collect.kernels.arrays import Bools, check_shape, Floats, Ints
 from uav_collect.kernels.compile import kernels_are_compiled
-from uav_collect.kernels.rows import new_map_table, new_row, new_table
-from uav_collect.missions.batch import new_batch
+from uav_collect.kernels.rows import new_row
 from uav_collect.missions.batch_kernels import (
-    Air,
-    Desks,
     explore_batch,
-    go_on,
-    put_back,
-    Rules,
-    step_batch,
+    fly_batch,
+    new_batch,
+    restart,
+    Settings,
 )
-from uav_collect.missions.event_log import grown_log, logged_events, new_log
-from uav_collect.missions.experience import (
-    Episode,
-    N_UAV_SCALARS,
-    new_records,
-    Records,
-    write_fleet,
-)
-from uav_collect.missions.simulation import mission_header
+from uav_collect.missions.event_log import grown_log, logged_events, mission_header
+from uav_collect.missions.experience import Episode, N_UAV_SCALARS, Records, write_fleet
 from uav_collect.physics.bandwidth import EQUAL, EXACT
 from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.site import Site
-from uav_collect.uav.actions import check_can_start, N_ACTIONS, NONE
-from uav_collect.uav.briefing import brief, Briefing
-from uav_collect.uav.observation import Layout, observation_size
+from uav_collect.uav.actions import check_can_start, HOME, HOVER, N_ACTIONS, NONE
+from uav_collect.uav.belief import belief_of
+from uav_collect.uav.briefing import Briefing
+from uav_collect.uav.heuristics import Heuristic
+from uav_collect.uav.observation import Layout
+from uav_collect.uav.policy import Policy
+from uav_collect.uav.policy_network import best_actions, FrozenPolicy
+from uav_collect.world.dynamics import look, mission_of
 from uav_collect.world.reward import Reward
-from uav_collect.world.sensor_field import demand_by_cell, lay_out
-from uav_collect.world.state import mission_of
+from uav_collect.world.sensor_field import demand_by_cell
 
-KERNELS = (step_batch,)  # that carry missions from one decision to the next
 _FIRST_CAPACITY = 256  # events of a mission that the log has room for before it must grow
 
 
@@ -53,9 +46,10 @@ _FIRST_CAPACITY = 256  # events of a mission that the log has room for before it
 class Stepping:
     """How missions are stepped."""
 
-    layout: Layout = Layout.EGOCENTRIC
+    layout: Layout | None = Layout.EGOCENTRIC  # of observations; None: there are none
     allocator: str = 'equal'  # or 'exact'
-    reward: Reward = Reward.PAPER
+    reward: Reward | None = Reward.PAPER  # None: it is not summed up
+    rule: Heuristic | None = None  # that decides; None: each step does
     is_synchronous: bool = False  # UAVs wait for each other and decide at the same instants
     is_logged: bool = False  # missions leave a log
     max_decisions: int = 0  # so many decisions of a mission are recorded for a learner
@@ -91,44 +85,33 @@ class Flights:
             ConfigError: no UAV has the energy to start, or the layout has no room for the fleet.
         """
         self._scenario, self._stepping = site.scenario, stepping
-        briefing, ground = brief(site.scenario), lay_out(site)
-        check_can_start(site.scenario, briefing)
-        rules = _rules(stepping)
-        n_worlds = len(mission_seeds)
-        self._air = Air(
-            rules=rules,
-            briefing=briefing,
-            ground=ground,
-            batch=new_batch(briefing, ground, mission_seeds),
-            desks=_new_desks(stepping.layout, briefing, n_worlds),
-            log=new_log(n_worlds, _FIRST_CAPACITY if stepping.is_logged else 1),
-            records=new_records(max(1, n_worlds * rules.n_rows), briefing),
-        )
-        for world, seed in enumerate(mission_seeds):
-            self.restart(world, seed)
+        capacity = _FIRST_CAPACITY if stepping.is_logged else 1
+        self._batch = new_batch(site, mission_seeds, _settings(stepping), capacity)
+        check_can_start(site.scenario, self._batch.briefing)
+        self._fly(new_row(len(mission_seeds), NONE))
 
     @property
     def briefing(self) -> Briefing:
         """What the UAVs know before they take off."""
-        return self._air.briefing
+        return self._batch.briefing
 
     @property
     def decisions(self) -> Decisions:
         """What the missions wait for."""
-        desks = self._air.desks
+        waiting = self._batch.waiting
         return Decisions(
-            uav=np.asarray(desks.uav),
-            time_s=np.asarray(desks.time_s),
-            observation=np.asarray(desks.observation),
-            legal=np.asarray(desks.legal) == 1,
-            reward=np.asarray(desks.reward),
-            duration_s=np.asarray(desks.duration_s),
+            uav=np.asarray(waiting.uav),
+            time_s=np.asarray(waiting.time_s),
+            observation=np.asarray(waiting.observation),
+            legal=np.asarray(waiting.legal) == 1,
+            reward=np.asarray(waiting.reward),
+            duration_s=np.asarray(waiting.duration_s),
         )
 
     @property
     def n_recorded(self) -> Ints:
         """How many decisions of each mission are recorded, the one it waits for included, (W,)."""
-        return np.asarray(self._air.desks.n_records)
+        return np.asarray(self._batch.waiting.n_records)
 
     def step(self, actions: Ints) -> Decisions:
         """Carry out one decision of each mission.
@@ -148,54 +131,84 @@ class Flights:
         is_legal &= (actions >= 0) & (actions < N_ACTIONS)
         refused = np.flatnonzero((waiting.uav != NONE) & ~is_legal)
         if len(refused):
-            world = refused[0]
-            seed = self._air.batch.missions.seed[world][0]
-            raise ValueError(
-                f'action {actions[world]} of UAV {waiting.uav[world] + 1} in mission {seed} is '
-                f'not legal; legal are {np.flatnonzero(waiting.legal[world]).tolist()}'
-            )
-        self._make_room()
-        row = np.ascontiguousarray(actions, dtype=np.int64)
-        answers: Any = row if kernels_are_compiled() else row.tolist()
-        step_batch(self._air, answers)
+            raise ValueError(self._refusal(refused[0], actions[refused[0]]))
+        row = np.where(waiting.uav == NONE, HOVER, actions).astype(np.int64)
+        self._fly(row if kernels_are_compiled() else row.tolist())
         return self.decisions
+
+    def fly_by_network(self, policy: FrozenPolicy) -> None:
+        """Fly all missions to their end, every UAV by the same frozen network."""
+        n_worlds, n_uavs = len(self.decisions.uav), self._scenario.n_uavs
+        hidden = policy.new_hidden(n_worlds * n_uavs)  # by mission, then UAV
+        chosen = np.zeros(n_worlds, dtype=np.int64)
+        decisions = self.decisions
+        while len(waiting := np.flatnonzero(decisions.uav != NONE)):
+            rows = waiting * n_uavs + decisions.uav[waiting]
+            values, hidden[rows] = policy.step(decisions.observation[waiting], hidden[rows])
+            chosen[waiting] = best_actions(values, decisions.legal[waiting])
+            decisions = self.step(chosen)
+
+    def fly_by_policies(self, make_policy: Callable[[], Policy]) -> None:
+        """Fly all missions to their end, every UAV by a policy of its own.
+
+        Raises:
+            PolicyMismatchError: a policy does not fit, or chooses what is not legal.
+        """
+        batch, n_worlds, n_uavs = self._batch, len(self.decisions.uav), self._scenario.n_uavs
+        policies = [make_policy() for _ in range(n_worlds * n_uavs)]  # by mission, then UAV
+        for place, policy in enumerate(policies):
+            policy.begin(batch.briefing, place % n_uavs)
+        answers = new_row(n_worlds, NONE)
+        while len(waiting := np.flatnonzero(np.asarray(batch.waiting.uav) != NONE)):
+            for world in waiting.tolist():
+                uav = int(batch.waiting.uav[world])
+                place, legal = world * n_uavs + uav, batch.waiting.legal[world]
+                mission = mission_of(batch.missions, world)
+                view = look(batch.briefing, batch.ground, mission, uav, batch.view_rows)
+                belief = belief_of(batch.beliefs, place)
+                action = policies[place].choose(belief, view, legal)
+                if action != HOME and not (0 <= action < N_ACTIONS and legal[action] == 1):
+                    raise PolicyMismatchError(self._refusal(world, action))
+                answers[world] = action
+            self._fly(answers)
+            batch = self._batch
 
     def explore(self, epsilon: float, hover_share: float) -> Ints:
         """Random actions where UAVs explore, NONE elsewhere, (W,); see `exploration.explore`."""
-        actions = new_row(len(self._air.desks.uav), NONE)
-        explore_batch(self._air, epsilon, hover_share, actions)
+        actions = new_row(len(self._batch.waiting.uav), NONE)
+        explore_batch(self._batch, epsilon, hover_share, actions)
         return np.asarray(actions)
 
     def restart(self, world: int, mission_seed: int) -> None:
         """Let another mission take off in the place of one."""
-        self._air.batch.missions.seed[world][0] = mission_seed
-        put_back(self._air, world)
-        go_on(self._air, world)
+        self._batch.missions.seed[world][0] = mission_seed
+        restart(self._batch, world)
+        self._fly(new_row(len(self._batch.n_events), NONE))
 
     def episode(self, world: int) -> Episode:
         """What was recorded of a mission, copied; cut off if the mission is still under way."""
-        first = world * self._air.rules.n_rows
+        first = world * self._batch.settings.n_rows
         rows = slice(first, first + int(self.n_recorded[world]))
-        missions = self._air.batch.missions
-        tables: list[Any] = [np.array(table[rows]) for table in self._air.records]
+        missions = self._batch.missions
+        tables: list[Any] = [np.array(table[rows]) for table in self._batch.records]
         return Episode(
             mission_seed=int(missions.seed[world][0]),
-            demand_bit=demand_by_cell(self._air.ground.first_sensor, missions.demand_bit[world]),
+            demand_bit=demand_by_cell(self._batch.ground.first_sensor, missions.demand_bit[world]),
             records=Records(*tables),
-            is_whole=self._air.desks.uav[world] == NONE,
+            is_whole=self._batch.waiting.uav[world] == NONE,
         )
 
     def mission_log(self, world: int, policy_name: str) -> MissionLog:
         """The log of a mission so far; the missions must be logged."""
-        demand_bit = self._air.batch.missions.demand_bit[world]
-        seed = int(self._air.batch.missions.seed[world][0])
+        demand_bit = self._batch.missions.demand_bit[world]
+        seed = int(self._batch.missions.seed[world][0])
         n_uavs = self._scenario.n_uavs
         header = mission_header(
             self._scenario, seed, (), [policy_name] * n_uavs, [self._stepping.allocator] * n_uavs
         )
         return MissionLog(
             header=replace(header, total_bit=math.fsum(demand_bit)),
-            events=logged_events(self._air.log, world, self._air.batch.n_events[world][0]),
+            events=logged_events(self._batch.log, world, self._batch.n_events[world]),
         )
 
     def global_state(self, world: int) -> Floats:
@@ -206,19 +219,19 @@ class Flights:
             budget, and whether it still decides; then each UAV's completion map; then the true
             one. Shape (U * N_UAV_SCALARS + (U + 1) * C,).
         """
-        air, n_uavs = self._air, self._scenario.n_uavs
-        mission = mission_of(air.batch.missions, world)
+        batch, n_uavs = self._batch, self._scenario.n_uavs
+        mission = mission_of(batch.missions, world)
         fleet = new_row(n_uavs * N_UAV_SCALARS, 0.0)
         for uav in range(n_uavs):
-            write_fleet(fleet, air.briefing, mission, uav, air.desks.time_s[world])
-        known = [air.batch.beliefs.complete[world * n_uavs + uav] for uav in range(n_uavs)]
+            write_fleet(fleet, batch.briefing, mission, uav, batch.waiting.time_s[world])
+        known = [batch.beliefs.complete[world * n_uavs + uav] for uav in range(n_uavs)]
         is_empty = np.asarray(mission.cell_bit) <= 0.0
         return np.concatenate([np.asarray(fleet), *map(np.asarray, known), is_empty])
 
     def efficiency_kbit_per_j(self, world: int) -> float:
         """Data that a mission has collected over the energy it has spent, both so far."""
-        missions = self._air.batch.missions
-        spent_j = sum(self._air.briefing.energy_budget_j) - sum(missions.energy_left_j[world])
+        missions = self._batch.missions
+        spent_j = sum(self._batch.briefing.energy_budget_j) - sum(missions.energy_left_j[world])
         return missions.collected_bit[world][0] / spent_j / 1e3 if spent_j > 0.0 else 0.0
 
     def arrays(self) -> list[NDArray[Any]]:
@@ -226,15 +239,24 @@ class Flights:
 
         Only where kernels are compiled: interpreted ones work on lists.
         """
-        return [*_arrays(self._air.batch), *_arrays(self._air.desks), *_arrays(self._air.records)]
+        batch = self._batch
+        parts = (batch.missions, batch.beliefs, batch.complete, batch.n_events, batch.earnings)
+        return [*_arrays((*parts, batch.waiting, batch.records))]
 
-    def _make_room(self) -> None:
-        if not self._stepping.is_logged:
-            return
-        n_worlds, capacity = len(self._air.log.event), len(self._air.log.event[0])
-        most = int(np.max(np.asarray(self._air.batch.n_events)))
-        if most + 1 + self._air.briefing.n_uavs > capacity:
-            self._air = self._air._replace(log=grown_log(self._air.log, n_worlds))
+    def _fly(self, answers: Any) -> None:  # noqa: ANN401 - a row
+        """Fly on with the answers, with more room for the log as often as that is needed."""
+        n_in_flight = fly_batch(self._batch, answers)
+        while n_in_flight:
+            n_worlds = len(self._batch.n_events)
+            self._batch = self._batch._replace(log=grown_log(self._batch.log, n_worlds))
+            n_in_flight = fly_batch(self._batch, new_row(n_worlds, NONE))
+
+    def _refusal(self, world: int, action: int) -> str:
+        seed, uav = self._batch.missions.seed[world][0], self._batch.waiting.uav[world]
+        legal = [each for each in range(N_ACTIONS) if self._batch.waiting.legal[world][each] == 1]
+        return (
+            f'action {action} of UAV {uav + 1} in mission {seed} is not legal; legal are {legal}'
+        )
 
 
 def _arrays(rows: tuple[Any, ...]) -> Iterator[NDArray[Any]]:
@@ -245,33 +267,18 @@ def _arrays(rows: tuple[Any, ...]) -> Iterator[NDArray[Any]]:
             yield part
 
 
-def _rules(stepping: Stepping) -> Rules:
+def _settings(stepping: Stepping) -> Settings:
     codes = {'exact': EXACT, 'equal': EQUAL}
     if stepping.allocator not in codes:
         raise AllocationError(
             f'allocator {stepping.allocator!r} cannot be stepped; there are {", ".join(codes)}'
         )
-    return Rules(
-        layout=int(stepping.layout),
+    return Settings(
+        rule=NONE if stepping.rule is None else int(stepping.rule),
         allocator=codes[stepping.allocator],
-        reward=int(stepping.reward),
+        layout=NONE if stepping.layout is None else int(stepping.layout),
+        reward=NONE if stepping.reward is None else int(stepping.reward),
         is_synchronous=int(stepping.is_synchronous),
         is_logged=int(stepping.is_logged),
         n_rows=stepping.max_decisions + 1 if stepping.max_decisions else 0,
-    )
-
-
-def _new_desks(layout: Layout, briefing: Briefing, n_worlds: int) -> Desks:
-    side = briefing.cells_per_side
-    size = observation_size(layout, side, briefing.n_uavs)
-    return Desks(
-        uav=new_row(n_worlds, 0),
-        time_s=new_row(n_worlds, 0.0),
-        duration_s=new_row(n_worlds, 0.0),
-        reward=new_row(n_worlds, 0.0),
-        legal=new_table(n_worlds, N_ACTIONS, 0),
-        observation=new_table(n_worlds, size, 0.0),
-        heard=new_row(n_worlds, 0),
-        n_records=new_row(n_worlds, 0),
-        complete=new_map_table(n_worlds, side * side),
     )

@@ -4,7 +4,7 @@ The map is a grow-only set: merging is OR, so messages that are lost, repeated o
 what a UAV knows but never make it wrong.
 """
 
-from typing import NamedTuple
+from typing import Generic, NamedTuple, TypeVar
 
 from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.compile import kernel, row_kernel
@@ -15,33 +15,29 @@ from uav_collect.uav.view import LocalView, VIEW_CELLS
 
 NEVER = -1.0  # a time at which nothing was heard
 
-
-class Belief(NamedTuple):
-    """One UAV's belief."""
-
-    complete: Row[int]  # (C,) 1 where nothing is left to collect, as far as it knows
-    n_complete: Row[int]  # (1,)
-    seen_bit: Row[float]  # (C,) demand when it last saw the cell; 0 where it never saw any
-    peer_x_m: Row[float]  # (U,) where it last heard each UAV
-    peer_y_m: Row[float]
-    peer_s: Row[float]  # (U,) when; NEVER
+_Ints = TypeVar('_Ints')
+_Floats = TypeVar('_Floats')
 
 
-class Beliefs(NamedTuple):
-    """The beliefs of many UAVs: the rows of `Belief`, one table each."""
+class BeliefRecord(NamedTuple, Generic[_Ints, _Floats]):
+    """What one UAV believes, a row each; or what many do, tables of rows, (N, ...)."""
 
-    complete: Row[Row[int]]
-    n_complete: Row[Row[int]]
-    seen_bit: Row[Row[float]]
-    peer_x_m: Row[Row[float]]
-    peer_y_m: Row[Row[float]]
-    peer_s: Row[Row[float]]
+    complete: _Ints  # (C,) 1 where nothing is left to collect, as far as it knows
+    n_complete: _Ints  # (1,)
+    seen_bit: _Floats  # (C,) demand when it last saw the cell; 0 where it never saw any
+    peer_x_m: _Floats  # (U,) where it last heard each UAV
+    peer_y_m: _Floats
+    peer_s: _Floats  # (U,) when; NEVER
+
+
+Belief = BeliefRecord[Row[int], Row[float]]
+Beliefs = BeliefRecord[Row[Row[int]], Row[Row[float]]]
 
 
 def new_beliefs(briefing: Briefing, n_beliefs: int) -> Beliefs:
     """Beliefs before the first look."""
     n_cells, n_uavs = briefing.cells_per_side * briefing.cells_per_side, briefing.n_uavs
-    return Beliefs(
+    return BeliefRecord(
         complete=new_map_table(n_beliefs, n_cells),
         n_complete=new_table(n_beliefs, 1, 0),
         seen_bit=new_table(n_beliefs, n_cells, 0.0),
@@ -54,7 +50,7 @@ def new_beliefs(briefing: Briefing, n_beliefs: int) -> Beliefs:
 @row_kernel
 def belief_of(beliefs: Beliefs, index: int) -> Belief:
     """One belief of many."""
-    return Belief(
+    return BeliefRecord(
         beliefs.complete[index],
         beliefs.n_complete[index],
         beliefs.seen_bit[index],

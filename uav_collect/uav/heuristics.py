@@ -4,12 +4,14 @@ All three decide on what one UAV knows, as a learned policy does: its belief, it
 the legal actions. `memory` is what a rule remembers between decisions, zeros at the start.
 """
 
+from dataclasses import dataclass, field
 from enum import IntEnum
 import math
 
 from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.compile import kernel
 from uav_collect.kernels.keyed_random import draw_uniform, EXPLORATION
+from uav_collect.kernels.rows import new_row
 from uav_collect.uav import actions
 from uav_collect.uav.actions import COLUMN_STEP, FORWARD, HOME, HOVER, N_ACTIONS, ROW_STEP
 from uav_collect.uav.belief import Belief
@@ -43,6 +45,38 @@ class Heuristic(IntEnum):
     def label(self) -> str:
         """The name that users type."""
         return ('hert', 'hert-equal', 'sweep', 'random')[self]
+
+
+@dataclass
+class RulePolicy:
+    """A heuristic behind the protocol `policy.Policy`."""
+
+    heuristic: Heuristic
+    _briefing: Briefing | None = field(default=None, init=False)
+    _uav: int = field(default=0, init=False)
+    _memory: Row[int] = field(default_factory=lambda: new_row(MEMORY_SIZE, 0), init=False)
+
+    @property
+    def name(self) -> str:
+        """The heuristic's name."""
+        return self.heuristic.label
+
+    @property
+    def version(self) -> str:
+        """Rules do not change while they fly."""
+        return 'rule'
+
+    def begin(self, briefing: Briefing, uav: int) -> None:
+        """Forget the last mission and get ready to fly a UAV, by index."""
+        self._briefing = briefing
+        self._uav = uav
+        self._memory = new_row(MEMORY_SIZE, 0)
+
+    def choose(self, belief: Belief, view: LocalView, legal: Row[int]) -> int:
+        """One of the legal actions, or actions.HOME to end the mission."""
+        if self._briefing is None:
+            raise RuntimeError('a policy must begin a mission before it chooses')
+        return choose(self.heuristic, self._briefing, self._uav, belief, view, legal, self._memory)
 
 
 @kernel

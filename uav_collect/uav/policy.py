@@ -1,24 +1,18 @@
 """What decides for one UAV: the protocol that every policy follows, and the choice of one."""
 
-from dataclasses import dataclass, field
 import os
 from pathlib import Path
 from typing import Protocol
 
-import numpy as np
 from uav_collect.config.installed import shared_folders
 from uav_collect.errors import PolicyMismatchError
-from uav_collect.kernels.arrays import Floats, Row
-from uav_collect.kernels.rows import new_row
+from uav_collect.kernels.arrays import Row
 from uav_collect.scenario.load import Scenario
-from uav_collect.uav.actions import NONE
 from uav_collect.uav.belief import Belief
 from uav_collect.uav.briefing import brief, Briefing
-from uav_collect.uav.exploration import explore
-from uav_collect.uav.heuristics import choose, Heuristic, MEMORY_SIZE
-from uav_collect.uav.observation import encode
+from uav_collect.uav.heuristics import Heuristic, RulePolicy
 from uav_collect.uav.policy_file import load_policy, SUFFIX
-from uav_collect.uav.policy_network import best_actions, FrozenPolicy
+from uav_collect.uav.policy_network import FrozenPolicy, LearnedPolicy
 from uav_collect.uav.user_policy import callable_policy, CallablePolicy, is_callable_name
 from uav_collect.uav.view import LocalView
 
@@ -46,134 +40,6 @@ class Policy(Protocol):
 
     def choose(self, belief: Belief, view: LocalView, legal: Row[int]) -> int:
         """One of the legal actions (at least one is), or actions.HOME to end the mission."""
-
-
-@dataclass
-class RulePolicy:
-    """A heuristic behind the protocol."""
-
-    heuristic: Heuristic
-    _briefing: Briefing | None = field(default=None, init=False)
-    _uav: int = field(default=0, init=False)
-    _memory: Row[int] = field(default_factory=lambda: new_row(MEMORY_SIZE, 0), init=False)
-
-    @property
-    def name(self) -> str:
-        """The heuristic's name."""
-        return self.heuristic.label
-
-    @property
-    def version(self) -> str:
-        """Rules do not change while they fly."""
-        return 'rule'
-
-    def begin(self, briefing: Briefing, uav: int) -> None:
-        """Forget the last mission and get ready to fly a UAV, by index."""
-        self._briefing = briefing
-        self._uav = uav
-        self._memory = new_row(MEMORY_SIZE, 0)
-
-    def choose(self, belief: Belief, view: LocalView, legal: Row[int]) -> int:
-        """One of the legal actions, or actions.HOME to end the mission."""
-        if self._briefing is None:
-            raise RuntimeError('a policy must begin a mission before it chooses')
-        return choose(self.heuristic, self._briefing, self._uav, belief, view, legal, self._memory)
-
-
-@dataclass
-class LearnedPolicy:
-    """A frozen policy behind the protocol, with the hidden state of the UAV that it flies.
-
-    Those of a fleet share the frozen policy.
-    """
-
-    name: str
-    frozen: FrozenPolicy
-    _briefing: Briefing | None = field(default=None, init=False)
-    _uav: int = field(default=0, init=False)
-    _hidden: Floats = field(default_factory=lambda: np.zeros((1, 0)), init=False)  # (1, H)
-    _observation: Row[float] = field(default_factory=lambda: new_row(0, 0.0), init=False)
-
-    @property
-    def version(self) -> str:
-        """Run, update and weights that it came from."""
-        return self.frozen.header.version
-
-    @property
-    def observation(self) -> Row[float]:
-        """What it chose from last, encoded; not to be written."""
-        return self._observation
-
-    def begin(self, briefing: Briefing, uav: int) -> None:
-        """Forget the last mission and get ready to fly a UAV, by index.
-
-        Raises:
-            PolicyMismatchError: it did not learn to fly such a fleet, or such an area.
-        """
-        misfit = self.frozen.misfit(briefing)
-        if misfit is not None:
-            raise PolicyMismatchError(f'policy {self.name}: {misfit}')
-        self._briefing = briefing
-        self._uav = uav
-        self._hidden = self.frozen.new_hidden(1)
-        self._observation = new_row(self.frozen.header.observation_size, 0.0)
-
-    def choose(self, belief: Belief, view: LocalView, legal: Row[int]) -> int:
-        """The legal action of the highest value."""
-        if self._briefing is None:
-            raise RuntimeError('a policy must begin a mission before it chooses')
-        layout = int(self.frozen.header.layout)
-        encode(layout, self._briefing, self._uav, belief, view, self._observation)
-        observed = np.array([self._observation], dtype=np.float64)
-        values, self._hidden = self.frozen.step(observed, self._hidden)
-        return int(best_actions(values, np.array([legal]) == 1)[0])
-
-
-@dataclass
-class ExploringPolicy:
-    """A learned policy whose UAV takes a random action now and then, by the key of the mission."""
-
-    learned: LearnedPolicy
-    epsilon: float  # probability to explore
-    hover_share: float  # see `exploration.explore`
-    mission_seed: int  # of the mission that is flown
-    _uav: int = field(default=0, init=False)
-    _n_decisions: int = field(default=0, init=False)
-
-    @property
-    def name(self) -> str:
-        """That of the learned policy."""
-        return self.learned.name
-
-    @property
-    def version(self) -> str:
-        """Weights and how much it explores."""
-        return flown_version(self.learned.version, self.epsilon)
-
-    def begin(self, briefing: Briefing, uav: int) -> None:
-        """Forget the last mission and get ready to fly a UAV, by index.
-
-        Raises:
-            PolicyMismatchError: it did not learn to fly such a fleet, or such an area.
-        """
-        self.learned.begin(briefing, uav)
-        self._uav = uav
-        self._n_decisions = 0
-
-    def choose(self, belief: Belief, view: LocalView, legal: Row[int]) -> int:
-        """The random action of this decision, or else the legal one of the highest value."""
-        best = self.learned.choose(belief, view, legal)  # always: it remembers what it saw
-        decision = self._n_decisions
-        self._n_decisions += 1
-        explored = explore(
-            self.mission_seed, self._uav, decision, self.epsilon, self.hover_share, legal
-        )
-        return best if explored == NONE else explored
-
-
-def flown_version(version: str, epsilon: float) -> str:
-    """How commands, logs and transitions name a learned policy that explores so much."""
-    return f'{version} eps {epsilon:g}' if epsilon > 0.0 else version
 
 
 NamedPolicy = RulePolicy | LearnedPolicy | CallablePolicy

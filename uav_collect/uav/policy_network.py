@@ -10,18 +10,22 @@ gets alone, so missions flown many at once equal those flown by one agent per UA
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 import hashlib
 from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 from uav_collect.errors import PolicyMismatchError
-from uav_collect.kernels.arrays import Bools, Floats, Ints
+from uav_collect.kernels.arrays import Bools, Floats, Ints, Row
+from uav_collect.kernels.rows import new_row
 from uav_collect.limits import EGOCENTRIC_MAX_UAVS, MAX_UAVS
-from uav_collect.uav.actions import N_ACTIONS
+from uav_collect.uav.actions import N_ACTIONS, NONE
+from uav_collect.uav.belief import Belief
 from uav_collect.uav.briefing import Briefing
-from uav_collect.uav.observation import Layout, observation_size
+from uav_collect.uav.exploration import explore
+from uav_collect.uav.observation import encode, Layout, observation_size
+from uav_collect.uav.view import LocalView
 
 Weights = Mapping[str, NDArray[np.float32]]
 
@@ -129,6 +133,102 @@ class FrozenPolicy:
         if not header.n_uavs_min <= n_uavs <= header.n_uavs_max:
             return f'n_uavs is {n_uavs}: must be {_span(header.n_uavs_min, header.n_uavs_max)}'
         return None
+
+
+@dataclass
+class LearnedPolicy:
+    """A frozen policy behind the protocol `policy.Policy`, with the hidden state of its UAV.
+
+    Those of a fleet share the frozen policy.
+    """
+
+    name: str
+    frozen: FrozenPolicy
+    _briefing: Briefing | None = field(default=None, init=False)
+    _uav: int = field(default=0, init=False)
+    _hidden: Floats = field(default_factory=lambda: np.zeros((1, 0)), init=False)  # (1, H)
+    _observation: Row[float] = field(default_factory=lambda: new_row(0, 0.0), init=False)
+
+    @property
+    def version(self) -> str:
+        """Run, update and weights that it came from."""
+        return self.frozen.header.version
+
+    @property
+    def observation(self) -> Row[float]:
+        """What it chose from last, encoded; not to be written."""
+        return self._observation
+
+    def begin(self, briefing: Briefing, uav: int) -> None:
+        """Forget the last mission and get ready to fly a UAV, by index.
+
+        Raises:
+            PolicyMismatchError: it did not learn to fly such a fleet, or such an area.
+        """
+        misfit = self.frozen.misfit(briefing)
+        if misfit is not None:
+            raise PolicyMismatchError(f'policy {self.name}: {misfit}')
+        self._briefing = briefing
+        self._uav = uav
+        self._hidden = self.frozen.new_hidden(1)
+        self._observation = new_row(self.frozen.header.observation_size, 0.0)
+
+    def choose(self, belief: Belief, view: LocalView, legal: Row[int]) -> int:
+        """The legal action of the highest value."""
+        if self._briefing is None:
+            raise RuntimeError('a policy must begin a mission before it chooses')
+        layout = int(self.frozen.header.layout)
+        encode(layout, self._briefing, self._uav, belief, view, self._observation)
+        observed = np.array([self._observation], dtype=np.float64)
+        values, self._hidden = self.frozen.step(observed, self._hidden)
+        return int(best_actions(values, np.array([legal]) == 1)[0])
+
+
+@dataclass
+class ExploringPolicy:
+    """A learned policy whose UAV takes a random action now and then, by the key of the mission."""
+
+    learned: LearnedPolicy
+    epsilon: float  # probability to explore
+    hover_share: float  # see `exploration.explore`
+    mission_seed: int  # of the mission that is flown
+    _uav: int = field(default=0, init=False)
+    _n_decisions: int = field(default=0, init=False)
+
+    @property
+    def name(self) -> str:
+        """That of the learned policy."""
+        return self.learned.name
+
+    @property
+    def version(self) -> str:
+        """Weights and how much it explores."""
+        return flown_version(self.learned.version, self.epsilon)
+
+    def begin(self, briefing: Briefing, uav: int) -> None:
+        """Forget the last mission and get ready to fly a UAV, by index.
+
+        Raises:
+            PolicyMismatchError: it did not learn to fly such a fleet, or such an area.
+        """
+        self.learned.begin(briefing, uav)
+        self._uav = uav
+        self._n_decisions = 0
+
+    def choose(self, belief: Belief, view: LocalView, legal: Row[int]) -> int:
+        """The random action of this decision, or else the legal one of the highest value."""
+        best = self.learned.choose(belief, view, legal)  # always: it remembers what it saw
+        decision = self._n_decisions
+        self._n_decisions += 1
+        explored = explore(
+            self.mission_seed, self._uav, decision, self.epsilon, self.hover_share, legal
+        )
+        return best if explored == NONE else explored
+
+
+def flown_version(version: str, epsilon: float) -> str:
+    """How commands, logs and transitions name a learned policy that explores so much."""
+    return f'{version} eps {epsilon:g}' if epsilon > 0.0 else version
 
 
 def best_actions(values: Floats, legal: Bools) -> Ints:

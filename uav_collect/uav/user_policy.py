@@ -23,7 +23,7 @@ import numpy as np
 from uav_collect.errors import PolicyMismatchError
 from uav_collect.kernels.arrays import Ints, Row
 from uav_collect.uav.actions import HOME, N_ACTIONS
-from uav_collect.uav.belief import Belief
+from uav_collect.uav.belief import Belief, BeliefRecord
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.view import LocalView
 
@@ -168,12 +168,12 @@ def _situation(
 ) -> Situation:
     # Interpreted kernels hand out lists, and an empty list does not tell what it would hold.
     n_sensors = view.n_sensors
+    complete = np.array(belief.complete, dtype=np.uint8)
+    own_belief: Any = BeliefRecord(*map(np.array, belief))._replace(complete=complete)
     return Situation(
         briefing=briefing,
         uav=uav,
-        belief=Belief(*map(np.array, belief))._replace(
-            complete=np.array(belief.complete, dtype=np.uint8)
-        ),
+        belief=own_belief,
         view=view._replace(
             region_bit=np.array(view.region_bit),
             sensor=np.array(view.sensor[:n_sensors], dtype=np.int64),

@@ -6,14 +6,15 @@ union of all UAVs' maps, less the kilojoules spent.
 
 from enum import IntEnum
 import math
+from typing import NamedTuple
 
 from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.compile import kernel
+from uav_collect.kernels.rows import new_row
 from uav_collect.uav.actions import cell_at, HOVER, NONE
 from uav_collect.uav.briefing import Briefing
-from uav_collect.world.dynamics import end_s, next_uav
+from uav_collect.world.dynamics import end_s, Mission, next_uav
 from uav_collect.world.sensor_field import Ground
-from uav_collect.world.state import Mission
 
 _KJ_PER_J = 1e-3
 
@@ -23,6 +24,47 @@ class Reward(IntEnum):
 
     PAPER = 0
     ENERGY = 1
+
+
+class Earnings(NamedTuple):
+    """What missions earned since the decision before, discounted to it; kernels write it."""
+
+    since_s: Row[float]  # (W,) time of that decision
+    until_s: Row[float]  # (W,) time up to which rewards are counted
+    reward: Row[float]  # (W,)
+
+
+def new_earnings(n_worlds: int) -> Earnings:
+    """Earnings of missions at their start."""
+    return Earnings(
+        since_s=new_row(n_worlds, 0.0),
+        until_s=new_row(n_worlds, 0.0),
+        reward=new_row(n_worlds, 0.0),
+    )
+
+
+@kernel
+def start_earning(earnings: Earnings, world: int, time_s: float) -> None:
+    """Count from a decision on."""
+    earnings.since_s[world] = time_s
+    earnings.until_s[world] = time_s
+    earnings.reward[world] = 0.0
+
+
+@kernel
+def earn_interval(
+    earnings: Earnings, world: int, ground: Ground, reward: float, stop_s: float
+) -> None:
+    """Add the reward of an interval, discounted to its start, and go on to its end."""
+    earn(earnings, world, ground, reward)
+    earnings.until_s[world] = stop_s
+
+
+@kernel
+def earn(earnings: Earnings, world: int, ground: Ground, reward: float) -> None:
+    """Add a reward of the moment up to which rewards are counted."""
+    waited_s = earnings.until_s[world] - earnings.since_s[world]
+    earnings.reward[world] += discount(ground, waited_s) * reward
 
 
 @kernel
@@ -67,6 +109,15 @@ def news_reward(known: Row[int], complete: Row[int]) -> float:
             complete[cell] = 1
             n_new += 1
     return 1.0 * n_new
+
+
+@kernel
+def paper_reward(
+    briefing: Briefing, ground: Ground, mission: Mission, start_s: float, stop_s: float
+) -> float:
+    """The scenario's own reward of an interval, the bonus at the mission's end included."""
+    reward = interval_reward(briefing, ground, mission, start_s, stop_s)
+    return reward + terminal_reward(briefing, ground, mission, start_s)
 
 
 @kernel

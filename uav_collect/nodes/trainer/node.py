@@ -32,7 +32,7 @@ from uav_collect.kernels.compile import kernels_are_cached, kernels_are_compiled
 from uav_collect.learning.background import BackgroundTraining, BehaviourPolicy, Ending
 from uav_collect.learning.learner import keep_freed_memory
 from uav_collect.learning.replay import replay_bytes
-from uav_collect.missions import vector_env
+from uav_collect.missions import batch_kernels
 from uav_collect.nodes import topics
 from uav_collect.nodes.incidents import Incidents
 from uav_collect.nodes.parameters import help_text
@@ -123,7 +123,7 @@ class TrainerNode(ProcessNode):
 
     def _log_compiling(self) -> None:
         if kernels_are_compiled() and not kernels_are_cached(
-            (*vector_env.KERNELS, *rebuild.KERNELS)
+            (*batch_kernels.KERNELS, *rebuild.KERNELS)
         ):
             self.get_logger().info('compiling (once): this takes about a minute')
 

@@ -12,7 +12,8 @@ from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.rows import row_of
 from uav_collect.lockstep.published_policy import PublishedPolicy
 from uav_collect.lockstep.roster import Pilot
-from uav_collect.missions.simulation import Event, mission_header, Simulation
+from uav_collect.missions.event_log import mission_header
+from uav_collect.missions.simulation import Event, Simulation
 from uav_collect.nodes import convert
 from uav_collect.recording.mission_log import Events, header_line, MissionHeader, REASON_NAMES
 from uav_collect.scenario.site import Site

@@ -21,9 +21,10 @@ from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.load import from_yaml
 from uav_collect.scenario.site import build_site
 from uav_collect.studies.jobs.jobs import FlightsJob, MISSIONS, PlansJob, SUMMARY
-from uav_collect.uav.policy import LearnedPolicy, policy_named, RulePolicy
+from uav_collect.uav.heuristics import RulePolicy
+from uav_collect.uav.policy import policy_named
 from uav_collect.uav.policy_file import policy_from_bytes
-from uav_collect.uav.policy_network import FrozenPolicy, Validation
+from uav_collect.uav.policy_network import FrozenPolicy, LearnedPolicy, Validation
 
 MISSION_COLUMNS = (
     'mission_seed', 'efficiency_kbit_per_j', 'completion_s', 'energy_kj', 'collected_mbit',

@@ -21,7 +21,7 @@ from uav_collect.kernels.compile import (
     kernels_are_compiled,
     sources_digest,
 )
-from uav_collect.missions import rollout, vector_env
+from uav_collect.missions import batch_kernels
 from uav_collect.planning import bound
 from uav_collect.revision import git_revision, VERSION
 from uav_collect.studies.jobs.flights import run_flights, run_plans
@@ -101,10 +101,8 @@ def _turn() -> Iterator[None]:
 def kernels_of(job: Job) -> tuple[Callable[..., object], ...]:
     """The kernels that do most of a job."""
     match job:
-        case TrainingJob():
-            return vector_env.KERNELS
-        case FlightsJob(trainings=trainings):
-            return vector_env.KERNELS if trainings else rollout.KERNELS
+        case TrainingJob() | FlightsJob():
+            return batch_kernels.KERNELS
         case PlansJob():
             return bound.KERNELS
 
