@@ -18,14 +18,15 @@ from rich.console import Console
 from rich.table import Table
 from uav_collect.kernels.arrays import Bools, Ints
 from uav_collect.kernels.compile import kernel
-from uav_collect.missions.event_log import new_log
-from uav_collect.missions.rollout import fly, fly_batch, new_batch
+from uav_collect.kernels.rows import new_row
+from uav_collect.missions.batch_kernels import fly_batch, new_batch, Settings
+from uav_collect.missions.rollout import fly
 from uav_collect.missions.vector_env import Flights, Stepping
 from uav_collect.physics.bandwidth import EQUAL
 from uav_collect.physics.radio import channel_draw
 from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site
-from uav_collect.uav.briefing import brief
+from uav_collect.uav.actions import NONE
 from uav_collect.uav.heuristics import Heuristic
 from uav_collect.uav.observation import Layout
 from uav_collect.world.sensor_field import Ground, lay_out
@@ -55,16 +56,15 @@ def scenario_for(rule: Heuristic) -> Scenario:
 
 def fly_once(rule: Heuristic, n_worlds: int) -> Cost:
     """Whole missions in the kernel, logged."""
-    scenario = scenario_for(rule)
-    briefing, ground = brief(scenario), lay_out(build_site(scenario))
+    site = build_site(scenario_for(rule))
     start_s = time.process_time()
-    batch = new_batch(briefing, ground, range(n_worlds))
-    log = new_log(n_worlds, CAPACITY)
+    settings = Settings(rule=int(rule), allocator=EQUAL, is_logged=1)
+    batch = new_batch(site, range(n_worlds), settings, CAPACITY)
     off_s = time.process_time()
-    if fly_batch(int(rule), EQUAL, briefing, ground, batch, log, 0) != n_worlds:
+    if fly_batch(batch, new_row(n_worlds, NONE)):
         raise RuntimeError(f'a mission has more than {CAPACITY} events')
     end_s = time.process_time()
-    us_per_s = 1e6 / sum(count[0] for count in batch.n_events)
+    us_per_s = 1e6 / sum(batch.n_events)
     return Cost((end_s - off_s) * us_per_s, (end_s - start_s) * us_per_s)
 
 

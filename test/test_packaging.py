@@ -100,14 +100,14 @@ def needing_ros(tests: Sources) -> set[str]:
     [
         'from uav_collect.commands import options',
         'import uav_collect.nodes.topics',
-        'def late() -> None:\n    from uav_collect.world.state import Mission',
+        'def late() -> None:\n    from uav_collect.world.dynamics import Mission',
         'if TYPE_CHECKING:\n    from uav_collect import learning',
     ],
 )
 def test_an_import_that_runs_upward_is_seen(source: str) -> None:
     sources = {
         **dict.fromkeys(('commands/options.py', 'learning/__init__.py', 'nodes/topics.py'), ''),
-        **{'uav/belief.py': source, 'world/state.py': ''},
+        **{'uav/belief.py': source, 'world/dynamics.py': ''},
     }
     assert len(structure.upward(structure.module_graph(sources))) == 1
 
@@ -119,7 +119,7 @@ def test_a_room_without_a_place_is_seen() -> None:
 def test_a_circle_is_seen_among_rooms_even_if_modules_have_none() -> None:
     modules = structure.module_graph(
         {
-            'world/state.py': 'from uav_collect.uav import view',
+            'world/dynamics.py': 'from uav_collect.uav import view',
             'uav/view.py': '',
             'uav/agent.py': 'from uav_collect.world.sensor_field import Ground',
             'world/sensor_field.py': 'import numpy',

@@ -9,7 +9,7 @@ import pytest
 import uav_collect
 from uav_collect.ingest import rebuild
 from uav_collect.kernels.compile import kernels_are_cached, sources_digest
-from uav_collect.missions import rollout, simulation, vector_env
+from uav_collect.missions import batch_kernels, simulation
 from uav_collect.planning import bound
 
 CHANGED = {
@@ -35,7 +35,7 @@ def test_a_source_of_a_sub_package_counts_for_the_digest(
 def test_the_digest_is_that_of_the_whole_package() -> None:
     package = Path(uav_collect.__file__).parent
     assert sources_digest() == sources_digest.__wrapped__(package)
-    assert (package / 'studies' / 'flights.py').is_file()
+    assert [*package.glob('studies/jobs/*.py')]
 
 
 def test_kernels_count_as_cached_once_they_were_compiled(
@@ -52,12 +52,12 @@ simulation = Simulation(build_site(scenario), 0)
 event = simulation.next_event()
 """
     subprocess.run([sys.executable, '-c', script], check=True)
-    look, start_action = simulation.KERNELS
+    look, carry_out = simulation.KERNELS
     assert kernels_are_cached([look])
-    assert not kernels_are_cached([look, start_action])
+    assert not kernels_are_cached([look, carry_out])
 
 
-MODULES = (bound, rebuild, rollout, simulation, vector_env)
+MODULES = (batch_kernels, bound, rebuild, simulation)
 
 
 @pytest.mark.parametrize('module', MODULES, ids=lambda it: it.__name__)

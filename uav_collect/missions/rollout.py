@@ -54,7 +54,7 @@ def fly(
         case _:
             flights = Flights(site, mission_seeds, stepping)
             flights.fly_by_policies(make_policy)
-    return [flights.mission_log(world, pilot.name) for world in range(len(mission_seeds))]
+    return flights.mission_logs(pilot.name)
 
 
 def _maker(policy: str | Callable[[], Policy], scenario: Scenario) -> Callable[[], Policy]:

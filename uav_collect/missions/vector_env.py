@@ -26,7 +26,7 @@ from uav_collect.missions.batch_kernels import (
 from uav_collect.missions.event_log import grown_log, logged_events, mission_header
 from uav_collect.missions.experience import Episode, N_UAV_SCALARS, Records, write_fleet
 from uav_collect.physics.bandwidth import EQUAL, EXACT
-from uav_collect.recording.mission_log import MissionLog
+from uav_collect.recording.mission_log import MissionHeader, MissionLog
 from uav_collect.scenario.site import Site
 from uav_collect.uav.actions import check_can_start, HOME, HOVER, N_ACTIONS, NONE
 from uav_collect.uav.belief import belief_of
@@ -168,7 +168,9 @@ class Flights:
                 belief = belief_of(batch.beliefs, place)
                 action = policies[place].choose(belief, view, legal)
                 if action != HOME and not (0 <= action < N_ACTIONS and legal[action] == 1):
-                    raise PolicyMismatchError(self._refusal(world, action))
+                    raise PolicyMismatchError(
+                        f'UAV {uav + 1}, event {batch.n_events[world]}: action {action} is illegal'
+                    )
                 answers[world] = action
             self._fly(answers)
             batch = self._batch
@@ -200,15 +202,24 @@ class Flights:
 
     def mission_log(self, world: int, policy_name: str) -> MissionLog:
         """The log of a mission so far; the missions must be logged."""
-        demand_bit = self._batch.missions.demand_bit[world]
-        seed = int(self._batch.missions.seed[world][0])
-        n_uavs = self._scenario.n_uavs
-        header = mission_header(
-            self._scenario, seed, (), [policy_name] * n_uavs, [self._stepping.allocator] * n_uavs
-        )
+        return self._log_under(self._header(policy_name), world)
+
+    def mission_logs(self, policy_name: str) -> list[MissionLog]:
+        """The logs of all missions so far; the missions must be logged."""
+        header = self._header(policy_name)
+        return [self._log_under(header, world) for world in range(len(self._batch.n_events))]
+
+    def _header(self, policy_name: str) -> MissionHeader:
+        n_uavs, allocator = self._scenario.n_uavs, self._stepping.allocator
+        return mission_header(self._scenario, 0, (), [policy_name] * n_uavs, [allocator] * n_uavs)
+
+    def _log_under(self, header: MissionHeader, world: int) -> MissionLog:
+        batch = self._batch
+        seed = int(batch.missions.seed[world][0])
+        total_bit = math.fsum(batch.missions.demand_bit[world])
         return MissionLog(
-            header=replace(header, total_bit=math.fsum(demand_bit)),
-            events=logged_events(self._batch.log, world, self._batch.n_events[world]),
+            header=replace(header, mission_seed=seed, total_bit=total_bit),
+            events=logged_events(batch.log, world, batch.n_events[world]),
         )
 
     def global_state(self, world: int) -> Floats:
