@@ -92,7 +92,7 @@ def test_every_function_and_test_in_the_paper_map_is_there() -> None:
     missing = [
         f'{file}::{name}'
         for file, name in named
-        if name not in defined_names(folders[file.startswith('test_')] / file)
+        if name not in defined_names(folders[Path(file).name.startswith('test_')] / file)
     ]
     assert len(named) > 100
     assert missing == []
