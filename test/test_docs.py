@@ -29,12 +29,15 @@ from uav_collect.commands import (
 from uav_collect.scenario.load import load, scenario_names
 from uav_collect.scenario.site import build_site
 
+from tools.structure import ORDER
+
 ROOT = Path(__file__).parent.parent
 DOCUMENTS = [
     *(ROOT / name for name in ('README.md', 'CONTRIBUTING.md', 'CHANGELOG.md')),
     *sorted((ROOT / 'docs').glob('*.md')),
 ]
 README = (ROOT / 'README.md').read_text()
+CONTRIBUTING = (ROOT / 'CONTRIBUTING.md').read_text()
 PAPER_MAP = (ROOT / 'docs' / 'paper_map.md').read_text()
 COMMANDS = {
     **{'curves': curves, 'evaluate': evaluate, 'mission': mission, 'report': report},
@@ -133,6 +136,11 @@ def test_every_shipped_scenario_is_in_the_readme(name: str) -> None:
     assert re.search(rf'^\| .*`{name}`.* \|', README, re.MULTILINE)
 
 
+def test_every_room_has_its_line_in_contributing_in_the_order_of_imports() -> None:
+    cells = re.findall(r'^\| (`\w.*?) \|', CONTRIBUTING, re.MULTILINE)
+    assert re.findall(r'`(\w+)(?:/|\.py)`', ' '.join(cells)) == [*ORDER]
+
+
 def test_every_topic_is_in_the_readme_with_its_type() -> None:
     topics = pytest.importorskip('uav_collect.nodes.topics', reason='needs the messages of ROS')
     for topic in topics.fleet_topics(1):
@@ -149,23 +157,41 @@ def test_the_scenario_in_the_readme_is_valid(tmp_path: Path) -> None:
     assert scenario.uavs[1].home_m == (450.0, 30.0)
 
 
-def test_the_policy_in_the_readme_flies(tmp_path: Path) -> None:
-    module, _ = blocks(README, 'python')
-    (tmp_path / 'my_policies.py').write_text(module)
-    options = ['--policy', 'my_policies:nearest', '--missions', '3', '--json', 'figures.json']
-    subprocess.run(
-        [sys.executable, '-m', 'uav_collect', 'evaluate', *options],
+def in_a_process_of_its_own(arguments: list[str], folder: Path) -> str:
+    """What Python prints that runs in a folder, with the policy of the README in it."""
+    (folder / 'my_policies.py').write_text(blocks(README, 'python')[0])
+    variables = {'PYTHONPATH': str(ROOT), 'UAV_COLLECT_KERNELS': 'interpreted'}
+    return subprocess.run(
+        [sys.executable, *arguments],
         check=True,
-        cwd=tmp_path,
-        env=os.environ | {'PYTHONPATH': str(ROOT), 'UAV_COLLECT_KERNELS': 'interpreted'},
-    )
+        cwd=folder,
+        env=os.environ | variables,
+        capture_output=True,
+        text=True,
+    ).stdout
+
+
+def test_the_policy_in_the_readme_flies(tmp_path: Path) -> None:
+    options = ['--policy', 'my_policies:nearest', '--missions', '3', '--json', 'figures.json']
+    in_a_process_of_its_own(['-m', 'uav_collect', 'evaluate', *options], tmp_path)
     [flown] = json.loads((tmp_path / 'figures.json').read_text()).values()
     assert flown['complete_share']['mean'] == flown['safe_share']['mean'] == 1.0
 
 
+def test_the_ten_lines_in_the_readme_fly_and_draw_a_mission(tmp_path: Path) -> None:
+    _, program, _ = blocks(README, 'python')
+    assert len(program.splitlines()) == 10
+    assert program.count('missions=100') == 1
+    script = program.replace('missions=100', 'missions=2')
+    printed = in_a_process_of_its_own(['-c', script], tmp_path)
+    assert 'paper_10x10, mission seed 7: nearest, exact bandwidth' in printed
+    assert '2 missions from seed 0' in printed
+    assert (tmp_path / 'mission.png').stat().st_size > 10_000
+
+
 def learned() -> str:
     """What the program in the README prints after fewer missions."""
-    _, program = blocks(README, 'python')
+    *_, program = blocks(README, 'python')
     assert program.count('range(300)') == 1
     with redirect_stdout(StringIO()) as printed:
         exec(program.replace('range(300)', 'range(6)'), {'__name__': 'readme'})

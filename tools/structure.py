@@ -23,7 +23,7 @@ NAME = PACKAGE.name
 ORDER = (
     *('errors', 'files', 'limits', 'revision', 'kernels', 'config', 'physics', 'scenario', 'uav'),
     *('recording', 'world', 'lockstep', 'missions', 'planning', 'ingest', 'analysis', 'training'),
-    *('pettingzoo_env', '__init__', 'learning', 'nodes', 'studies', 'commands', '__main__'),
+    *('pettingzoo_env', 'api', '__init__', 'learning', 'nodes', 'studies', 'commands', '__main__'),
 )
 MAX_ROOT_MODULES = 8
 MAX_FLOORS = 13
@@ -248,7 +248,7 @@ def flight_rows(package: Path) -> list[Row]:
     }
     rows = []
     for title, policy in flown.items():
-        names = _Tracer(package).trace(lambda policy=policy: fly(scenario, site, [0], policy))
+        names = _Tracer(package).trace(lambda policy=policy: fly(site, [0], policy))
         rows.append(Row(title=title, value=len(names), limit=MAX_DECISION_FILES, names=names))
     return rows
 

@@ -1,7 +1,99 @@
-"""Fleets of UAVs that collect data from ground sensors, on ROS 2."""
+"""Fleets of UAVs that collect data from ground sensors: what there is for users of Python.
+
+Missions:
+
+- `fly(scenario, policy)` flies one: a `FlownMission` with `log`, `metrics` and `draw(file)`.
+- `evaluate(scenario, policies, missions)` flies many: an `Evaluation` with means and intervals.
+- `bound(scenario)` plans one whose demand is known: what no flight gets beyond.
+- `load(name_or_path)` reads a `Scenario`; `build_site` draws its sensors.
+- `mission_metrics(log)` is what a mission achieved, from its log alone.
+
+Policies of your own: a function of a `Situation` that returns `HOVER`, `FORWARD`, `RIGHT`,
+`BACKWARD` or `LEFT`, whichever are legal, or `HOME`. `step_towards` finds the way to a cell.
+
+Reinforcement learning: `env(scenario)` is a PettingZoo environment. `Flights`, with a `Stepping`,
+a `Layout` and a `Reward`, steps many missions at once.
+
+Whatever a user may handle is a `UavCollectError`. Importing this package loads nothing else: each
+name loads its module when it is used. What is not listed here is free to move.
+"""
+
+from importlib import import_module
+from typing import Any, TYPE_CHECKING
 
 from uav_collect.revision import VERSION
 
-__all__ = ['__version__']
+if TYPE_CHECKING:
+    from uav_collect.analysis.metrics import mission_metrics
+    from uav_collect.api import bound, evaluate, Evaluation, FlownMission, fly
+    from uav_collect.errors import UavCollectError
+    from uav_collect.missions.vector_env import Flights, Stepping
+    from uav_collect.pettingzoo_env import env
+    from uav_collect.scenario.load import load
+    from uav_collect.scenario.model import Scenario
+    from uav_collect.scenario.site import build_site
+    from uav_collect.uav.actions import BACKWARD, FORWARD, HOME, HOVER, LEFT, RIGHT
+    from uav_collect.uav.heuristics import step_towards
+    from uav_collect.uav.observation import Layout
+    from uav_collect.uav.user_policy import Situation
+    from uav_collect.world.reward import Reward
+
+__all__ = [
+    'BACKWARD',
+    'FORWARD',
+    'HOME',
+    'HOVER',
+    'LEFT',
+    'RIGHT',
+    'Evaluation',
+    'Flights',
+    'FlownMission',
+    'Layout',
+    'Reward',
+    'Scenario',
+    'Situation',
+    'Stepping',
+    'UavCollectError',
+    '__version__',
+    'bound',
+    'build_site',
+    'env',
+    'evaluate',
+    'fly',
+    'load',
+    'mission_metrics',
+    'step_towards',
+]
 
 __version__ = VERSION
+
+_NAMES_OF = {
+    'analysis.metrics': ('mission_metrics',),
+    'api': ('Evaluation', 'FlownMission', 'bound', 'evaluate', 'fly'),
+    'errors': ('UavCollectError',),
+    'missions.vector_env': ('Flights', 'Stepping'),
+    'pettingzoo_env': ('env',),
+    'scenario.load': ('load',),
+    'scenario.model': ('Scenario',),
+    'scenario.site': ('build_site',),
+    'uav.actions': ('BACKWARD', 'FORWARD', 'HOME', 'HOVER', 'LEFT', 'RIGHT'),
+    'uav.heuristics': ('step_towards',),
+    'uav.observation': ('Layout',),
+    'uav.user_policy': ('Situation',),
+    'world.reward': ('Reward',),
+}
+_MODULE_OF = {name: module for module, names in _NAMES_OF.items() for name in names}
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
+
+
+if not TYPE_CHECKING:  # or else a checker would take any name for one of ours
+
+    def __getattr__(name: str) -> Any:  # noqa: ANN401 - whatever the name stands for
+        if name not in _MODULE_OF:
+            raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+        value = getattr(import_module(f'{__name__}.{_MODULE_OF[name]}'), name)
+        globals()[name] = value
+        return value

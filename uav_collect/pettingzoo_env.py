@@ -31,7 +31,6 @@ from numpy.typing import NDArray
 from pettingzoo import AECEnv
 from pettingzoo.utils.wrappers import OrderEnforcingWrapper
 from uav_collect.kernels.arrays import Bools
-from uav_collect.kernels.rows import new_row
 from uav_collect.limits import MAX_SEED
 from uav_collect.missions.vector_env import Flights, Stepping
 from uav_collect.recording.mission_log import MissionLog
@@ -40,7 +39,7 @@ from uav_collect.scenario.site import build_site
 from uav_collect.uav.actions import N_ACTIONS, NONE
 from uav_collect.uav.observation import Layout, observation_bound
 from uav_collect.world.reward import Reward
-from uav_collect.world.sensor_field import draw_demand, Ground, lay_out
+from uav_collect.world.sensor_field import demand_of, Ground, lay_out
 
 _RGB_ARRAY = 'rgb_array'
 
@@ -208,9 +207,7 @@ class MissionEnv(AECEnv):
         # Here, as many environments never draw.
         from uav_collect.analysis.trajectories import pixels
 
-        demand_bit = new_row(self._site.n_sensors, 0.0)
-        draw_demand(self._ground, self._seed, demand_bit)
-        return pixels(self.mission_log(), self._site, np.asarray(demand_bit))
+        return pixels(self.mission_log(), self._site, demand_of(self._site, self._seed))
 
     def close(self) -> None:
         """Nothing is held open."""

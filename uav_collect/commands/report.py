@@ -2,19 +2,16 @@
 
 import argparse
 from collections.abc import Iterator
-from dataclasses import dataclass
-import io
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from uav_collect import files
 from uav_collect.commands import terminal
 from uav_collect.errors import MissionLogError
 from uav_collect.recording.mission_log import MissionHeader, MissionLog, read
 
 if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
     from rich.console import Console
-    from uav_collect.kernels.arrays import Floats
+    from uav_collect.api import FlownMission
     from uav_collect.planning.bound import Bound
     from uav_collect.scenario.load import Scenario
     from uav_collect.scenario.site import Site
@@ -28,17 +25,6 @@ SCENARIO_FILE = 'scenario.yaml'  # of a run folder, resolved
 _LOG_SUFFIX = '.jsonl'
 _BAG_SUFFIX = '.mcap'
 _MAX_DATA_CELLS = 200  # on average, up to which a mission's bound takes some seconds
-
-
-@dataclass(frozen=True, kw_only=True)
-class FlownMission:
-    """A mission and where it was flown."""
-
-    log: MissionLog
-    site: 'Site'
-    demand_bit: 'Floats'  # (S,) at the start
-    n_radio_messages: int | None = None  # None: a log does not tell
-    is_whole: bool = True  # its end was recorded
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -60,28 +46,25 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def show(mission: FlownMission, picture: Path, console: 'Console') -> None:
+def show(mission: 'FlownMission', picture: Path, console: 'Console') -> None:
     """Print a mission's tables and draw its picture.
 
     Raises:
         MissionLogError: the log of a whole mission does not add up.
         OSError: the picture cannot be written.
     """
-    from uav_collect.analysis.metrics import check_log, mission_metrics
+    from uav_collect.analysis.metrics import check_log
     from uav_collect.analysis.tables import mission_tables
-    from uav_collect.analysis.trajectories import trajectories
 
     if mission.is_whole:
         check_log(mission.log)
-    summary = mission_metrics(mission.log)
-    bound = bound_shown(mission.log.header, mission.site)
-    console.print(mission_tables(mission.log.header, summary, mission.n_radio_messages, bound))
+    header, n_messages = mission.log.header, mission.n_radio_messages
+    bound = bound_shown(header, mission.site)
+    console.print(mission_tables(header, mission.metrics, n_messages, bound))
     if not mission.is_whole:
         what = 'warning: not all of the mission was recorded; these are the figures of what was'
         console.print(what, style='bold red', highlight=False)
-    drawn = io.BytesIO()
-    trajectories(mission.log, mission.site, mission.demand_bit, drawn)
-    files.write_atomically(picture, drawn.getvalue())
+    mission.draw(picture)
     console.print(f'picture: {picture}', highlight=False, markup=False, soft_wrap=True)
 
 
@@ -99,7 +82,7 @@ def bound_shown(header: MissionHeader, site: 'Site') -> 'Bound | None':
     return bound_of(site, header.mission_seed, 'equal' if is_equal else 'exact')
 
 
-def _find(path: Path) -> Iterator[tuple[FlownMission, Path]]:
+def _find(path: Path) -> Iterator[tuple['FlownMission', Path]]:
     """The missions at a path, each with where its picture goes."""
     if not path.exists():
         raise MissionLogError(f'{path}: no such file or folder')
@@ -121,22 +104,12 @@ def _is_bag(path: Path) -> bool:
     return path.is_dir() and any(path.glob(f'*{_BAG_SUFFIX}'))
 
 
-def _logged(path: Path) -> FlownMission:
-    log = read(path)
-    scenario = _scenario_of(log, path.parent / SCENARIO_FILE)
-    return flown_mission(log, scenario)
-
-
-def flown_mission(log: MissionLog, scenario: 'Scenario') -> FlownMission:
-    """A mission whose sensors and demand are drawn again, from scenario and mission seed."""
-    import numpy as np
+def _logged(path: Path) -> 'FlownMission':
+    from uav_collect.api import flown_mission
     from uav_collect.scenario.site import build_site
-    from uav_collect.world.sensor_field import draw_demand, lay_out
 
-    site = build_site(scenario)
-    demand_bit = np.zeros(site.n_sensors)
-    draw_demand(lay_out(site), log.header.mission_seed, demand_bit)
-    return FlownMission(log=log, site=site, demand_bit=demand_bit)
+    log = read(path)
+    return flown_mission(log, build_site(_scenario_of(log, path.parent / SCENARIO_FILE)))
 
 
 def _scenario_of(log: MissionLog, file: Path) -> 'Scenario':
@@ -157,7 +130,8 @@ def _scenario_of(log: MissionLog, file: Path) -> 'Scenario':
     return scenario
 
 
-def _recorded(path: Path, pictures: Path) -> Iterator[tuple[FlownMission, Path]]:
+def _recorded(path: Path, pictures: Path) -> Iterator[tuple['FlownMission', Path]]:
+    from uav_collect.api import FlownMission
     from uav_collect.recording.bag_reader import read_missions
 
     for recorded in read_missions(path):

@@ -130,6 +130,19 @@ def callable_policy(name: str) -> CallablePolicy:
     return CallablePolicy(name=name, version=_version(module.__spec__), target=target)
 
 
+def policy_of(target: Callable[..., Any]) -> CallablePolicy:
+    """A function or class as a policy, called as it is.
+
+    Raises:
+        PolicyMismatchError: it cannot be called.
+    """
+    if not callable(target):
+        raise PolicyMismatchError(f'policy {target!r}: must be a name, a function or a class')
+    name = getattr(target, '__name__', type(target).__name__)
+    version = _version(sys.modules[target.__module__].__spec__)
+    return CallablePolicy(name=name, version=version, target=target)
+
+
 def _imported(policy: str, module: str) -> ModuleType:
     # An installed command, unlike "python -m", does not look where the user is.
     if not {'', os.getcwd()} & set(sys.path):

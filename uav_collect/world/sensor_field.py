@@ -100,6 +100,13 @@ def demand_by_cell(first_sensor: Row[int], demand_bit: Row[float]) -> Floats:
     return np.array(sums)
 
 
+def demand_of(site: Site, mission_seed: int) -> Floats:
+    """The data that waits at each sensor at the start of a mission [bit], (S,)."""
+    demand_bit = new_row(site.n_sensors, 0.0)
+    draw_demand(lay_out(site), mission_seed, demand_bit)
+    return np.asarray(demand_bit)
+
+
 @kernel
 def draw_demand(ground: Ground, mission_seed: int, demand_bit: Row[float]) -> None:
     """Draw the data that waits at the start of a mission.

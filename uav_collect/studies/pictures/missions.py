@@ -3,14 +3,13 @@
 import numpy as np
 from uav_collect.analysis.metrics import mission_metrics
 from uav_collect.analysis.trajectories import draw_mission
-from uav_collect.kernels.arrays import Floats
 from uav_collect.recording.mission_log import ACTION_NAMES, from_jsonl, MissionLog
-from uav_collect.scenario.site import build_site, Site
+from uav_collect.scenario.site import build_site
 from uav_collect.studies.findings import Findings
 from uav_collect.studies.jobs.flights import log_name
 from uav_collect.studies.pictures.drawing import csv_of, Drawing, finish, panels
 from uav_collect.studies.study import TopologyStudy, TrajectoriesStudy
-from uav_collect.world.sensor_field import draw_demand, lay_out
+from uav_collect.world.sensor_field import demand_of
 
 _SIDE_IN = 4.6
 _SIZE_IN = (5.0, 6.1)
@@ -22,7 +21,7 @@ _LOG_COLUMNS = (
 def draw_topology(study: TopologyStudy) -> Drawing:
     """Draw where the sensors are, coloured by what they hold in a mission."""
     site = build_site(study.scenario)
-    demand_mbit = _demand_bit(site, study.mission_seed) / 1e6
+    demand_mbit = demand_of(site, study.mission_seed) / 1e6
     n_active = int((demand_mbit > 0).sum())
     note = f'Fig. {study.figure} of the paper; mission seed {study.mission_seed}'
     figure, [[axes]] = panels(1, 1, study.title, note, size_in=(5.6, 4.6))
@@ -56,7 +55,7 @@ def draw_trajectories(study: TrajectoriesStudy, findings: Findings) -> Drawing:
         StoreError: a job of it is not done.
     """
     site = build_site(study.scenario)
-    demand_bit = _demand_bit(site, study.mission_seed)
+    demand_bit = demand_of(site, study.mission_seed)
     note = f'Fig. {study.figure} of the paper; {study.about}; mission seed {study.mission_seed}'
     figure, [row] = panels(1, len(study.flown), study.title, note, size_in=_SIZE_IN)
     rows: list[list[object]] = []
@@ -90,9 +89,3 @@ def _rows(label: str, log: MissionLog) -> list[list[object]]:
         ]
         for event in log.events
     ]
-
-
-def _demand_bit(site: Site, mission_seed: int) -> Floats:
-    demand_bit = np.zeros(site.n_sensors)
-    draw_demand(lay_out(site), mission_seed, demand_bit)
-    return demand_bit

@@ -1,0 +1,190 @@
+"""What a user of Python gets from the package itself."""
+
+import ast
+from functools import partial
+from pathlib import Path
+import subprocess
+import sys
+
+import pytest
+import uav_collect
+from uav_collect import api, HOME, HOVER, Situation, step_towards, UavCollectError
+
+FACE = Path(uav_collect.__file__)
+HEAVY = {
+    'matplotlib',
+    'numba',
+    'numpy',
+    'pettingzoo',
+    'pydantic',
+    'rclpy',
+    'rich',
+    'torch',
+    'yaml',
+}
+
+
+def go_home(situation: Situation) -> int:
+    """Gives up at once."""
+    return HOME
+
+
+def collect_below(situation: Situation) -> int:
+    """Hovers where it can, else heads for the last cell, and flies home from there."""
+    if situation.legal[HOVER]:
+        return HOVER
+    last = len(situation.belief.complete) - 1
+    if situation.view.cell == last:
+        return HOME
+    return step_towards(situation.briefing, situation.view.cell, last, situation.legal)
+
+
+def loaded_by(statement: str) -> set[str]:
+    """Which packages a statement loads."""
+    script = f'{statement}\nimport sys; print(*sys.modules)'
+    shown = subprocess.run(
+        [sys.executable, '-c', script], capture_output=True, text=True, check=True
+    ).stdout
+    return {name.partition('.')[0] for name in shown.split()}
+
+
+def test_importing_the_package_loads_nothing_heavy() -> None:
+    assert loaded_by('import uav_collect') & HEAVY == set()
+    assert loaded_by('import uav_collect; dir(uav_collect)') & HEAVY == set()
+    assert loaded_by('from uav_collect import UavCollectError') & HEAVY == set()
+
+
+def test_what_flies_missions_is_loaded_when_it_is_used() -> None:
+    assert {'numpy', 'rich'} <= loaded_by('from uav_collect import fly')
+    assert not loaded_by('from uav_collect import fly') & {'matplotlib', 'torch', 'pettingzoo'}
+
+
+def test_every_name_is_there_listed_and_described() -> None:
+    for name in uav_collect.__all__:
+        assert getattr(uav_collect, name) is not None
+        assert name in dir(uav_collect)
+        assert name == '__version__' or f'`{name}' in str(uav_collect.__doc__)
+
+
+def test_type_checkers_and_programs_get_the_same_names_from_the_same_modules() -> None:
+    [block] = [
+        node
+        for node in ast.parse(FACE.read_text()).body
+        if isinstance(node, ast.If) and ast.unparse(node.test) == 'TYPE_CHECKING'
+    ]
+    checked = {
+        str(node.module).removeprefix('uav_collect.'): tuple(sorted(it.name for it in node.names))
+        for node in block.body
+        if isinstance(node, ast.ImportFrom)
+    }
+    assert checked == uav_collect._NAMES_OF
+    assert {*uav_collect._MODULE_OF, '__version__'} == {*uav_collect.__all__}
+
+
+def test_a_name_that_is_not_there_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match="'uav_collect' has no attribute 'cockpit'"):
+        _ = uav_collect.cockpit
+
+
+def test_a_mission_has_a_log_metrics_tables_and_a_picture(tmp_path: Path) -> None:
+    mission = uav_collect.fly('paper_8x8', 'sweep', seed=3)
+    assert mission.log.header.mission_seed == 3
+    assert mission.metrics.is_complete
+    assert mission.metrics == uav_collect.mission_metrics(mission.log)
+    assert 'paper_8x8, mission seed 3: sweep, exact bandwidth' in str(mission)
+    assert mission.demand_bit.sum() == pytest.approx(mission.metrics.total_bit)
+    mission.draw(tmp_path / 'mission.png')
+    assert (tmp_path / 'mission.png').read_bytes().startswith(b'\x89PNG')
+
+
+def test_scenarios_are_given_by_name_file_or_as_loaded(tmp_path: Path) -> None:
+    file = tmp_path / 'tiny.yaml'
+    file.write_text('extends: paper_8x8\nname: paper_8x8\n')
+    logs = [
+        uav_collect.fly(scenario, go_home).log
+        for scenario in ('paper_8x8', file, uav_collect.load('paper_8x8'))
+    ]
+    assert {log.header for log in logs} == {logs[0].header}
+    assert {log.events.tobytes() for log in logs} == {logs[0].events.tobytes()}
+
+
+def test_a_function_flies_as_under_its_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(Path(__file__).parent)
+    by_function = uav_collect.fly('paper_8x8', collect_below)
+    by_name = uav_collect.fly('paper_8x8', 'test_api:collect_below')
+    assert by_function.log.events.tobytes() == by_name.log.events.tobytes()
+    assert by_function.log.header.uavs[0].policy == 'collect_below'
+
+
+def test_policies_are_compared_over_the_same_missions() -> None:
+    evaluation = uav_collect.evaluate('paper_8x8', ['sweep', collect_below], missions=3, seed=5)
+    assert {name: [it.mission_seed for it in row] for name, row in evaluation.metrics.items()} == {
+        'sweep': [5, 6, 7],
+        'collect_below': [5, 6, 7],
+    }
+    time_s = [mission.completion_s for mission in evaluation.metrics['sweep']]
+    estimate = evaluation.estimates['sweep']['completion_s']
+    assert estimate.mean == pytest.approx(sum(time_s) / 3)
+    assert estimate.low <= estimate.mean <= estimate.high
+    more = evaluation.difference('sweep', 'collect_below')['collected_share']
+    assert more.mean > 0.0
+    assert str(evaluation).startswith('paper_8x8, 2 UAVs, 3 missions from seed 5, exact bandwidth')
+    assert 'collect_below' in str(evaluation)
+
+
+def test_missions_of_an_evaluation_are_those_flown_one_by_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(api, '_AT_ONCE', 2)
+    evaluation = uav_collect.evaluate('paper_8x8', 'sweep', missions=3, bandwidth='equal')
+    assert evaluation.metrics['sweep'] == [
+        uav_collect.fly('paper_8x8', 'sweep', seed=seed, bandwidth='equal').metrics
+        for seed in range(3)
+    ]
+
+
+def test_a_bound_is_beyond_what_is_flown() -> None:
+    bound = uav_collect.bound('paper_8x8', seed=3)
+    flown = uav_collect.fly('paper_8x8', 'sweep', seed=3).metrics
+    assert bound.shortest is not None
+    assert bound.shortest.completion_s < flown.completion_s
+
+
+@pytest.mark.parametrize(
+    ('call', 'message'),
+    [
+        (partial(uav_collect.fly, 'paper_9x9', 'sweep'), "scenario is 'paper_9x9'"),
+        (partial(uav_collect.fly, 'paper_8x8', 'swep'), "policy 'swep' is unknown"),
+        (
+            partial(uav_collect.fly, 'paper_8x8', 7),
+            'policy 7: must be a name, a function or a class',
+        ),
+        (
+            partial(uav_collect.fly, 'paper_8x8', 'sweep', bandwidth='most'),
+            "allocator 'most' is unknown",
+        ),
+        (
+            partial(uav_collect.evaluate, 'paper_8x8', ['sweep', 'sweep']),
+            'policies are sweep, sweep: must be one or more, each once',
+        ),
+        (partial(uav_collect.evaluate, 'paper_8x8', []), 'policies are none: must be one or'),
+    ],
+)
+def test_what_is_wrong_is_said_in_one_line(call: partial[object], message: str) -> None:
+    with pytest.raises(UavCollectError) as caught:
+        call()
+    assert message in str(caught.value)
+    assert '\n' not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ('call', 'message'),
+    [
+        (partial(uav_collect.fly, 'paper_8x8', 'sweep', seed=-1), 'seed is -1: must be 0..'),
+        (partial(uav_collect.bound, 'paper_8x8', seed=2**63), r'must be 0\.\.4611686018427387904'),
+        (partial(uav_collect.evaluate, 'paper_8x8', 'sweep', 0), 'missions is 0: must be 1..'),
+    ],
+)
+def test_a_number_out_of_range_is_a_value_error(call: partial[object], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        call()

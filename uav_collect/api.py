@@ -1,0 +1,218 @@
+"""What users call from Python, by way of the package itself: fly, evaluate, bound.
+
+Scenarios are given by a shipped one's name, a YAML file or as loaded; policies by the names that
+the commands know, or as a function or class of a `Situation`.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from io import BytesIO, StringIO
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console, RenderableType
+from uav_collect import files
+from uav_collect.analysis.metrics import mission_metrics, MissionMetrics
+from uav_collect.analysis.statistics import (
+    Estimate,
+    estimates,
+    MEASURES,
+    mission_seeds,
+    paired_differences,
+)
+from uav_collect.analysis.tables import evaluation_table, mission_tables
+from uav_collect.errors import PolicyMismatchError
+from uav_collect.kernels.arrays import Floats
+from uav_collect.limits import MAX_SEED
+from uav_collect.missions import rollout
+from uav_collect.planning.bound import Bound, bound_of
+from uav_collect.recording.mission_log import MissionLog
+from uav_collect.scenario.load import load, Scenario
+from uav_collect.scenario.site import build_site, Site
+from uav_collect.uav.policy import NamedPolicy, policy_for
+from uav_collect.uav.user_policy import policy_of
+from uav_collect.world.sensor_field import demand_of
+
+AnyScenario = Scenario | str | Path
+AnyPolicy = str | Callable[..., Any]
+
+_AT_ONCE = 250  # missions whose logs are held in memory
+_COLUMNS = 99  # of a table as text
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FlownMission:
+    """A mission that was flown, and where; printed, it is the tables of `make mission`."""
+
+    log: MissionLog
+    site: Site
+    demand_bit: Floats  # (S,) at the start
+    n_radio_messages: int | None = None  # None: a log does not tell
+    is_whole: bool = True  # its end was recorded
+
+    @cached_property
+    def metrics(self) -> MissionMetrics:
+        """What the mission achieved, and each UAV's part."""
+        return mission_metrics(self.log)
+
+    def draw(self, file: str | Path) -> None:
+        """Draw who flew where into a PNG file; the same mission gives the same bytes.
+
+        Raises:
+            OSError: the file cannot be written.
+        """
+        from uav_collect.analysis.trajectories import trajectories
+
+        drawn = BytesIO()
+        trajectories(self.log, self.site, self.demand_bit, drawn)
+        files.write_atomically(Path(file), drawn.getvalue())
+
+    def __str__(self) -> str:
+        return _text(mission_tables(self.log.header, self.metrics, self.n_radio_messages))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Evaluation:
+    """What policies achieve in the same missions; printed, it is a table of means."""
+
+    title: str
+    metrics: Mapping[str, Sequence[MissionMetrics]]  # by policy, in the order of the seeds
+    estimates: Mapping[str, Mapping[str, Estimate]]  # by policy and measure, such as completion_s
+    seed: int  # of the first mission; keys the bootstrap
+
+    def difference(self, policy: str, other: str) -> Mapping[str, Estimate]:
+        """By how much a policy is above another one, mission by mission; by measure.
+
+        Raises:
+            KeyError: a policy was not evaluated.
+        """
+        rows = paired_differences(self.metrics[policy], self.metrics[other], self.seed)
+        return _by_measure(rows)
+
+    def __str__(self) -> str:
+        rows = {policy: [*row.values()] for policy, row in self.estimates.items()}
+        return f'{self.title}\n{_text(evaluation_table(self.metrics, rows))}'
+
+
+def flown_mission(log: MissionLog, site: Site) -> FlownMission:
+    """A mission of which the log is left; its demand is drawn again."""
+    demand_bit = demand_of(site, log.header.mission_seed)
+    return FlownMission(log=log, site=site, demand_bit=demand_bit)
+
+
+def fly(
+    scenario: AnyScenario, policy: AnyPolicy, *, seed: int = 0, bandwidth: str = 'exact'
+) -> FlownMission:
+    """Fly one mission in this process.
+
+    Args:
+        policy: of every UAV.
+        seed: draws demand and channels, 0..2^62; the mission is that of `mission --seed`.
+        bandwidth: how a hover shares it: exact, equal or cvxpy.
+
+    Raises:
+        UavCollectError: the scenario is not valid, there is no such policy or bandwidth, or the
+            policy does not fit the scenario or takes an illegal action.
+        ValueError: the seed is out of range.
+    """
+    _check_range('seed', seed, 0, MAX_SEED)
+    site = build_site(_loaded(scenario))
+    [log] = _fly(site, [seed], _policy(policy, site.scenario), bandwidth)
+    return flown_mission(log, site)
+
+
+def evaluate(
+    scenario: AnyScenario,
+    policies: AnyPolicy | Sequence[AnyPolicy],
+    missions: int = 1000,
+    *,
+    seed: int = 0,
+    bandwidth: str = 'exact',
+) -> Evaluation:
+    """Fly the same missions with each policy.
+
+    Args:
+        policies: one, or several.
+        missions: how many to fly with each.
+        seed: of the first mission; the others have those after it.
+        bandwidth: how a hover shares it: exact, equal or cvxpy.
+
+    Raises:
+        UavCollectError: as for `fly`, or two policies have the same name.
+        ValueError: seed or number of missions is out of range.
+    """
+    _check_range('missions', missions, 1, MAX_SEED)
+    _check_range('seed', seed, 0, MAX_SEED - missions)
+    site = build_site(_loaded(scenario))
+    given = [policies] if isinstance(policies, str) or callable(policies) else policies
+    contenders = _by_name([_policy(policy, site.scenario) for policy in given])
+    seeds = mission_seeds(seed, missions)
+    flown = {name: _metrics(site, seeds, it, bandwidth) for name, it in contenders.items()}
+    return Evaluation(
+        title=f'{site.scenario.name}, {site.scenario.n_uavs} UAVs, {missions} missions from seed'
+        f' {seed}, {bandwidth} bandwidth',
+        metrics=flown,
+        estimates={name: _by_measure(estimates(rows, seed)) for name, rows in flown.items()},
+        seed=seed,
+    )
+
+
+def bound(scenario: AnyScenario, *, seed: int = 0, bandwidth: str = 'exact') -> Bound:
+    """What is possible in a mission for a fleet that knows all demand: plans, and their limits.
+
+    Raises:
+        UavCollectError: the scenario is not valid.
+        ValueError: the seed is out of range.
+    """
+    _check_range('seed', seed, 0, MAX_SEED)
+    return bound_of(build_site(_loaded(scenario)), seed, bandwidth)
+
+
+def _loaded(scenario: AnyScenario) -> Scenario:
+    return scenario if isinstance(scenario, Scenario) else load(scenario)
+
+
+def _policy(policy: AnyPolicy, scenario: Scenario) -> NamedPolicy:
+    return policy_for(policy, scenario) if isinstance(policy, str) else policy_of(policy)
+
+
+def _by_name(policies: Sequence[NamedPolicy]) -> dict[str, NamedPolicy]:
+    named = {policy.name: policy for policy in policies}
+    if not policies or len(named) < len(policies):
+        names = ', '.join(policy.name for policy in policies) or 'none'
+        raise PolicyMismatchError(f'policies are {names}: must be one or more, each once')
+    return named
+
+
+def _fly(
+    site: Site, seeds: Sequence[int], policy: NamedPolicy, bandwidth: str
+) -> list[MissionLog]:
+    # Each UAV gets a memory of its own.
+    return rollout.fly(site, seeds, partial(replace, policy), bandwidth)
+
+
+def _metrics(
+    site: Site, seeds: Sequence[int], policy: NamedPolicy, bandwidth: str
+) -> list[MissionMetrics]:
+    flown = []
+    for start in range(0, len(seeds), _AT_ONCE):
+        logs = _fly(site, seeds[start : start + _AT_ONCE], policy, bandwidth)
+        flown += [mission_metrics(log) for log in logs]
+    return flown
+
+
+def _by_measure(row: Sequence[Estimate]) -> dict[str, Estimate]:
+    return {measure.key: estimate for measure, estimate in zip(MEASURES, row, strict=True)}
+
+
+def _check_range(name: str, value: int, least: int, most: int) -> None:
+    if not least <= value <= most:
+        raise ValueError(f'{name} is {value}: must be {least}..{most}')
+
+
+def _text(table: RenderableType) -> str:
+    console = Console(file=StringIO(), width=_COLUMNS)
+    with console.capture() as shown:
+        console.print(table)
+    return shown.get().rstrip('\n')
