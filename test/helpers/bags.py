@@ -91,14 +91,14 @@ class HandMadeBag:
         demand_bit: Sequence[float] = (),
     ) -> None:
         """Write a mission: its start, its events but those left out, its end."""
-        told = {
+        about = {
             'mission_id': mission_id,
             'world_instance': world,
             'log_header': header_line(log.header),
             'demand_bit': np.array(demand_bit, dtype=np.float64),
         }
         if STARTED in phases:
-            self.add('/world/mission', 'Mission', phase=STARTED, **told)
+            self.add('/world/mission', 'Mission', phase=STARTED, **about)
         for number, event in enumerate(log.events):
             if number not in leave_out:
                 self._add_epoch(event, mission_id, terminal=number == len(log.events) - 1)
@@ -106,7 +106,7 @@ class HandMadeBag:
             self.add('/uav_1/radio_rx', 'RadioMessage', mission_id=mission_id)
         for phase in phases:
             if phase != STARTED:
-                self.add('/world/mission', 'Mission', phase=phase, **told)
+                self.add('/world/mission', 'Mission', phase=phase, **about)
 
     def _add_epoch(self, event: np.void, mission_id: str, *, terminal: bool) -> None:
         fields = {name: event[name].item() for name in event.dtype.names}

@@ -43,7 +43,7 @@ def small(preset: str = 'paper', **overrides: object) -> TrainingConfig:
     return load_preset(preset, sizes | values)
 
 
-class Told(NamedTuple):
+class HandDecision(NamedTuple):
     """One decision of a mission by hand."""
 
     uav: int
@@ -54,8 +54,8 @@ class Told(NamedTuple):
     legal: int = ALL_LEGAL  # bits by action
 
 
-def told_episode(
-    briefing: Briefing, decisions: Sequence[Told], end_s: float | None, seed: int = 0
+def hand_episode(
+    briefing: Briefing, decisions: Sequence[HandDecision], end_s: float | None, seed: int = 0
 ) -> Episode:
     """A mission by hand.
 
@@ -71,16 +71,16 @@ def told_episode(
     records.energy_left_j[...] = rng.uniform(high=1e6, size=len(decisions))
     records.cell[...] = rng.integers(n_cells, size=len(decisions))
     records.previous_action[...] = rng.integers(N_ACTIONS, size=len(decisions))
-    for row, told in enumerate(decisions):
-        records.uav[row] = told.uav
-        records.decision[row] = sum(it.uav == told.uav for it in decisions[:row])
-        records.time_s[row] = told.time_s
-        records.action[row] = told.action
-        records.reward[row] = told.reward
-        records.legal[row] = told.legal
+    for row, decision in enumerate(decisions):
+        records.uav[row] = decision.uav
+        records.decision[row] = sum(it.uav == decision.uav for it in decisions[:row])
+        records.time_s[row] = decision.time_s
+        records.action[row] = decision.action
+        records.reward[row] = decision.reward
+        records.legal[row] = decision.legal
         active = records.fleet[row, N_UAV_SCALARS - 1 :: N_UAV_SCALARS]
-        active[...] = [uav not in told.home for uav in range(briefing.n_uavs)]
-    ends_s = [told.time_s for told in decisions[1:]] + [end_s or decisions[-1].time_s]
+        active[...] = [uav not in decision.home for uav in range(briefing.n_uavs)]
+    ends_s = [decision.time_s for decision in decisions[1:]] + [end_s or decisions[-1].time_s]
     records.duration_s[...] = np.array(ends_s) - records.time_s
     if end_s is None:
         records.action[-1] = NONE
@@ -97,7 +97,7 @@ def drawn_episode(briefing: Briefing, n_decisions: int, seed: int) -> Episode:
     rng = np.random.default_rng(seed)
     times_s = np.cumsum(rng.choice([0.0, 2.5, 5.0], size=n_decisions))
     decisions = [
-        Told(
+        HandDecision(
             uav=int(rng.integers(briefing.n_uavs)),
             time_s=float(time_s),
             action=int(rng.integers(N_ACTIONS)),
@@ -107,7 +107,7 @@ def drawn_episode(briefing: Briefing, n_decisions: int, seed: int) -> Episode:
         for time_s in times_s
     ]
     end_s = float(times_s[-1] + 3.0) if rng.random() < 0.7 else None
-    return told_episode(briefing, decisions, end_s, seed)
+    return hand_episode(briefing, decisions, end_s, seed)
 
 
 def batch_of(

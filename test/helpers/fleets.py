@@ -67,11 +67,11 @@ class Pilots:
 
 def parameters(**values: object) -> list[str]:
     """ROS parameters as command line arguments."""
-    told = {
+    words = {
         name: str(value).lower() if isinstance(value, bool) else value
         for name, value in values.items()
     }
-    return ['--ros-args', *(word for each in told for word in ('-p', f'{each}:={told[each]}'))]
+    return ['--ros-args', *(word for each in words for word in ('-p', f'{each}:={words[each]}'))]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,8 +145,8 @@ class Fleet:
         try:
             wait_until(lambda: self.n_events(seed) >= n_events)
         except AssertionError as error:
-            told = f'{self.n_events(seed)} events of {n_events} {error}'
-            raise AssertionError(f'{told}\n{self.processes.told()}') from None
+            count = f'{self.n_events(seed)} events of {n_events} {error}'
+            raise AssertionError(f'{count}\n{self.processes.outputs()}') from None
 
 
 def wait_until(condition: Callable[[], bool], deadline_s: float = DEADLINE_S) -> None:
@@ -198,7 +198,7 @@ def listener(*topics: Any) -> Iterator[Listener]:  # noqa: ANN401
         subscription(node, topic, heard[topic.name].append)
     try:
         yield Listener(node, executor, heard)
-    finally:  # else a test that fails would speak on, in a domain that another one takes
+    finally:  # else a test that fails would publish on, in a domain that another one takes
         executor.shutdown()
         node.destroy_node()
         context.try_shutdown()

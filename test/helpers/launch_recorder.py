@@ -1,4 +1,4 @@
-"""Stand-ins for `launch`, which is not to be had from PyPI: they record what a file asks for."""
+"""Takes the place of `launch`, which is not to be had from PyPI: records what a file asks for."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -31,7 +31,7 @@ class Made:
         return context[self.args[0]]
 
 
-class StandIn(ModuleType):
+class RecordingModule(ModuleType):
     """A module of which every name constructs a record."""
 
     def __getattr__(self, name: str) -> object:
@@ -43,7 +43,7 @@ class StandIn(ModuleType):
 def described_by(file: Path, monkeypatch: pytest.MonkeyPatch) -> Made:
     """What a launch file describes."""
     for name in LAUNCH_MODULES:
-        monkeypatch.setitem(sys.modules, name, StandIn(name))
+        monkeypatch.setitem(sys.modules, name, RecordingModule(name))
     made: Made = runpy.run_path(str(file))['generate_launch_description']()
     return made
 

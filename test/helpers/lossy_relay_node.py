@@ -1,4 +1,4 @@
-"""A bad channel between a fleet and a learner, as a process: what world a tells, b tells worse.
+"""A bad channel between a fleet and a learner, as a process: world a comes out of it as b.
 
 Of epochs and transitions it drops 5 %, doubles 10 %, and holds 10 % back behind up to 200 others.
 Ends with SIGINT and writes what it has done as one line of JSON.
@@ -20,7 +20,7 @@ _MOST_HELD = 200  # messages that come before one that is held
 
 
 class Relay(ProcessNode):
-    """Hears one world and speaks as another."""
+    """Publishes what one world does as another."""
 
     def __init__(self, n_uavs: int, seed: int) -> None:
         super().__init__('relay')
@@ -29,8 +29,8 @@ class Relay(ProcessNode):
         self._held: list[tuple[float, Any, Any]] = []  # until when, publisher, message
         self._counts: Counter[str] = Counter()
         heard, said = (topics.world_topics(namespace) for namespace in ('/a', '/b'))
-        told = publisher(self, said.mission)
-        subscription(self, heard.mission, told.publish)
+        missions = publisher(self, said.mission)
+        subscription(self, heard.mission, missions.publish)
         for uav in range(1, n_uavs + 1):
             self._pass_on(heard.uav(uav).transition, said.uav(uav).transition)
         self._pass_on(heard.epoch, said.epoch)

@@ -1,4 +1,4 @@
-"""A stand-in for the trainer's side of /trainer/policy, and the same missions in this process."""
+"""The trainer's side of /trainer/policy, and the same missions in this process."""
 
 from array import array
 from collections.abc import Iterator, Sequence
@@ -42,11 +42,11 @@ def explored_logs(
 
 
 def policy_fields(frozen: FrozenPolicy, sequence: int, epsilon: float) -> dict[str, Any]:
-    """What a trainer says of a policy, by field, but for the time."""
+    """What a trainer publishes of a policy, by field, but for the time."""
     content = policy_bytes(frozen)
     return {
         'version': frozen.header.version,
-        'trainer_instance': 'stand-in',
+        'trainer_instance': 'test-trainer',
         'sequence': sequence,
         'content': array('B', content),
         'sha256': hashlib.sha256(content).hexdigest(),
@@ -55,8 +55,8 @@ def policy_fields(frozen: FrozenPolicy, sequence: int, epsilon: float) -> dict[s
     }
 
 
-class Trainer:
-    """Publishes policies and keeps what it hears."""
+class PolicyPublisher:
+    """Publishes policies as a trainer does."""
 
     def __init__(self, node: Any) -> None:  # noqa: ANN401
         from uav_collect.nodes import topics
@@ -81,9 +81,9 @@ class Trainer:
 
 
 @contextmanager
-def trainer(*topics: Any) -> Iterator[tuple[Trainer, Any]]:  # noqa: ANN401
-    """A trainer in the ROS domain of the test, and what it hears on topics of the table."""
+def policy_publisher(*topics: Any) -> Iterator[tuple[PolicyPublisher, Any]]:  # noqa: ANN401
+    """A trainer in the ROS domain of the test, and a listener to topics of the table."""
     from fleets import listener
 
-    with listener(*topics) as ears:
-        yield Trainer(ears.node), ears
+    with listener(*topics) as listening:
+        yield PolicyPublisher(listening.node), listening

@@ -108,9 +108,11 @@ class RunningProcess:
                 self._matched_to = match.end()
                 return match
             if has_exited:
-                raise AssertionError(self.told(f'exited before it wrote {pattern!r}'))
+                raise AssertionError(self.described(f'exited before it wrote {pattern!r}'))
             if time.monotonic() > end_s:
-                raise AssertionError(self.told(f'did not write {pattern!r} in {deadline_s} s'))
+                raise AssertionError(
+                    self.described(f'did not write {pattern!r} in {deadline_s} s')
+                )
             with suppress(subprocess.TimeoutExpired):
                 self._popen.wait(_POLL_S)
 
@@ -123,7 +125,7 @@ class RunningProcess:
         try:
             return self._popen.wait(deadline_s)
         except subprocess.TimeoutExpired:
-            raise AssertionError(self.told(f'still runs after {deadline_s} s')) from None
+            raise AssertionError(self.described(f'still runs after {deadline_s} s')) from None
 
     def send(self, signal_number: signal.Signals) -> None:
         """Send a signal to the process alone."""
@@ -140,7 +142,7 @@ class RunningProcess:
             os.killpg(self.pid, signal.SIGKILL)
         self._popen.wait()
 
-    def told(self, complaint: str = '') -> str:
+    def described(self, complaint: str = '') -> str:
         """The end of its output and how it fares, under a complaint."""
         tail = self.output[-_TAIL_CHARACTERS:]
         status = self._popen.poll()
@@ -196,9 +198,9 @@ class Processes:
                     pids.append(int(environ.parent.name))
         return pids
 
-    def told(self) -> str:
+    def outputs(self) -> str:
         """The ends of all outputs."""
-        return '\n'.join(process.told() for process in self._started)
+        return '\n'.join(process.described() for process in self._started)
 
     def close(self) -> None:
         """Kill whatever still runs."""

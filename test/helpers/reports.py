@@ -4,7 +4,7 @@ Beside it the same missions as the training's rollout flies and records them.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -242,6 +242,16 @@ def joined(
         if one is not None:
             found.append(one)
     return found
+
+
+def events_and_decisions(reports: Sequence[FleetReport]) -> list[FleetReport]:
+    """The reports that are not of a mission as a whole."""
+    return [report for report in reports if not isinstance(report, MissionReport)]
+
+
+def changed(report: FleetReport, **changes: object) -> FleetReport:
+    """The report with other values."""
+    return replace(report, **changes)  # type: ignore
 
 
 def is_decision(report: FleetReport) -> bool:

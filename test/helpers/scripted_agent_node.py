@@ -1,4 +1,4 @@
-"""A node of the test that flies UAVs: it decides as agents do and says what and when it likes."""
+"""A node of the test that flies UAVs: it decides as agents do, and sends what it likes."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -23,7 +23,7 @@ from uav_collect.uav.policy import policy_named
 from uav_collect.uav.view import LocalView
 from uav_collect_msgs.srv import ControlMission, Join
 
-INSTANCE = 'stand-in'
+INSTANCE = 'scripted-agents'
 _WAIT_S = 0.002
 
 
@@ -65,8 +65,8 @@ def _compile(scenario: Scenario, policy: str) -> None:
         pilots.simulation.start(event, pilots.decide(event))
 
 
-class StandIn:
-    """Hears what the world says; plays the agents of the UAVs that joined."""
+class ScriptedAgents:
+    """Keeps what the world publishes; plays the agents of the UAVs that joined."""
 
     def __init__(self, node: Any, executor: Any) -> None:  # noqa: ANN401
         self.node = node
@@ -121,20 +121,20 @@ class StandIn:
         return answer
 
     def scenario(self) -> Any:  # noqa: ANN401
-        """What the world heard first has told of itself; waits for it."""
+        """The scenario of the world that was heard first; waits for it."""
         scenarios = self.heard[topics.SCENARIO.name]
         self.wait_until(lambda: bool(scenarios))
         return scenarios[0]
 
     def join(self, uav: int, policy: str = 'sweep') -> None:
         """Fly a UAV from now on."""
-        told = self.scenario()
-        scenario, own = from_yaml(told.yaml), topics.uav_topics(uav)
+        world = self.scenario()
+        scenario, own = from_yaml(world.yaml), topics.uav_topics(uav)
         _compile(scenario, policy)
         agent = _Agent(brief(scenario), uav - 1, policy_named(policy), allocator_named('exact'))
         inbox = Inbox(
             agent,
-            told.world_instance,
+            world.world_instance,
             view_from=convert.view_from_msg,
             radio_from=partial(convert.radio_from_msg, n_cells=scenario.n_cells),
         )
@@ -185,7 +185,7 @@ class StandIn:
         )
 
     def answer(self, turn: Turn) -> None:
-        """Say what an agent says."""
+        """Send what an agent sends."""
         self.radio[turn.uav].publish(turn.radio)
         self.commands[turn.uav].publish(turn.command)
 
@@ -195,7 +195,7 @@ class StandIn:
             self.answer(turn)
         return self.heard[topics.MISSION.name][-1]
 
-    def told(self, key: str) -> str:
+    def diagnostic(self, key: str) -> str:
         """The latest value that the world's diagnostics give for a key; empty if none."""
         for message in reversed(self.heard[topics.DIAGNOSTICS.name]):
             for status in message.status:
@@ -204,7 +204,7 @@ class StandIn:
                         return str(value.value)
         return ''
 
-    def has_told(self, text: str) -> bool:
+    def has_warned(self, text: str) -> bool:
         """Whether diagnostics have warned of an incident that reads so."""
         return any(
             status.level == status.WARN and text in value.value
@@ -223,18 +223,18 @@ def _both(first: Callable[[Any], None], second: Callable[[Any], None]) -> Callab
 
 
 @contextmanager
-def stand_in() -> Iterator[StandIn]:
+def scripted_agents() -> Iterator[ScriptedAgents]:
     """A node in the ROS domain of the test."""
     from uav_collect.nodes.process import make_executor
 
     use_quick_discovery()
     rclpy.init()
-    node = rclpy.create_node('stand_in')
+    node = rclpy.create_node('scripted_agents')
     executor = make_executor()
     executor.add_node(node)
     try:
-        yield StandIn(node, executor)
-    finally:  # else a test that fails would speak on, in a domain that another one takes
+        yield ScriptedAgents(node, executor)
+    finally:  # else a test that fails would publish on, in a domain that another one takes
         executor.shutdown()
         node.destroy_node()
         rclpy.try_shutdown()

@@ -88,14 +88,14 @@ class Saboteur:
         self.engine.start(task)
 
     def wait(self, timeout_s: float) -> Sequence[tuple[str, Report]]:
-        told = self.engine.wait(timeout_s)
-        for digest, report in told:
+        reports = self.engine.wait(timeout_s)
+        for digest, report in reports:
             if isinstance(report, Started):
                 self.at[digest] = report.process
             if isinstance(report, Saved) and not self.killed:
                 self.killed.append(digest)
                 os.kill(self.at[digest], signal.SIGKILL)
-        return told
+        return reports
 
     def stop(self) -> None:
         self.engine.stop()

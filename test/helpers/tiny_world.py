@@ -157,7 +157,7 @@ class Flight:
 @dataclass
 class _Told:
     flight: Flight
-    name: str = 'told'
+    name: str = 'scripted'
     version: str = '1'
 
     def begin(self, briefing: Briefing, uav: int) -> None:

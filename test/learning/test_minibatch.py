@@ -1,6 +1,6 @@
 """A minibatch: observations packed by UAV, and for each decision who runs which action."""
 
-from episodes import batch_of, drawn_episode, flown, small, Told, told_episode
+from episodes import batch_of, drawn_episode, flown, hand_episode, HandDecision, small
 import numpy as np
 import pytest
 from tiny_world import tiny, uav
@@ -87,17 +87,19 @@ def test_the_latest_decision_of_each_uav_is_its_own_last_one_of_this_mission() -
 
 def test_a_uav_that_flies_home_has_no_latest_decision_any_more() -> None:
     decisions = [
-        Told(uav=0, time_s=0.0, action=1),
-        Told(uav=1, time_s=0.0, action=1),
-        Told(uav=0, time_s=5.0, action=1, home=(1,)),
+        HandDecision(uav=0, time_s=0.0, action=1),
+        HandDecision(uav=1, time_s=0.0, action=1),
+        HandDecision(uav=0, time_s=5.0, action=1, home=(1,)),
     ]
-    batch = batch_of([told_episode(brief(tiny()), decisions, 9.0)], tiny(), small())
+    batch = batch_of([hand_episode(brief(tiny()), decisions, 9.0)], tiny(), small())
     assert batch.latest.tolist() == [[0, NO_DECISION], [0, 1], [2, NO_DECISION]]
 
 
 def test_alone_the_deciding_uav_decides_unless_all_do_at_an_instant() -> None:
-    decisions = [Told(uav=index % 2, time_s=5.0 * (index // 2), action=1) for index in range(4)]
-    episode = told_episode(brief(tiny()), decisions, 9.0)
+    decisions = [
+        HandDecision(uav=index % 2, time_s=5.0 * (index // 2), action=1) for index in range(4)
+    ]
+    episode = hand_episode(brief(tiny()), decisions, 9.0)
     asynchronous = batch_of([episode], tiny(), small(), Algorithm.AQMIX)
     assert asynchronous.decides.sum(axis=1).tolist() == [1, 1, 1, 1]
     synchronous = batch_of([episode], tiny(), small(), Algorithm.QMIX)
@@ -120,10 +122,10 @@ def test_rewards_of_a_whole_mission_add_up_whatever_the_entries(algorithm: Algor
     # Followed along a chain, rewards and discounts give the mission's discounted sum.
     scenario = tiny(*FLEET)
     decisions = [
-        Told(uav=index % 3, time_s=4.0 * (index // 3), action=1, reward=float(index))
+        HandDecision(uav=index % 3, time_s=4.0 * (index // 3), action=1, reward=float(index))
         for index in range(12)
     ]
-    episode = told_episode(brief(scenario), decisions, 20.0)
+    episode = hand_episode(brief(scenario), decisions, 20.0)
     config = small(reward__discount_per_s=0.9)
     batch = batch_of([episode], scenario, config, algorithm)
     start = {Algorithm.AQMIX: 0, Algorithm.QMIX: 2, Algorithm.AIQL: 0}[algorithm]

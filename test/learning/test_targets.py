@@ -7,7 +7,7 @@ second.
 
 from collections.abc import Sequence
 
-from episodes import batch_of, single_threaded_torch, small, Told, told_episode
+from episodes import batch_of, hand_episode, HandDecision, single_threaded_torch, small
 import numpy as np
 import pytest
 from tiny_world import tiny, uav
@@ -27,17 +27,17 @@ ONLINE, TARGET = (5.0, 4.0, 3.0, 2.0, 1.0), (1.0, 2.0, 3.0, 4.0, 5.0)
 
 # The first UAV decides at 0 s and at 2 s, the second one at 0 s; the mission ends at 5 s.
 THREE_EVENTS = (
-    Told(uav=0, time_s=0.0, action=0, reward=1.0),
-    Told(uav=1, time_s=0.0, action=1, reward=2.0),
-    Told(uav=0, time_s=2.0, action=2, reward=4.0),
+    HandDecision(uav=0, time_s=0.0, action=0, reward=1.0),
+    HandDecision(uav=1, time_s=0.0, action=1, reward=2.0),
+    HandDecision(uav=0, time_s=2.0, action=2, reward=4.0),
 )
 END_S = 5.0
 # Both decide at 0 s and at 2 s, as in synchronous missions.
 TWO_INSTANTS = (
-    Told(uav=0, time_s=0.0, action=0, reward=16.0),
-    Told(uav=1, time_s=0.0, action=1, reward=2.0),
-    Told(uav=0, time_s=2.0, action=2, reward=8.0),
-    Told(uav=1, time_s=2.0, action=3, reward=4.0),
+    HandDecision(uav=0, time_s=0.0, action=0, reward=16.0),
+    HandDecision(uav=1, time_s=0.0, action=1, reward=2.0),
+    HandDecision(uav=0, time_s=2.0, action=2, reward=8.0),
+    HandDecision(uav=1, time_s=2.0, action=3, reward=4.0),
 )
 
 
@@ -63,9 +63,9 @@ def constant_learner(algorithm: Algorithm, **overrides: object) -> Learner:
 
 
 def by_hand(
-    decisions: Sequence[Told], algorithm: Algorithm, end_s: float | None = END_S
+    decisions: Sequence[HandDecision], algorithm: Algorithm, end_s: float | None = END_S
 ) -> Minibatch:
-    episode = told_episode(brief(tiny()), decisions, end_s)
+    episode = hand_episode(brief(tiny()), decisions, end_s)
     return batch_of([episode], tiny(), settings(), algorithm)
 
 
@@ -147,7 +147,7 @@ def test_of_a_mission_cut_off_aiql_learns_what_each_uav_saw_the_end_of() -> None
 
 def test_a_synchronous_mission_is_cut_off_at_the_last_instant_that_is_known_whole() -> None:
     # At 2 s the second UAV had not had its turn: what the team may do best is not known.
-    later = [Told(uav=0, time_s=4.0, action=0)]
+    later = [HandDecision(uav=0, time_s=4.0, action=0)]
     batch = by_hand([*TWO_INSTANTS, *later], QMIX, end_s=None)
     assert batch.entry.tolist() == [1]
     assert targets(QMIX, batch) == [6.5]

@@ -1,6 +1,6 @@
 """The launch file, the parameters it hands out and the view it opens.
 
-`launch` is not to be had from PyPI: without it, stand-ins record what the file asks for.
+`launch` is not to be had from PyPI: without it, what the file asks for is recorded.
 """
 
 import importlib

@@ -77,7 +77,7 @@ def near(expected: Iterable[Sequence[float]]) -> list[object]:
 # Where and when
 
 
-def test_every_marker_is_in_the_map_frame_at_the_time_told() -> None:
+def test_every_marker_is_in_the_map_frame_at_the_time_given() -> None:
     for marker in Watched(tiny()).fly(RIGHT).markers():
         assert (marker.header.frame_id, marker.header.stamp) == ('map', STAMP)
         assert (marker.lifetime.sec, marker.lifetime.nanosec) == (0, 0)

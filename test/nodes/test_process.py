@@ -239,7 +239,7 @@ def test_a_service_answers_a_client_of_the_same_executor(spinner: Spinner) -> No
     assert answers == ['seed 7']
 
 
-def test_who_comes_falls_silent_and_goes_is_told(spinner: Spinner) -> None:
+def test_who_comes_falls_silent_and_goes_is_noticed(spinner: Spinner) -> None:
     lease = QoSProfile(
         depth=1,
         liveliness=LivelinessPolicy.AUTOMATIC,

@@ -220,9 +220,9 @@ def test_a_killed_recorder_loses_only_what_it_had_not_flushed(
         recorded(bag)
     repair = processes.start('recorder', '--repair', str(bag))
     assert repair.wait_for_exit() == 0
-    n_told = int(repair.wait_for(r'holds (\d+) messages up to [\d.]+ s of simulated time')[1])
+    n_repaired = int(repair.wait_for(r'holds (\d+) messages up to [\d.]+ s of simulated time')[1])
     found = recorded(bag)
-    assert sum(map(len, found.values())) == n_told
+    assert sum(map(len, found.values())) == n_repaired
     assert 1 < len(found['/world/epoch']) <= number
     for name, contents in found.items():
         assert contents == fleet.sent[name][: len(contents)]

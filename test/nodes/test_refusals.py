@@ -1,7 +1,7 @@
-"""What nobody may say or start: refused, named in log and diagnostics, and the mission goes on.
+"""What nobody may send or start: refused, named in log and diagnostics, and the mission goes on.
 
 One mission of two UAVs: the test plays the agent of the first one and, between its decisions,
-says everything that is wrong; a process flies the second.
+sends everything that is wrong; a process flies the second.
 """
 
 from collections.abc import Callable, Iterator
@@ -18,7 +18,7 @@ for needed in ('rclpy', 'uav_collect_msgs'):
 
 from fleets import Fleet, logs, scenario_of
 from processes import own_domain, Processes, ros_environment, RunningProcess
-from scripted_agent_node import stand_in, StandIn, Turn
+from scripted_agent_node import scripted_agents, ScriptedAgents, Turn
 from uav_collect.nodes import topics
 from uav_collect.uav import actions
 from uav_collect_msgs.msg import Mission
@@ -130,28 +130,28 @@ class Story:
     missions: list[Any] = field(default_factory=list)
 
 
-def say_wrongly(pilot: StandIn, turn: Turn, wrongs: dict[str, Any], story: Story) -> None:
-    """Say one wrong thing after the other; each must be named in log and diagnostics."""
+def send_wrongly(pilot: ScriptedAgents, turn: Turn, wrongs: dict[str, Any], story: Story) -> None:
+    """Send one wrong thing after the other; each must be named in log and diagnostics."""
     is_radio = wrongs is RADIO
-    voice = (pilot.radio if is_radio else pilot.commands)[turn.uav]
+    publisher = (pilot.radio if is_radio else pilot.commands)[turn.uav]
     what = 'radio message' if is_radio else 'command'
     for name, (change, complaint) in wrongs.items():
-        n_before = int(pilot.told(f'{what} refused') or 0)
+        n_before = int(pilot.diagnostic(f'{what} refused') or 0)
         message = deepcopy(turn.radio if is_radio else turn.command)
         change(message, turn)
-        voice.publish(message)
+        publisher.publish(message)
         pilot.wait_until(lambda n=n_before, c=complaint: (
-            int(pilot.told(f'{what} refused') or 0) > n and pilot.has_told(c)
+            int(pilot.diagnostic(f'{what} refused') or 0) > n and pilot.has_warned(c)
         ))  # fmt: skip
         story.lines[name] = story.world.wait_for(f'UAV 1: {what} refused: .*').group()
 
 
-def make_trouble(pilot: StandIn, story: Story) -> None:
+def make_trouble(pilot: ScriptedAgents, story: Story) -> None:
     """Start what may not join, while the world waits for an answer."""
     processes = story.fleet.processes
     story.joins['unknown'] = pilot.ask_to_join(9, instance='x')
     # Now: what is refused next takes its place in the reports.
-    pilot.wait_until(lambda: pilot.has_told('UAV 9 is unknown'))
+    pilot.wait_until(lambda: pilot.has_warned('UAV 9 is unknown'))
     story.duplicate = story.fleet.start_agent(1)
     story.unknown = story.fleet.start_agent(9)
     # On a busy machine it may open before it hears of the first, but its third UAV never comes.
@@ -175,19 +175,19 @@ def story(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Story]:
         processes = Processes(folder, {'ROS_DOMAIN_ID': str(domain)})
         fleet = Fleet(processes=processes, scenario=scenario_of(), folder=folder / 'run')
         try:
-            with stand_in() as pilot:
+            with scripted_agents() as pilot:
                 world = fleet.start_world(seed=SEED, decision_timeout_s=100.0)
-                told = Story(fleet=fleet, world=world)
+                happened = Story(fleet=fleet, world=world)
                 fleet.start_agent(2)
                 pilot.join(1)
-                fly_with_all_that(pilot, told)
+                fly_with_all_that(pilot, happened)
                 assert world.wait_for_exit() == 0
-            yield told
+            yield happened
         finally:
             processes.close()
 
 
-def fly_with_all_that(pilot: StandIn, story: Story) -> None:
+def fly_with_all_that(pilot: ScriptedAgents, story: Story) -> None:
     todo = [ALWAYS, HOVERING, RADIO]
     while (turn := pilot.next_turn()) is not None:
         if turn.observation.decision == 1:
@@ -195,7 +195,7 @@ def fly_with_all_that(pilot: StandIn, story: Story) -> None:
         is_hover = turn.command.action == actions.HOVER
         if turn.observation.decision > 1:
             for wrongs in [w for w in todo if is_hover == (w is HOVERING)]:
-                say_wrongly(pilot, turn, wrongs, story)
+                send_wrongly(pilot, turn, wrongs, story)
                 todo.remove(wrongs)
         pilot.answer(turn)
     assert not todo

@@ -111,7 +111,7 @@ def test_a_uav_whose_agent_stays_away_is_flown_home_and_flies_again_in_the_next_
     scenario = scenario_of(fleet__default__energy_budget_kj=150.0)  # some 1000 s, 10 s at 100 to 1
     fleet = Fleet(processes=processes, scenario=scenario, folder=tmp_path / 'run')
     _, victim = fleet.start_agents('random')
-    with listener(topics.MISSION) as ears:
+    with listener(topics.MISSION) as listening:
         world = fleet.start_world(
             seed=SEED, missions=2, decision_timeout_s=2.0, real_time_factor=100.0
         )
@@ -121,8 +121,8 @@ def test_a_uav_whose_agent_stays_away_is_flown_home_and_flies_again_in_the_next_
         victim = fleet.start_agent(2, 'random')
         world.wait_for('UAV 2: .* joined')
         assert 'ended' not in world.output  # it is back before the mission is over
-        heard = ears.heard[topics.MISSION.name]
-        ears.wait_until(lambda: len(heard) >= 2)
+        heard = listening.heard[topics.MISSION.name]
+        listening.wait_until(lambda: len(heard) >= 2)
         assert world.wait_for_exit() == 0
     assert fleet.log(SEED) == flown_with_failsafe(scenario, SEED, 2, int(decision))
     assert [fleet.log(SEED + 1)] == logs(scenario, [SEED + 1], 'random')
@@ -130,8 +130,8 @@ def test_a_uav_whose_agent_stays_away_is_flown_home_and_flies_again_in_the_next_
     assert result.failsafe_used
     assert result.note == 'the failsafe flew home: UAV 2'
     assert [uav.outcome == UavFigures.FAILSAFE for uav in result.uavs] == [False, True]
-    told = '\n'.join(mission_warnings(mission_metrics(read(fleet.log_file(SEED)))))
-    assert 'UAV 2 was flown home by the failsafe: its agent did not answer' in told
+    warnings = '\n'.join(mission_warnings(mission_metrics(read(fleet.log_file(SEED)))))
+    assert 'UAV 2 was flown home by the failsafe: its agent did not answer' in warnings
 
 
 def test_agents_of_a_killed_world_fly_for_the_next_one(fleet: Fleet) -> None:

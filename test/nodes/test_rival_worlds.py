@@ -12,7 +12,7 @@ for needed in ('rclpy', 'uav_collect_msgs'):
 from fleets import scenario_of, wait_until
 from processes import Processes, RunningProcess
 from rclpy.duration import Duration
-from scripted_agent_node import stand_in, StandIn
+from scripted_agent_node import scripted_agents, ScriptedAgents
 from uav_collect.nodes import topics
 from uav_collect.nodes.identity import scenario_msg, WorldIdentity
 from uav_collect.nodes.process import FAILED, make_executor
@@ -60,20 +60,22 @@ ENOUGH = Duration(seconds=60)
 
 
 @pytest.fixture
-def ears(ros_domain: int) -> Iterator[StandIn]:
-    with stand_in() as there:
+def agents(ros_domain: int) -> Iterator[ScriptedAgents]:
+    with scripted_agents() as there:
         yield there
 
 
 class FakeWorld:
     """What agents meet of a world: its scenario, and answers to those who join."""
 
-    def __init__(self, ears: StandIn, instance: str, started_s: float, joined: list[str]) -> None:
-        self._node = ears.node
+    def __init__(
+        self, agents: ScriptedAgents, instance: str, started_s: float, joined: list[str]
+    ) -> None:
+        self._node = agents.node
         self._instance = instance
         self._joined = joined  # instances of all worlds, as agents turned to them
         self.n_others_asked = 0
-        self._scenarios = publisher(ears.node, topics.SCENARIO)
+        self._scenarios = publisher(agents.node, topics.SCENARIO)
         scenario = scenario_of(1)
         identity = WorldIdentity(started_s=started_s, instance=instance)
         self._scenarios.publish(scenario_msg(identity, build_site(scenario)))
@@ -114,19 +116,19 @@ def test_who_looks_anew_while_worlds_come_and_go_goes_on(processes: Processes) -
     assert process.wait_for_exit() == 0, process.output
 
 
-def test_who_takes_late_hears_each_of_two_worlds(ears: StandIn) -> None:
-    voices = [publisher(ears.node, topics.SCENARIO) for _ in 'ab']
-    for instance, voice in zip('ab', voices, strict=True):
-        voice.publish(Scenario(world_instance=instance))
-    heard = ears.heard[topics.SCENARIO.name]
-    ears.wait_until(lambda: bool(heard) and heard[-1].world_instance == 'b')
+def test_who_takes_late_hears_each_of_two_worlds(agents: ScriptedAgents) -> None:
+    worlds = [publisher(agents.node, topics.SCENARIO) for _ in 'ab']
+    for instance, world in zip('ab', worlds, strict=True):
+        world.publish(Scenario(world_instance=instance))
+    heard = agents.heard[topics.SCENARIO.name]
+    agents.wait_until(lambda: bool(heard) and heard[-1].world_instance == 'b')
     assert [scenario.world_instance for scenario in heard] == ['a', 'b']
 
 
 def test_a_world_gives_way_to_an_earlier_one_that_it_hears_while_it_opens(
-    ears: StandIn, monkeypatch: pytest.MonkeyPatch
+    agents: ScriptedAgents, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    earlier, make_display = publisher(ears.node, topics.SCENARIO), node.ViewerPublisher
+    earlier, make_display = publisher(agents.node, topics.SCENARIO), node.ViewerPublisher
 
     def display_of_a_busy_world(*arguments: Any) -> Any:  # noqa: ANN401
         earlier.publish(Scenario(world_instance='earlier'))
@@ -148,40 +150,40 @@ def test_a_world_gives_way_to_an_earlier_one_that_it_hears_while_it_opens(
 
 
 def test_an_agent_flies_for_the_earliest_world_that_it_hears(
-    ears: StandIn, processes: Processes
+    agents: ScriptedAgents, processes: Processes
 ) -> None:
     joined: list[str] = []
     agent = processes.start('uav_agent', '--id', '1')
-    FakeWorld(ears, 'middle', 2.0, joined).serve()
-    ears.wait_until(lambda: n_flown_for(agent) == 1)
-    late = FakeWorld(ears, 'late', 3.0, joined).serve()
+    FakeWorld(agents, 'middle', 2.0, joined).serve()
+    agents.wait_until(lambda: n_flown_for(agent) == 1)
+    late = FakeWorld(agents, 'late', 3.0, joined).serve()
     late.wait_until_heard()
-    early = FakeWorld(ears, 'early', 1.0, joined).serve()
-    ears.wait_until(lambda: n_flown_for(agent) == 2)
+    early = FakeWorld(agents, 'early', 1.0, joined).serve()
+    agents.wait_until(lambda: n_flown_for(agent) == 2)
     assert joined[:2] == ['middle', 'early']
     late.end()
     early.end()
-    ears.wait_until(lambda: n_flown_for(agent) > 2 and joined[-1] == 'middle')
+    agents.wait_until(lambda: n_flown_for(agent) > 2 and joined[-1] == 'middle')
 
 
 def test_the_answer_of_a_world_that_was_not_asked_is_none(
-    ears: StandIn, processes: Processes
+    agents: ScriptedAgents, processes: Processes
 ) -> None:
     joined: list[str] = []
-    early = FakeWorld(ears, 'early', 1.0, joined)
-    late = FakeWorld(ears, 'late', 2.0, joined).serve()
+    early = FakeWorld(agents, 'early', 1.0, joined)
+    late = FakeWorld(agents, 'late', 2.0, joined).serve()
     agent = processes.start('uav_agent', '--id', '1')
-    ears.wait_until(lambda: late.n_others_asked >= 2)
+    agents.wait_until(lambda: late.n_others_asked >= 2)
     early.serve()
-    ears.wait_until(lambda: 'early' in joined and n_flown_for(agent) > 0)
+    agents.wait_until(lambda: 'early' in joined and n_flown_for(agent) > 0)
 
 
 def test_a_world_accepts_nobody_who_asks_for_another_one(
-    ears: StandIn, processes: Processes
+    agents: ScriptedAgents, processes: Processes
 ) -> None:
     processes.start('world_sim')
-    own = ears.scenario().world_instance
-    client = ears.node.create_client(Join, topics.JOIN_SERVICE)
-    answer = ears.call(client, Join.Request(world_instance='other', uav=1, agent_instance='x'))
+    own = agents.scenario().world_instance
+    client = agents.node.create_client(Join, topics.JOIN_SERVICE)
+    answer = agents.call(client, Join.Request(world_instance='other', uav=1, agent_instance='x'))
     assert (answer.accepted, answer.world_instance) == (False, own)
-    assert ears.ask_to_join(1).accepted  # the UAV is free
+    assert agents.ask_to_join(1).accepted  # the UAV is free

@@ -1,4 +1,4 @@
-"""Whoever is told to stop does: cleanly, soon, with nothing left running and nothing lost."""
+"""Whoever is asked to stop does: cleanly, soon, with nothing left running and nothing lost."""
 
 from pathlib import Path
 import signal
@@ -39,7 +39,7 @@ def stop(process: RunningProcess, signals: list[signal.Signals]) -> None:
 
 
 def phases(bag: Path) -> list[int]:
-    """The phases of missions that a bag tells, in order."""
+    """The phases of missions in a bag, in order."""
     with AnyReader([bag]) as reader:
         wanted = [each for each in reader.connections if each.topic == '/world/mission']
         messages = reader.messages(wanted)
@@ -47,7 +47,7 @@ def phases(bag: Path) -> list[int]:
 
 
 @every_signal
-def test_nodes_that_wait_for_others_stop_when_told(
+def test_nodes_that_wait_for_others_stop_when_asked(
     signals: list[signal.Signals], fleet: Fleet
 ) -> None:
     agent = fleet.start_agent(1)

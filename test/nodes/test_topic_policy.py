@@ -7,7 +7,7 @@ import time
 from typing import Any
 
 from fleets import Fleet, listener, scenario_of
-from policy_publisher import explored_logs, policy_fields, trainer
+from policy_publisher import explored_logs, policy_fields, policy_publisher
 from processes import Processes
 import pytest
 from random_policies import header, random_policy
@@ -56,18 +56,18 @@ def test_a_mission_is_flown_by_one_version_and_equals_the_same_mission_in_one_pr
     policies = {1: policy_of(1), 2: policy_of(2), 3: policy_of(3, Layout.PAPER)}
     epsilons = {1: 0.3, 2: 0.0, 3: 1.0}
     names = {flown_version(f'run@{it}', epsilons[it]): it for it in policies}
-    told = (topics.EPOCH, topics.uav_topics(1).transition)
-    with trainer(*told) as (teacher, ears):
-        epochs = ears.heard[topics.EPOCH.name]
+    watched = (topics.EPOCH, topics.uav_topics(1).transition)
+    with policy_publisher(*watched) as (trainer, listening):
+        epochs = listening.heard[topics.EPOCH.name]
         agents = fleet.start_agents('topic')
         world = fleet.start_world(seed=SEED, missions=-1, decision_timeout_s=ENOUGH_S)
         for agent in agents:
             agent.wait_for('waiting for the first policy of a trainer on /trainer/policy')
         world.wait_for('waiting for UAV 1, UAV 2')
         for number, policy in policies.items():
-            teacher.publish(policy, epsilons[number])
+            trainer.publish(policy, epsilons[number])
             version = flown_version(f'run@{number}', epsilons[number])
-            ears.wait_until(lambda version=version: _flies(epochs, version, n_missions=2))
+            listening.wait_until(lambda version=version: _flies(epochs, version, n_missions=2))
         n_missions = len({epoch.mission_id for epoch in epochs if epoch.terminal})
     seeds = range(SEED, SEED + n_missions)
     logs = {seed: fleet.log(seed) for seed in seeds}
@@ -77,11 +77,11 @@ def test_a_mission_is_flown_by_one_version_and_equals_the_same_mission_in_one_pr
         [expected] = explored_logs(fleet.scenario, [seed], policies[number], epsilons[number])
         assert log == expected, seed
     versions: dict[str, set[str]] = {}
-    for topic in told:
-        for message in ears.heard[topic.name]:
+    for topic in watched:
+        for message in listening.heard[topic.name]:
             versions.setdefault(message.mission_id, set()).add(message.policy_version)
     assert {len(each) for each in versions.values()} == {1}
-    by_layout = {(each.policy_version, each.layout) for each in ears.heard[told[1].name]}
+    by_layout = {(each.policy_version, each.layout) for each in listening.heard[watched[1].name]}
     assert by_layout == {
         (version, policies[number].header.layout.label) for version, number in names.items()
     }
@@ -117,23 +117,23 @@ def test_a_policy_that_cannot_be_flown_is_refused_in_one_line_and_the_old_one_st
     fleet: Fleet,
 ) -> None:
     policy = policy_of(1)
-    with trainer(topics.MISSION) as (teacher, ears):
-        missions = ears.heard[topics.MISSION.name]
+    with policy_publisher(topics.MISSION) as (trainer, listening):
+        missions = listening.heard[topics.MISSION.name]
         agents = fleet.start_agents('topic')
         world = fleet.start_world(seed=SEED, missions=2, decision_timeout_s=ENOUGH_S)
         for process in (world, *agents):
             process.wait_for('waiting for (UAV|the first policy)')
         bad = _misfit(policy, fleet.scenario)
         for word, values in bad.items():
-            teacher.publish(policy, **values)
+            trainer.publish(policy, **values)
             for process in (world, *agents):
                 process.wait_for(f'of the trainer is refused.*{word}')
-        teacher.publish(policy)
+        trainer.publish(policy)
         for word, values in bad.items():
-            teacher.publish(policy_of(1), **values)
+            trainer.publish(policy_of(1), **values)
             for process in agents:
                 process.wait_for(f'of the trainer is refused.*{word}')
-        ears.wait_until(lambda: len(missions) == 4)
+        listening.wait_until(lambda: len(missions) == 4)
         assert world.wait_for_exit() == 0
     seeds = [SEED, SEED + 1]
     assert fleet.logs(seeds) == explored_logs(fleet.scenario, seeds, policy, 0.0)
@@ -149,20 +149,20 @@ def test_an_agent_killed_in_flight_takes_up_the_version_of_its_mission_though_al
     fleet = Fleet(processes=processes, scenario=scenario, folder=tmp_path / 'run')
     first, second = policy_of(1), policy_of(2)
     [expected] = explored_logs(scenario, [SEED], first, 0.3)
-    with trainer(topics.EPOCH) as (teacher, ears):
-        epochs = ears.heard[topics.EPOCH.name]
+    with policy_publisher(topics.EPOCH) as (trainer, listening):
+        epochs = listening.heard[topics.EPOCH.name]
         agents = fleet.start_agents('topic')
         world = fleet.start_world(seed=SEED, missions=2, decision_timeout_s=ENOUGH_S)
-        teacher.publish(first, 0.3)
-        ears.wait_until(lambda: len(epochs) > 50)
-        teacher.publish(second)
-        ears.wait_until(lambda: len(epochs) > 100)
-        teacher.vanish()
+        trainer.publish(first, 0.3)
+        listening.wait_until(lambda: len(epochs) > 50)
+        trainer.publish(second)
+        listening.wait_until(lambda: len(epochs) > 100)
+        trainer.vanish()
         agents[0].kill()
         assert not epochs[-1].terminal
         agents[0] = fleet.start_agent(1, 'topic')
         agents[0].wait_for('UAV 1 flies, policy topic')
-        ears.wait_until(lambda: epochs[-1].terminal)
+        listening.wait_until(lambda: epochs[-1].terminal)
         assert world.wait_for_exit() == 0
     assert fleet.log(SEED) == expected
     assert [fleet.log(SEED + 1)] == explored_logs(scenario, [SEED + 1], second, 0.0)
@@ -181,7 +181,7 @@ def test_an_agent_that_missed_the_policy_of_a_mission_asks_the_world_for_it(
     world = WorldIdentity(started_s=time.time(), instance='world-of-the-test')
     observation = convert.observation_msg(event, world.mission_id(0), 0)
     observation.exploration_key = SEED
-    observation.policy_trainer, observation.policy_sequence = 'stand-in', 2
+    observation.policy_trainer, observation.policy_sequence = 'test-trainer', 2
     n_asked = 0
 
     def answer(request: Any, response: Any) -> Any:  # noqa: ANN401
@@ -195,15 +195,15 @@ def test_an_agent_that_missed_the_policy_of_a_mission_asks_the_world_for_it(
         return response
 
     command = topics.uav_topics(1).command
-    with listener(command) as ears:
-        ears.node.create_service(Join, topics.JOIN_SERVICE, answer)
-        shown = publisher(ears.node, topics.uav_topics(1).observation)
-        publisher(ears.node, topics.SCENARIO).publish(scenario_msg(world, site))
+    with listener(command) as listening:
+        listening.node.create_service(Join, topics.JOIN_SERVICE, answer)
+        shown = publisher(listening.node, topics.uav_topics(1).observation)
+        publisher(listening.node, topics.SCENARIO).publish(scenario_msg(world, site))
         fleet = Fleet(processes=processes, scenario=scenario, folder=tmp_path / 'run')
         agent = fleet.start_agent(1, 'topic')
-        ears.wait_until(lambda: n_asked == 1)
+        listening.wait_until(lambda: n_asked == 1)
         shown.publish(observation)
-        ears.wait_until(lambda: bool(ears.heard[command.name]))
+        listening.wait_until(lambda: bool(listening.heard[command.name]))
     assert n_asked == 2
-    assert ears.heard[command.name][0].policy_version == 'run@2'
+    assert listening.heard[command.name][0].policy_version == 'run@2'
     assert agent.is_running

@@ -64,7 +64,7 @@ def test_what_is_learned_over_ros_and_from_a_bag_is_what_is_learned_in_one_proce
 
 
 def n_updates(folder: Path) -> int:
-    """How many updates a training has told of."""
+    """How many updates a training has recorded."""
     file = folder / 'progress.csv'
     found = read_columns(file, ('n_updates',))['n_updates'] if file.exists() else ()
     return int(found[-1]) if len(found) else 0
@@ -81,10 +81,10 @@ def test_a_trainer_that_is_stopped_or_killed_goes_on_from_where_it_was_saved(
     fleet, folder = fleet_of(processes, tmp_path), tmp_path / 'run'
     world = start_fleet(fleet)
     n_decisions = 1000 * (N_KILLS + 2)
-    told: Any = {'decisions': n_decisions, 'checkpoint_period_s': 0.2}
+    given: Any = {'decisions': n_decisions, 'checkpoint_period_s': 0.2}
     saved, seen, rng = folder / 'checkpoint' / 'state.pt', 0, random.Random(0)
     for turn in range(N_KILLS + 1):
-        trainer = start_trainer(processes, folder, **told)
+        trainer = start_trainer(processes, folder, **given)
         wait_for_updates(folder, seen + rng.randint(1, 8))
         if turn == 0:
             trainer.send(signal.SIGINT)
@@ -97,7 +97,7 @@ def test_a_trainer_that_is_stopped_or_killed_goes_on_from_where_it_was_saved(
         _, state = replayed(folder)
         assert state['learner']['n_updates'] >= seen
         seen = state['learner']['n_updates']
-    trainer = start_trainer(processes, folder, **told)
+    trainer = start_trainer(processes, folder, **given)
     assert trainer.wait_for_exit(TRAINED_S) == 0
     assert read_run(folder).is_done
     episodes, state = replayed(folder)

@@ -1,4 +1,4 @@
-"""What agents tell learners is what the same decisions look like in one process."""
+"""What agents report to learners is what the same decisions look like in one process."""
 
 from pathlib import Path
 from typing import Any
@@ -26,7 +26,7 @@ def in_process(scenario: Scenario) -> list[list[tuple[Any, ...]]]:
     """For each UAV: event, decision, observation, legal actions and action of every decision."""
     pilots = Pilots(scenario, SEED, 'sweep')
     briefing = pilots.simulation.briefing
-    told: list[list[tuple[Any, ...]]] = [[], []]
+    taken: list[list[tuple[Any, ...]]] = [[], []]
     while (event := pilots.simulation.next_event()) is not None:
         decision = pilots.decide(event)
         agent, layout = pilots.agents[event.uav], LAYOUTS[event.uav]
@@ -34,44 +34,44 @@ def in_process(scenario: Scenario) -> list[list[tuple[Any, ...]]]:
         encode(layout, briefing, event.uav, agent.belief, event.view, out)
         encoded = np.asarray(out, dtype=np.float32).tolist()
         legal = [bool(flag) for flag in agent.legal]
-        told[event.uav].append((event.index, event.decision, encoded, legal, decision.action))
+        taken[event.uav].append((event.index, event.decision, encoded, legal, decision.action))
         pilots.simulation.start(event, decision)
-    return told
+    return taken
 
 
-def test_every_decision_is_told_to_learners_as_it_would_be_in_process(
+def test_every_decision_is_reported_to_learners_as_it_would_be_in_process(
     processes: Processes, tmp_path: Path
 ) -> None:
     scenario = scenario_of()
     expected = in_process(scenario)
     fleet = Fleet(processes=processes, scenario=scenario, folder=tmp_path / 'run')
     own = [topics.uav_topics(uav).transition for uav in (1, 2)]
-    with listener(*own) as ears:
+    with listener(*own) as listening:
         for uav, layout in enumerate(LAYOUTS, start=1):
             fleet.start_agent(uav, observation_layout=layout.name.lower())
         fleet.start_world(seed=SEED)
-        heard = [ears.heard[topic.name] for topic in own]
-        ears.wait_until(lambda: [*map(len, heard)] == [*map(len, expected)])
+        heard = [listening.heard[topic.name] for topic in own]
+        listening.wait_until(lambda: [*map(len, heard)] == [*map(len, expected)])
     for uav, (messages, decisions) in enumerate(zip(heard, expected, strict=True), start=1):
-        told = [
+        reported = [
             (each.event, each.decision, [*each.observation], [*each.legal], each.action)
             for each in messages
         ]
-        assert told == decisions
+        assert reported == decisions
         assert {each.layout for each in messages} == {LAYOUTS[uav - 1].label}
         assert {each.uav for each in messages} == {uav}
         assert {each.scenario_fingerprint for each in messages} == {fingerprint(scenario)}
         assert len({each.mission_id for each in messages}) == 1
 
 
-def test_without_a_layout_nothing_is_told(processes: Processes, tmp_path: Path) -> None:
+def test_without_a_layout_nothing_is_reported(processes: Processes, tmp_path: Path) -> None:
     fleet = Fleet(processes=processes, scenario=scenario_of(1), folder=tmp_path / 'run')
-    with listener(topics.MISSION, topics.uav_topics(1).transition) as ears:
+    with listener(topics.MISSION, topics.uav_topics(1).transition) as listening:
         fleet.start_agents()
         fleet.start_world()
-        heard = ears.heard[topics.MISSION.name]
-        ears.wait_until(lambda: len(heard) == 2)
-        assert ears.heard[topics.uav_topics(1).transition.name] == []
+        heard = listening.heard[topics.MISSION.name]
+        listening.wait_until(lambda: len(heard) == 2)
+        assert listening.heard[topics.uav_topics(1).transition.name] == []
 
 
 def test_an_unknown_layout_is_refused_in_one_line(processes: Processes, tmp_path: Path) -> None:
