@@ -25,11 +25,11 @@ from uav_collect.learning.learner import keep_freed_memory, Learner, Networks
 from uav_collect.learning.minibatch import Algorithm, make_minibatch, Minibatch, NO_DECISION
 from uav_collect.learning.network import Drqn
 from uav_collect.missions.experience import Episode
-from uav_collect.missions.vector_env import Flights, Stepping
+from uav_collect.missions.vector_env import VectorEnv, VectorEnvConfig
 from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.training.config import load_preset, TrainingConfig
-from uav_collect.uav.actions import NONE
+from uav_collect.uav.action_codes import NONE
 from uav_collect.uav.briefing import brief
 
 N_EVENTS = 120
@@ -169,8 +169,10 @@ def fleet_of(n_uavs: int) -> Scenario:
 def fly_randomly(scenario: Scenario, config: TrainingConfig) -> list[Episode]:
     """As many missions as a minibatch has, by random legal actions."""
     seeds = range(config.replay.missions_per_batch)
-    stepping = Stepping(layout=config.layout, reward=config.reward_kind, max_decisions=N_EVENTS)
-    flights = Flights(build_site(scenario), seeds, stepping)
+    stepping = VectorEnvConfig(
+        layout=config.layout, reward=config.reward_kind, max_decisions=N_EVENTS
+    )
+    flights = VectorEnv(build_site(scenario), seeds, stepping)
     decisions, rng = flights.decisions, np.random.default_rng(0)
     for _ in range(N_EVENTS):
         drawn = decisions.legal * rng.uniform(0.1, 1.0, decisions.legal.shape)
@@ -302,7 +304,7 @@ def rollout_per_s(n_decisions: int) -> tuple[float, float, float]:
     n_worlds = config.rollout.missions_at_once
     observation = torch.rand(n_worlds, agent.encoder.in_features)
     hidden = torch.zeros(n_worlds, agent.hidden_size)
-    flights = Flights(build_site(scenario), range(n_worlds), Stepping(reward=1))
+    flights = VectorEnv(build_site(scenario), range(n_worlds), VectorEnvConfig(reward=1))
     found = []
     for call, n_calls, n_each in (
         (lambda: collector.collect(agent, n_decisions, 0.05), 1, n_decisions),

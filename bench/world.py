@@ -21,12 +21,12 @@ from uav_collect.kernels.compile import kernel
 from uav_collect.kernels.rows import new_row
 from uav_collect.missions.batch_kernels import fly_batch, new_batch, Settings
 from uav_collect.missions.rollout import fly
-from uav_collect.missions.vector_env import Flights, Stepping
+from uav_collect.missions.vector_env import VectorEnv, VectorEnvConfig
 from uav_collect.physics.bandwidth import EQUAL
 from uav_collect.physics.radio import channel_draw
 from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site
-from uav_collect.uav.actions import NONE
+from uav_collect.uav.action_codes import NONE
 from uav_collect.uav.heuristics import Heuristic
 from uav_collect.uav.observation import Layout
 from uav_collect.world.sensor_field import Ground, lay_out
@@ -85,12 +85,12 @@ def random_actions(legal: Bools, rng: np.random.Generator) -> Ints:
 def step_once(layout: Layout, n_worlds: int) -> float:
     """Missions stepped from Python by random actions, chosen off the clock [us]."""
     site, rng = build_site(scenario_for(Heuristic.HERT)), np.random.default_rng(0)
-    flights = Flights(site, range(n_worlds), Stepping(layout=layout))
-    decisions, spent_s, n_decisions = flights.decisions, 0.0, 0
+    env = VectorEnv(site, range(n_worlds), VectorEnvConfig(layout=layout))
+    decisions, spent_s, n_decisions = env.decisions, 0.0, 0
     for _ in range(STEPS):
         actions = random_actions(decisions.legal, rng)
         start_s = time.process_time()
-        decisions = flights.step(actions)
+        decisions = env.step(actions)
         spent_s += time.process_time() - start_s
         n_decisions += int((decisions.uav >= 0).sum())
     return spent_s / n_decisions * 1e6
@@ -99,8 +99,8 @@ def step_once(layout: Layout, n_worlds: int) -> float:
 def copy_once(layout: Layout, n_worlds: int) -> float:
     """Copying as many observations as a step hands out, CPU time per decision [us]."""
     site = build_site(scenario_for(Heuristic.HERT))
-    flights = Flights(site, range(n_worlds), Stepping(layout=layout))
-    table = flights.decisions.observation
+    env = VectorEnv(site, range(n_worlds), VectorEnvConfig(layout=layout))
+    table = env.decisions.observation
     target = np.empty_like(table)
     start_s = time.process_time()
     for _ in range(STEPS):

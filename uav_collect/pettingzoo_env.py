@@ -32,11 +32,11 @@ from pettingzoo import AECEnv
 from pettingzoo.utils.wrappers import OrderEnforcingWrapper
 from uav_collect.kernels.arrays import Bools
 from uav_collect.limits import MAX_SEED
-from uav_collect.missions.vector_env import Flights, Stepping
+from uav_collect.missions.vector_env import VectorEnv, VectorEnvConfig
 from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site
-from uav_collect.uav.actions import N_ACTIONS, NONE
+from uav_collect.uav.action_codes import N_ACTIONS, NONE
 from uav_collect.uav.observation import Layout, observation_bound
 from uav_collect.world.reward import Reward
 from uav_collect.world.sensor_field import demand_of, Ground, lay_out
@@ -71,14 +71,14 @@ def env(
         raise ValueError(f'max_decisions is {max_decisions}: must be 1 or more')
     if render_mode not in (None, _RGB_ARRAY):
         raise ValueError(f'render_mode is {render_mode!r}: must be {_RGB_ARRAY!r} or None')
-    stepping = Stepping(
+    config = VectorEnvConfig(
         layout=Layout[_one_of('layout', layout, Layout)],
         allocator=bandwidth,
         reward=Reward[_one_of('reward', reward, Reward)],
         is_logged=True,
     )
     given = scenario if isinstance(scenario, Scenario) else load(scenario)
-    return OrderEnforcingWrapper(MissionEnv(given, stepping, max_decisions, render_mode))
+    return OrderEnforcingWrapper(MissionEnv(given, config, max_decisions, render_mode))
 
 
 class MissionEnv(AECEnv):
@@ -93,38 +93,38 @@ class MissionEnv(AECEnv):
     def __init__(
         self,
         scenario: Scenario,
-        stepping: Stepping,
+        config: VectorEnvConfig,
         max_decisions: int | None,
         render_mode: str | None,
     ) -> None:
         """Get ready for `reset`.
 
         Args:
-            stepping: logged, with observations, not synchronous.
+            config: logged, with observations, not synchronous.
 
         Raises:
             ValueError: there are no observations.
         """
         super().__init__()
-        if stepping.layout is None:
-            raise ValueError('stepping.layout is None: agents must observe something')
+        if config.layout is None:
+            raise ValueError('config.layout is None: agents must observe something')
         self.render_mode = render_mode
         self._site = build_site(scenario)
         self._ground = lay_out(self._site)
         self._discount_per_s = scenario.reward.discount_per_s
         self._max_decisions = max_decisions
         self._seed = -1  # of the mission in flight
-        self._flights = Flights(self._site, [0], stepping)
+        self._env = VectorEnv(self._site, [0], config)
         self.possible_agents = [f'uav_{uav + 1}' for uav in range(scenario.n_uavs)]
-        briefing, most_bit = self._flights.briefing, _most_bit(self._ground)
-        bound = observation_bound(stepping.layout, briefing, most_bit)
-        shape = self._flights.decisions.observation.shape[1:]
+        briefing, most_bit = self._env.briefing, _most_bit(self._ground)
+        bound = observation_bound(config.layout, briefing, most_bit)
+        shape = self._env.decisions.observation.shape[1:]
         # Each agent has spaces of its own: they are seeded one by one.
         self.observation_spaces = {
             agent: Box(-bound, bound, shape, np.float32) for agent in self.possible_agents
         }
         self.action_spaces = {agent: Discrete(N_ACTIONS) for agent in self.possible_agents}
-        self.state_space = Box(0.0, 1.0, self._flights.global_state(0).shape, np.float32)
+        self.state_space = Box(0.0, 1.0, self._env.global_state(0).shape, np.float32)
 
     def observation_space(self, agent: str) -> Box:
         """The observations of an agent: numbers of the order of one, within a rough bound."""
@@ -148,7 +148,7 @@ class MissionEnv(AECEnv):
         if not 0 <= chosen <= MAX_SEED:
             raise ValueError(f'seed is {chosen}: must be 0..2^62')
         self._seed = chosen
-        self._flights.restart(0, chosen)
+        self._env.restart(0, chosen)
         self._n_decisions = 0
         self._decided_s: dict[str, float] = {}  # when each agent decided last
         self.agents = self.possible_agents[:]
@@ -177,8 +177,8 @@ class MissionEnv(AECEnv):
             return
         if action is None:
             raise ValueError(f'{agent} decides: its action must not be None')
-        now_s = float(self._flights.decisions.time_s[0])
-        reward = float(self._flights.step(np.array([operator.index(action)])).reward[0])
+        now_s = float(self._env.decisions.time_s[0])
+        reward = float(self._env.step(np.array([operator.index(action)])).reward[0])
         self._n_decisions += 1
         self._decided_s[agent] = now_s
         self._cumulative_rewards[agent] = 0.0
@@ -192,12 +192,12 @@ class MissionEnv(AECEnv):
         return self._seen[agent]
 
     def state(self) -> NDArray[np.float32]:
-        """The global state, see `Flights.global_state`."""
-        return self._flights.global_state(0).astype(np.float32)
+        """The global state, see `VectorEnv.global_state`."""
+        return self._env.global_state(0).astype(np.float32)
 
     def mission_log(self, policy_name: str = 'pettingzoo') -> MissionLog:
         """The log of the mission so far; a name for what flies it stands in its header."""
-        return self._flights.mission_log(0, policy_name)
+        return self._env.mission_log(0, policy_name)
 
     def render(self) -> NDArray[np.uint8] | None:
         """The picture of the ways so far, (height, width, 3), if `render_mode` says so."""
@@ -214,7 +214,7 @@ class MissionEnv(AECEnv):
 
     def _look(self) -> None:
         """Turn to the agent that decides next, or to the end of the mission."""
-        decisions = self._flights.decisions
+        decisions = self._env.decisions
         uav, time_s = int(decisions.uav[0]), float(decisions.time_s[0])
         is_over = uav == NONE
         is_cut = not is_over and self._n_decisions == self._max_decisions

@@ -13,11 +13,11 @@ import pytest
 from uav_collect.kernels.arrays import Floats, Ints
 from uav_collect.learning.minibatch import Algorithm, make_minibatch, Minibatch
 from uav_collect.missions.experience import Episode, N_UAV_SCALARS, new_records
-from uav_collect.missions.vector_env import Flights, Stepping
+from uav_collect.missions.vector_env import VectorEnv, VectorEnvConfig
 from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.training.config import load_preset, TrainingConfig
-from uav_collect.uav.actions import N_ACTIONS, NONE
+from uav_collect.uav.action_codes import N_ACTIONS, NONE
 from uav_collect.uav.briefing import brief, Briefing
 
 ALL_LEGAL = 2**N_ACTIONS - 1
@@ -130,16 +130,16 @@ class Flown(NamedTuple):
 
 def flown(scenario: Scenario, seeds: Sequence[int], max_decisions: int, **how: object) -> Flown:
     """Fly missions by random legal actions, up to so many decisions of each."""
-    stepping = Stepping(max_decisions=max_decisions, **how)  # type: ignore[arg-type]
-    flights = Flights(build_site(scenario), seeds, stepping)
+    config = VectorEnvConfig(max_decisions=max_decisions, **how)  # type: ignore[arg-type]
+    env = VectorEnv(build_site(scenario), seeds, config)
     rng = np.random.default_rng(0)
     observations: list[list[Floats]] = [[] for _ in seeds]
-    decisions = flights.decisions
+    decisions = env.decisions
     for step in range(max_decisions + 1):
         for world in np.flatnonzero(decisions.uav != NONE):
             observations[world].append(decisions.observation[world].copy())
         if step < max_decisions:
             drawn = decisions.legal * rng.uniform(0.1, 1.0, decisions.legal.shape)
             chosen: Ints = drawn.argmax(axis=1)
-            decisions = flights.step(chosen)
-    return Flown([flights.episode(world) for world in range(len(seeds))], observations)
+            decisions = env.step(chosen)
+    return Flown([env.episode(world) for world in range(len(seeds))], observations)

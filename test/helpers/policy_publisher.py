@@ -7,10 +7,10 @@ import hashlib
 from typing import Any
 
 import numpy as np
-from uav_collect.missions.vector_env import Flights, Stepping
+from uav_collect.missions.vector_env import VectorEnv, VectorEnvConfig
 from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import build_site
-from uav_collect.uav.actions import NONE
+from uav_collect.uav.action_codes import NONE
 from uav_collect.uav.policy_file import policy_bytes
 from uav_collect.uav.policy_network import best_actions, flown_version, FrozenPolicy
 
@@ -25,20 +25,20 @@ def explored_logs(
     allocator: str = 'exact',
 ) -> list[bytes]:
     """The logs of missions flown at once in this process, with exploration."""
-    rules = Stepping(layout=frozen.header.layout, allocator=allocator, is_logged=True)
-    flights = Flights(build_site(scenario), seeds, rules)
+    rules = VectorEnvConfig(layout=frozen.header.layout, allocator=allocator, is_logged=True)
+    env = VectorEnv(build_site(scenario), seeds, rules)
     n_uavs = scenario.n_uavs
     hidden = frozen.new_hidden(len(seeds) * n_uavs)
     chosen = np.zeros(len(seeds), dtype=np.int64)
-    decisions = flights.decisions
+    decisions = env.decisions
     while len(waiting := np.flatnonzero(decisions.uav != NONE)):
         rows = waiting * n_uavs + decisions.uav[waiting]
         values, hidden[rows] = frozen.step(decisions.observation[waiting], hidden[rows])
         chosen[waiting] = best_actions(values, decisions.legal[waiting])
-        explored = flights.explore(epsilon, HOVER_SHARE)
-        decisions = flights.step(np.where(explored == NONE, chosen, explored))
+        explored = env.explore(epsilon, HOVER_SHARE)
+        decisions = env.step(np.where(explored == NONE, chosen, explored))
     name = flown_version(frozen.header.version, epsilon)
-    return [flights.mission_log(world, name).to_jsonl() for world in range(len(seeds))]
+    return [env.mission_log(world, name).to_jsonl() for world in range(len(seeds))]
 
 
 def policy_fields(frozen: FrozenPolicy, sequence: int, epsilon: float) -> dict[str, Any]:

@@ -27,10 +27,10 @@ from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.rows import new_row
 from uav_collect.missions.experience import Episode
 from uav_collect.missions.simulation import Event, Simulation
-from uav_collect.missions.vector_env import Flights, Stepping
+from uav_collect.missions.vector_env import VectorEnv, VectorEnvConfig
 from uav_collect.scenario.load import fingerprint, Scenario
 from uav_collect.scenario.site import build_site
-from uav_collect.uav.actions import HOME, NONE
+from uav_collect.uav.action_codes import HOME, NONE
 from uav_collect.uav.agent import Agent, allocator_named
 from uav_collect.uav.belief import Belief
 from uav_collect.uav.briefing import Briefing
@@ -73,13 +73,15 @@ class MissionSetup:
 
     def episodes(self, seeds: Sequence[int]) -> list[Episode]:
         """Missions as the training's rollout records them."""
-        flights = Flights(
+        env = VectorEnv(
             build_site(self.scenario).with_discount(self.discount_per_s),
             seeds,
-            Stepping(layout=self.layout, reward=self.reward, max_decisions=self.max_decisions),
+            VectorEnvConfig(
+                layout=self.layout, reward=self.reward, max_decisions=self.max_decisions
+            ),
         )
         policy, n_uavs = self.policy, self.scenario.n_uavs
-        hidden, decisions = policy.new_hidden(len(seeds) * n_uavs), flights.decisions
+        hidden, decisions = policy.new_hidden(len(seeds) * n_uavs), env.decisions
         ended: dict[int, Episode] = {}
         while len(ended) < len(seeds):
             flying = np.flatnonzero(decisions.uav != NONE)
@@ -87,11 +89,11 @@ class MissionSetup:
             values, hidden[rows] = policy.step(decisions.observation[flying], hidden[rows])
             chosen = np.zeros(len(seeds), dtype=np.int64)
             chosen[flying] = best_actions(values, decisions.legal[flying])
-            explored = flights.explore(self.epsilon, self.hover_share)
-            decisions = flights.step(np.where(explored == NONE, chosen, explored))
-            is_over = (decisions.uav == NONE) | (flights.n_recorded > self.max_decisions)
+            explored = env.explore(self.epsilon, self.hover_share)
+            decisions = env.step(np.where(explored == NONE, chosen, explored))
+            is_over = (decisions.uav == NONE) | (env.n_recorded > self.max_decisions)
             for world in np.flatnonzero(is_over).tolist():
-                ended.setdefault(world, flights.episode(world))
+                ended.setdefault(world, env.episode(world))
         return [ended[world] for world in range(len(seeds))]
 
 

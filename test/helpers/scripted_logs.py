@@ -3,14 +3,8 @@
 from collections.abc import Sequence
 
 import numpy as np
-from uav_collect.recording.mission_log import (
-    ACTION_NAMES,
-    EVENT_DTYPE,
-    MissionHeader,
-    MissionLog,
-    REASON_NAMES,
-    UavHeader,
-)
+from uav_collect.recording.mission_log import EVENT_DTYPE, MissionHeader, MissionLog, UavHeader
+from uav_collect.uav.action_codes import ACTION_NAMES, REASON_NAMES
 
 HOVER_W = 200.0
 MOVE_W = 100.0

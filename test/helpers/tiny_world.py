@@ -18,7 +18,7 @@ from uav_collect.missions.simulation import Event, Simulation
 from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site
-from uav_collect.uav.actions import HOME
+from uav_collect.uav.action_codes import HOME
 from uav_collect.uav.agent import Agent, allocator_named
 from uav_collect.uav.belief import Belief
 from uav_collect.uav.briefing import Briefing

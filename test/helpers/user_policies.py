@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from uav_collect.uav.actions import HOME, HOVER, LEFT
+from uav_collect.uav.action_codes import HOME, HOVER, LEFT
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.heuristics import step_towards
 from uav_collect.uav.user_policy import Situation

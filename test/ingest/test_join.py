@@ -19,7 +19,7 @@ from uav_collect.errors import ConfigError
 from uav_collect.ingest.join import DropReason, ReportOutcome
 from uav_collect.ingest.reports import EventReport, FleetReport, MissionReport, TransitionReport
 from uav_collect.missions.experience import Episode, Records
-from uav_collect.uav.actions import FAILSAFE, HOME, NONE
+from uav_collect.uav.action_codes import FAILSAFE, HOME, NONE
 from uav_collect.uav.observation import Layout
 from uav_collect.world.reward import Reward
 

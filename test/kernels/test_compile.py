@@ -9,8 +9,10 @@ import pytest
 import uav_collect
 from uav_collect.ingest import rebuild
 from uav_collect.kernels.compile import kernels_are_cached, sources_digest
-from uav_collect.missions import batch_kernels, simulation
+from uav_collect.missions import batch_kernels
+from uav_collect.missions.batch_kernels import carry_out
 from uav_collect.planning import bound
+from uav_collect.world.dynamics import look
 
 CHANGED = {
     'edited': lambda package: (package / 'studies' / 'flights.py').write_text('x = 2\n'),
@@ -42,7 +44,7 @@ def test_kernels_count_as_cached_once_they_were_compiled(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
-    assert not kernels_are_cached(simulation.KERNELS)
+    assert not kernels_are_cached([look])
     script = """
 from uav_collect.scenario.load import load
 from uav_collect.missions.simulation import Simulation
@@ -52,12 +54,11 @@ simulation = Simulation(build_site(scenario), 0)
 event = simulation.next_event()
 """
     subprocess.run([sys.executable, '-c', script], check=True)
-    look, carry_out = simulation.KERNELS
     assert kernels_are_cached([look])
     assert not kernels_are_cached([look, carry_out])
 
 
-MODULES = (batch_kernels, bound, rebuild, simulation)
+MODULES = (batch_kernels, bound, rebuild)
 
 
 @pytest.mark.parametrize('module', MODULES, ids=lambda it: it.__name__)

@@ -12,11 +12,11 @@ from uav_collect.kernels.compile import kernels_are_compiled
 from uav_collect.learning.minibatch import Algorithm
 from uav_collect.missions.experience import Episode
 from uav_collect.missions.rollout import fly
-from uav_collect.missions.vector_env import Decisions, Flights, Stepping
+from uav_collect.missions.vector_env import Decisions, VectorEnv, VectorEnvConfig
 from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import build_site
-from uav_collect.uav.actions import FORWARD, HOME, HOVER, NONE, RIGHT
+from uav_collect.uav.action_codes import FORWARD, HOME, HOVER, NONE, RIGHT
 from uav_collect.world.reward import Reward
 
 torch = single_threaded_torch()
@@ -135,8 +135,8 @@ def test_without_exploration_it_flies_what_the_network_holds_best_from_a_fresh_h
     assert len(ended) >= 8  # in four places: most of them after another mission
     site = build_site(tiny(*FLEET))
     for episode in ended:
-        flights = Flights(site, [episode.mission_seed], Stepping(layout=0))
-        hidden, decisions = torch.zeros(2, 8), flights.decisions
+        env = VectorEnv(site, [episode.mission_seed], VectorEnvConfig(layout=0))
+        hidden, decisions = torch.zeros(2, 8), env.decisions
         for uav_index, action in zip(episode.records.uav, episode.records.action, strict=True):
             if action == NONE:
                 break
@@ -147,7 +147,7 @@ def test_without_exploration_it_flies_what_the_network_holds_best_from_a_fresh_h
             values[0, ~torch.from_numpy(decisions.legal[0])] = -torch.inf
             assert decisions.uav[0] == uav_index
             assert int(values.argmax()) == action
-            decisions = flights.step(np.array([action]))
+            decisions = env.step(np.array([action]))
 
 
 def test_exploration_is_the_same_whatever_the_network_and_the_place() -> None:
@@ -194,10 +194,10 @@ def test_a_restored_collector_flies_on_as_the_one_that_was_saved() -> None:
 
 def flown(scenario: Scenario, actions: Sequence[int], **how: object) -> list[Decisions]:
     """What a mission waits for after each action."""
-    flights = Flights(build_site(scenario), [0], Stepping(**how))  # type: ignore[arg-type]
+    env = VectorEnv(build_site(scenario), [0], VectorEnvConfig(**how))  # type: ignore[arg-type]
     waits = []
     for action in actions:
-        decisions = flights.step(np.array([action]))
+        decisions = env.step(np.array([action]))
         waits.append(Decisions(**{name: value.copy() for name, value in vars(decisions).items()}))
     return waits
 

@@ -6,7 +6,7 @@ from tiny_world import tiny
 
 torch = single_threaded_torch()
 from uav_collect.learning.mixer import Mixer, pooling_windows
-from uav_collect.uav.actions import N_ACTIONS
+from uav_collect.uav.action_codes import N_ACTIONS
 from uav_collect.uav.briefing import brief
 
 N_MIXERS = 2_500  # for each of four fleets

@@ -6,7 +6,7 @@ import numpy as np
 torch = single_threaded_torch()
 from torch import nn
 from uav_collect.learning.network import Drqn
-from uav_collect.uav.actions import N_ACTIONS
+from uav_collect.uav.action_codes import N_ACTIONS
 
 OBSERVATION_SIZE, HIDDEN_SIZE = 7, 12
 LENGTHS = (9, 6, 6, 5, 1)  # of sequences, longest first

@@ -13,7 +13,7 @@ from uav_collect.missions.rollout import fly
 from uav_collect.recording.mission_log import from_jsonl, MissionLog
 from uav_collect.scenario.load import fingerprint, load, Scenario
 from uav_collect.scenario.site import build_site
-from uav_collect.uav.actions import FORWARD, HOVER, LEFT, RIGHT
+from uav_collect.uav.action_codes import FORWARD, HOVER, LEFT, RIGHT
 from uav_collect.uav.belief import Belief
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.policy import Policy, policy_named

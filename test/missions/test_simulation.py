@@ -14,7 +14,7 @@ from uav_collect.missions.simulation import Simulation
 from uav_collect.recording.mission_log import from_jsonl
 from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site
-from uav_collect.uav.actions import (
+from uav_collect.uav.action_codes import (
     BACKWARD,
     BY_POLICY,
     ENERGY_RESERVE,

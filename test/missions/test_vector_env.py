@@ -13,11 +13,11 @@ from uav_collect.errors import AllocationError, ConfigError
 from uav_collect.kernels.arrays import Floats, Ints, Row
 from uav_collect.kernels.rows import new_row
 from uav_collect.missions.rollout import fly
-from uav_collect.missions.vector_env import Decisions, Flights, Stepping
+from uav_collect.missions.vector_env import Decisions, VectorEnv, VectorEnvConfig
 from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site
-from uav_collect.uav.actions import BACKWARD, FORWARD, HOME, HOVER, N_ACTIONS, NONE, RIGHT
+from uav_collect.uav.action_codes import BACKWARD, FORWARD, HOME, HOVER, N_ACTIONS, NONE, RIGHT
 from uav_collect.uav.belief import Belief
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.observation import encode, Layout, observation_size
@@ -34,8 +34,8 @@ def paper() -> Scenario:
     return load('paper_10x10', {'fleet.uavs': fleet})
 
 
-def flights_of(scenario: Scenario, seeds: Sequence[int] = SEEDS, **how: object) -> Flights:
-    return Flights(build_site(scenario), seeds, Stepping(**how))
+def flights_of(scenario: Scenario, seeds: Sequence[int] = SEEDS, **how: object) -> VectorEnv:
+    return VectorEnv(build_site(scenario), seeds, VectorEnvConfig(**how))
 
 
 def kept(decisions: Decisions) -> Decisions:
@@ -43,13 +43,13 @@ def kept(decisions: Decisions) -> Decisions:
     return Decisions(**{it.name: getattr(decisions, it.name).copy() for it in fields(decisions)})
 
 
-def stepped(flights: Flights, scripts: Sequence[Sequence[int]]) -> list[Decisions]:
+def stepped(env: VectorEnv, scripts: Sequence[Sequence[int]]) -> list[Decisions]:
     """What the missions wait for, the end included, when each is flown by a list of actions."""
     chosen = [iter(script) for script in scripts]
-    waits = [kept(flights.decisions)]
+    waits = [kept(env.decisions)]
     while (waits[-1].uav != NONE).any():
         actions = [next(script, HOVER) for script in chosen]
-        waits.append(kept(flights.step(np.array(actions))))
+        waits.append(kept(env.step(np.array(actions))))
     return waits
 
 
@@ -141,10 +141,10 @@ def test_a_mission_steps_the_same_alone_and_beside_others() -> None:
 
 def test_a_mission_restarts_in_the_place_of_another() -> None:
     scripts = [decided(noted(paper(), seed)[0]) for seed in SEEDS]
-    flights = flights_of(paper(), SEEDS[:1])
-    stepped(flights, scripts[:1])
-    flights.restart(0, SEEDS[2])
-    again = stepped(flights, scripts[2:])
+    env = flights_of(paper(), SEEDS[:1])
+    stepped(env, scripts[:1])
+    env.restart(0, SEEDS[2])
+    again = stepped(env, scripts[2:])
     fresh = stepped(flights_of(paper(), SEEDS[2:]), scripts[2:])
     assert [wait.observation.tolist() for wait in again] == [
         wait.observation.tolist() for wait in fresh
@@ -154,12 +154,12 @@ def test_a_mission_restarts_in_the_place_of_another() -> None:
 
 def test_the_global_state_is_what_records_keep_for_the_mixer() -> None:
     log, _ = noted(paper(), SEEDS[0])
-    flights = flights_of(paper(), SEEDS[:1], max_decisions=len(log.events))
-    states = [flights.global_state(0)]
+    env = flights_of(paper(), SEEDS[:1], max_decisions=len(log.events))
+    states = [env.global_state(0)]
     for action in decided(log):
-        flights.step(np.array([action]))
-        states.append(flights.global_state(0))
-    records = flights.episode(0).records
+        env.step(np.array([action]))
+        states.append(env.global_state(0))
+    records = env.episode(0).records
     maps = np.concatenate([records.complete, records.true_complete], axis=1)
     bits = np.unpackbits(maps.reshape(len(maps), 4, -1), axis=-1, count=100, bitorder='little')
     before = np.array(states[:-1])
@@ -185,21 +185,21 @@ def test_an_allocator_that_no_kernel_knows_is_refused(allocator: str) -> None:
 def test_the_exact_allocator_hovers_shorter_over_two_sensors_than_the_equal_one() -> None:
     hovers_s = {}
     for allocator in ('equal', 'exact'):
-        flights = flights_of(tiny(uav(5.0)), [0], allocator=allocator)
+        env = flights_of(tiny(uav(5.0)), [0], allocator=allocator)
         for action in (RIGHT, RIGHT, FORWARD, FORWARD, HOVER):  # to cell 10
-            decisions = flights.step(np.array([action]))
+            decisions = env.step(np.array([action]))
         hovers_s[allocator] = decisions.duration_s[0]
     assert 0.0 < hovers_s['exact'] < 0.95 * hovers_s['equal']
 
 
 @pytest.mark.parametrize('action', [HOVER, BACKWARD, HOME, NONE, N_ACTIONS, 77])
 def test_an_illegal_action_is_refused_and_nothing_moves(action: int) -> None:
-    flights = flights_of(tiny(), [0, 31])
-    before = kept(flights.decisions)
+    env = flights_of(tiny(), [0, 31])
+    before = kept(env.decisions)
     with pytest.raises(ValueError, match=rf'action {action} of UAV 1 in mission 31 .* \[1, 2\]'):
-        flights.step(np.array([FORWARD, action]))
-    assert flights.decisions.observation.tolist() == before.observation.tolist()
-    assert flights.decisions.time_s.tolist() == [0.0, 0.0]
+        env.step(np.array([FORWARD, action]))
+    assert env.decisions.observation.tolist() == before.observation.tolist()
+    assert env.decisions.time_s.tolist() == [0.0, 0.0]
 
 
 def test_one_action_per_mission_is_needed() -> None:

@@ -20,7 +20,7 @@ from uav_collect.lockstep.roster import Pilot
 from uav_collect.missions.simulation import Event
 from uav_collect.nodes import convert
 from uav_collect.recording.mission_log import EVENT_DTYPE
-from uav_collect.uav import actions
+from uav_collect.uav import action_codes
 from uav_collect.uav.agent import Agent, allocator_named
 from uav_collect.uav.belief import Belief, BeliefRecord, NEVER
 from uav_collect.uav.briefing import brief
@@ -41,7 +41,7 @@ def view(n_sensors: int = 2) -> LocalView:
         y_m=1e-9,
         cell=11,
         energy_left_j=1e5 / 7.0,
-        previous_action=actions.NONE,
+        previous_action=action_codes.NONE,
         region_bit=row_of(REGION_BIT),
         n_sensors=n_sensors,
         sensor=row_of([4, 9, 0]),
@@ -73,8 +73,8 @@ def test_a_local_view_arrives_to_the_bit(n_sensors: int) -> None:
 @pytest.mark.parametrize(
     'decision',
     [
-        Decision(action=actions.HOME, reason=actions.ENERGY_RESERVE),
-        Decision(action=3, reason=actions.BY_POLICY),
+        Decision(action=action_codes.HOME, reason=action_codes.ENERGY_RESERVE),
+        Decision(action=3, reason=action_codes.BY_POLICY),
         Decision(action=0, reason=0, sensor=(4, 9), share_hz=(1e5 / 3.0, 4e5)),
     ],
     ids=['home', 'move', 'hover'],
@@ -159,7 +159,7 @@ def test_a_transition_arrives_with_what_the_policy_saw_and_believed() -> None:
     assert (message.layout, message.scenario_fingerprint) == ('paper 1', 'f')
     assert message.policy_version == 'mine eps 0.5'
     assert (message.time_s, message.energy_left_j) == (100.0 / 3.0, 1e5 / 7.0)
-    assert (message.cell, message.previous_action) == (11, actions.NONE)
+    assert (message.cell, message.previous_action) == (11, action_codes.NONE)
     assert (list(message.complete), list(message.seen)) == ([1, 1], [0b1010, 0])
     assert list(message.peer_x_m) == [1.0 / 3.0, 0.0]
     assert list(message.peer_y_m) == [25.0, 0.0]

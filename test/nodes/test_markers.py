@@ -7,7 +7,7 @@ from tiny_world import CELL_A, CELL_B, Flight, HOVER_W, MOVE_10_J, tiny, uav
 from uav_collect.missions.simulation import Event, Simulation
 from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site
-from uav_collect.uav.actions import BACKWARD, FORWARD, HOME, HOVER, LEFT, RIGHT
+from uav_collect.uav.action_codes import BACKWARD, FORWARD, HOME, HOVER, LEFT, RIGHT
 
 serialization = pytest.importorskip('rclpy.serialization')
 Time = pytest.importorskip('builtin_interfaces.msg').Time

@@ -20,7 +20,7 @@ from fleets import Fleet, logs, scenario_of
 from processes import own_domain, Processes, ros_environment, RunningProcess
 from scripted_agent_node import scripted_agents, ScriptedAgents, Turn
 from uav_collect.nodes import topics
-from uav_collect.uav import actions
+from uav_collect.uav import action_codes
 from uav_collect_msgs.msg import Mission
 
 pytestmark = pytest.mark.ros
@@ -93,7 +93,10 @@ ALWAYS = {
     'unknown action': (given(action=17), 'action 17 is none of 0..5'),
     'no action': (given(action=-1), 'action -1 is none of 0..5'),
     'illegal action': (illegal_move, 'is illegal at'),
-    'failsafe claimed': (given(action=actions.HOME, reason=actions.FAILSAFE), 'reason 3 is none'),
+    'failsafe claimed': (
+        given(action=action_codes.HOME, reason=action_codes.FAILSAFE),
+        'reason 3 is none',
+    ),
 }
 HOVERING = {
     'NaN bandwidth': (first_share(math.nan), 'a bandwidth share of nan Hz'),
@@ -192,7 +195,7 @@ def fly_with_all_that(pilot: ScriptedAgents, story: Story) -> None:
     while (turn := pilot.next_turn()) is not None:
         if turn.observation.decision == 1:
             make_trouble(pilot, story)
-        is_hover = turn.command.action == actions.HOVER
+        is_hover = turn.command.action == action_codes.HOVER
         if turn.observation.decision > 1:
             for wrongs in [w for w in todo if is_hover == (w is HOVERING)]:
                 send_wrongly(pilot, turn, wrongs, story)

@@ -12,7 +12,7 @@ from uav_collect.analysis.tables import mission_warnings
 from uav_collect.missions.simulation import mission_header
 from uav_collect.recording.mission_log import read
 from uav_collect.scenario.load import Scenario
-from uav_collect.uav import actions
+from uav_collect.uav import action_codes
 from uav_collect.uav.messages import Decision
 
 pytest.importorskip('rclpy')
@@ -23,7 +23,7 @@ from uav_collect.nodes import topics
 pytestmark = pytest.mark.ros
 
 SEED = 3
-FAILSAFE = Decision(action=actions.HOME, reason=actions.FAILSAFE)
+FAILSAFE = Decision(action=action_codes.HOME, reason=action_codes.FAILSAFE)
 ENOUGH_S = 100.0  # no failsafe, however busy the machine is
 
 

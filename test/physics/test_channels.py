@@ -2,7 +2,7 @@ import math
 
 import pytest
 from tiny_world import CELL_A, Flight, GAIN, tiny, uav
-from uav_collect.uav.actions import BACKWARD, FORWARD, HOVER, LEFT, RIGHT
+from uav_collect.uav.action_codes import BACKWARD, FORWARD, HOVER, LEFT, RIGHT
 
 # Fading as strong as it gets, so that channels differ.
 FADING = {'radio__rician_a1': 0.01, 'radio__rician_a2': 0.0}

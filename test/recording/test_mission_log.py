@@ -9,13 +9,8 @@ import pytest
 from scripted_logs import fly, header, uav
 from uav_collect.errors import MissionLogError
 from uav_collect.recording import mission_log
-from uav_collect.recording.mission_log import (
-    ACTION_NAMES,
-    EVENT_DTYPE,
-    from_jsonl,
-    MissionLog,
-    REASON_NAMES,
-)
+from uav_collect.recording.mission_log import EVENT_DTYPE, from_jsonl, MissionLog
+from uav_collect.uav.action_codes import ACTION_NAMES, REASON_NAMES
 
 HEADER_LINE = (
     '{"format": "uav_collect mission log", "version": 1, "scenario": "scripted", '

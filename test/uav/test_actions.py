@@ -1,8 +1,8 @@
 import pytest
 from tiny_world import HOVER_W, MOVE_5_J, MOVE_10_J, tiny, uav
 from uav_collect.kernels.rows import new_row
-from uav_collect.uav import actions
-from uav_collect.uav.actions import BACKWARD, FORWARD, HOVER, LEFT, NONE, RIGHT
+from uav_collect.uav import action_codes, actions
+from uav_collect.uav.action_codes import BACKWARD, FORWARD, HOVER, LEFT, NONE, RIGHT
 from uav_collect.uav.briefing import brief, Briefing
 
 MOVES = [FORWARD, RIGHT, BACKWARD, LEFT]
@@ -23,10 +23,10 @@ def legal_at(
     hover_s: float = 0.0,
     unit: int = 0,
 ) -> list[int]:
-    legal = new_row(actions.N_ACTIONS, 0)
+    legal = new_row(action_codes.N_ACTIONS, 0)
     x_m, y_m = 25.0 + 50.0 * cell[1], 25.0 + 50.0 * cell[0]
     n_legal = actions.mark_legal(briefing, unit, x_m, y_m, energy_j, previous, hover_s, legal)
-    marked = [action for action in range(actions.N_ACTIONS) if legal[action]]
+    marked = [action for action in range(action_codes.N_ACTIONS) if legal[action]]
     assert len(marked) == n_legal
     return marked
 
@@ -45,7 +45,7 @@ def test_cells_count_from_the_south_west_row_by_row(
     ('action', 'target'), [(FORWARD, 9), (RIGHT, 6), (BACKWARD, 1), (LEFT, 4)]
 )
 def test_forward_is_north_and_right_is_east(briefing: Briefing, action: int, target: int) -> None:
-    row_step, column_step = actions.ROW_STEP[action], actions.COLUMN_STEP[action]
+    row_step, column_step = action_codes.ROW_STEP[action], action_codes.COLUMN_STEP[action]
     assert actions.neighbour(briefing, 5, row_step, column_step) == target
 
 
@@ -68,7 +68,7 @@ def test_there_is_no_neighbour_across_the_edge(
         (LEFT, RIGHT),
         (HOVER, NONE),
         (NONE, NONE),
-        (actions.HOME, NONE),
+        (action_codes.HOME, NONE),
     ],
 )
 def test_only_a_move_has_an_opposite(action: int, back: int) -> None:

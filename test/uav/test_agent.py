@@ -9,7 +9,7 @@ from uav_collect.limits import ALLOCATOR_NAMES
 from uav_collect.missions.simulation import Simulation
 from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import build_site
-from uav_collect.uav.actions import (
+from uav_collect.uav.action_codes import (
     BY_POLICY,
     ENERGY_RESERVE,
     FORWARD,
@@ -20,7 +20,7 @@ from uav_collect.uav.actions import (
     N_ACTIONS,
     RIGHT,
 )
-from uav_collect.uav.agent import Agent, allocator_named, new_desk
+from uav_collect.uav.agent import Agent, allocator_named, new_workspace
 from uav_collect.uav.belief import Belief, NEVER
 from uav_collect.uav.briefing import brief, Briefing
 from uav_collect.uav.messages import Decision, RadioMessage
@@ -170,7 +170,9 @@ def test_a_hover_takes_as_long_as_its_allocator_reckoned(
     allocator: str, error_variance: float
 ) -> None:
     scenario = tiny(uav(5.0, start=(2, 2)), radio__csi_error_variance=error_variance)
-    reckoned_s = allocator_named(allocator)(brief(scenario), first_view(scenario), new_desk(2))
+    reckoned_s = allocator_named(allocator)(
+        brief(scenario), first_view(scenario), new_workspace(2)
+    )
     flown = fly_scripts(scenario, [HOVER], allocator=allocator)
     assert flown.events['duration_s'][0] == pytest.approx(reckoned_s, rel=1e-9)
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from tiny_world import tiny, uav
 from uav_collect.kernels.rows import row_of
-from uav_collect.missions.vector_env import Flights, Stepping
+from uav_collect.missions.vector_env import VectorEnv, VectorEnvConfig
 from uav_collect.scenario.site import build_site
-from uav_collect.uav.actions import BACKWARD, FORWARD, HOVER, LEFT, N_ACTIONS, NONE, RIGHT
+from uav_collect.uav.action_codes import BACKWARD, FORWARD, HOVER, LEFT, N_ACTIONS, NONE, RIGHT
 from uav_collect.uav.exploration import explore
 
 N_DRAWS = 4000
@@ -83,13 +83,13 @@ def test_a_mission_explores_the_same_alone_and_in_any_place_of_a_batch() -> None
     together, alone = ([3, 4, 5], 1), ([4], 0)
     found = []
     for seeds, place in (together, alone):
-        flights = Flights(site, seeds, Stepping())
+        env = VectorEnv(site, seeds, VectorEnvConfig())
         actions = []
         for _ in range(30):
-            explored = flights.explore(0.5, 0.3)
-            greedy = flights.decisions.legal.argmax(axis=1)
+            explored = env.explore(0.5, 0.3)
+            greedy = env.decisions.legal.argmax(axis=1)
             actions.append(int(explored[place]))
-            flights.step(np.where(explored == NONE, greedy, explored))
+            env.step(np.where(explored == NONE, greedy, explored))
         found.append(actions)
     assert found[0] == found[1]
     assert len(set(found[0])) > 3
@@ -97,8 +97,8 @@ def test_a_mission_explores_the_same_alone_and_in_any_place_of_a_batch() -> None
 
 
 def test_exploring_again_gives_the_same_and_moves_nothing() -> None:
-    flights = Flights(build_site(tiny()), range(6), Stepping())
-    before = flights.decisions.observation.copy()
-    first = flights.explore(0.5, 0.6)
-    assert flights.explore(0.5, 0.6).tolist() == first.tolist()
-    assert (flights.decisions.observation == before).all()
+    env = VectorEnv(build_site(tiny()), range(6), VectorEnvConfig())
+    before = env.decisions.observation.copy()
+    first = env.explore(0.5, 0.6)
+    assert env.explore(0.5, 0.6).tolist() == first.tolist()
+    assert (env.decisions.observation == before).all()

@@ -10,10 +10,10 @@ import pytest
 from uav_collect.analysis.metrics import mission_metrics
 from uav_collect.kernels.arrays import Row
 from uav_collect.missions.rollout import fly
-from uav_collect.recording.mission_log import MissionLog, REASON_NAMES
+from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site
-from uav_collect.uav.actions import HOME, N_ACTIONS
+from uav_collect.uav.action_codes import HOME, N_ACTIONS, REASON_NAMES
 from uav_collect.uav.belief import Belief
 from uav_collect.uav.briefing import brief, Briefing
 from uav_collect.uav.heuristics import Heuristic, sector_start

@@ -7,7 +7,7 @@ from uav_collect.errors import ConfigError
 from uav_collect.kernels.arrays import Floats
 from uav_collect.kernels.rows import new_row, row_of
 from uav_collect.scenario.load import Scenario
-from uav_collect.uav.actions import FORWARD, HOVER, N_ACTIONS, RIGHT
+from uav_collect.uav.action_codes import FORWARD, HOVER, N_ACTIONS, RIGHT
 from uav_collect.uav.agent import must_go_home
 from uav_collect.uav.belief import Belief, belief_of, hear, merge, new_beliefs
 from uav_collect.uav.briefing import brief

@@ -18,7 +18,7 @@ import torch
 from uav_collect.errors import PolicyMismatchError
 from uav_collect.kernels.arrays import Bools, Floats
 from uav_collect.scenario.load import load
-from uav_collect.uav.actions import N_ACTIONS
+from uav_collect.uav.action_codes import N_ACTIONS
 from uav_collect.uav.briefing import brief
 from uav_collect.uav.observation import Layout
 from uav_collect.uav.policy_file import FORMAT, load_policy, policy_bytes, save_policy

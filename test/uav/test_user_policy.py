@@ -18,7 +18,7 @@ from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.uav.policy import policy_for
-from uav_collect.uav.user_policy import callable_policy, is_callable_name
+from uav_collect.uav.user_policy import is_user_policy_name, user_policy
 
 SEEDS = [3, 4]
 HELPERS = Path(__file__).parents[1] / 'helpers'
@@ -117,7 +117,7 @@ def test_a_module_lies_in_the_working_directory_and_its_text_is_the_version(
     for text in ('def go(s):\n    return 5\n', 'def go(s):\n    return 1\n'):
         Path('my_own_policies.py').write_text(text)
         monkeypatch.delitem(sys.modules, 'my_own_policies', raising=False)
-        versions.append(callable_policy('my_own_policies:go').version)
+        versions.append(user_policy('my_own_policies:go').version)
     assert len({*versions}) == 2
     assert all(len(version) == 12 for version in versions)
 
@@ -158,7 +158,7 @@ def test_a_module_that_fails_is_told_with_its_reason(
     (tmp_path / 'my_broken_policies.py').write_text(text)
     monkeypatch.delitem(sys.modules, 'my_broken_policies', raising=False)
     with pytest.raises(PolicyMismatchError) as raised:
-        callable_policy('my_broken_policies:go')
+        user_policy('my_broken_policies:go')
     told = 'policy my_broken_policies:go: module my_broken_policies cannot be imported: '
     assert str(raised.value).startswith(told + words)
 
@@ -207,7 +207,7 @@ def test_a_failing_function_ends_evaluate_with_one_line(
     ],
 )
 def test_a_function_is_named_by_its_module_and_its_name(name: str, is_one: bool) -> None:
-    assert is_callable_name(name) is is_one
+    assert is_user_policy_name(name) is is_one
 
 
 # Over ROS.

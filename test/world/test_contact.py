@@ -2,7 +2,7 @@ import math
 
 import pytest
 from tiny_world import Flight, tiny, uav
-from uav_collect.uav.actions import FORWARD, HOME, LEFT, RIGHT
+from uav_collect.uav.action_codes import FORWARD, HOME, LEFT, RIGHT
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from tiny_world import (
 )
 from uav_collect.analysis.metrics import mission_metrics
 from uav_collect.scenario.load import Scenario
-from uav_collect.uav.actions import FORWARD, HOME, HOVER, LEFT, NONE, RIGHT
+from uav_collect.uav.action_codes import FORWARD, HOME, HOVER, LEFT, NONE, RIGHT
 
 
 def order_of(scenario: Scenario, *scripts: list[int]) -> list[tuple[float, int]]:

@@ -11,9 +11,10 @@ from uav_collect.analysis.metrics import check_log, mission_metrics
 from uav_collect.errors import ConfigError
 from uav_collect.kernels.arrays import Floats
 from uav_collect.missions.rollout import fly
-from uav_collect.recording.mission_log import ACTION_NAMES, MissionLog, REASON_NAMES
+from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site
+from uav_collect.uav.action_codes import ACTION_NAMES, REASON_NAMES
 
 N_SCENARIOS = 25
 N_SEEDS = 20

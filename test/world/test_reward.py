@@ -11,7 +11,7 @@ from uav_collect.missions.rollout import fly
 from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site
-from uav_collect.uav.actions import BACKWARD, FORWARD, HOVER, LEFT, RIGHT
+from uav_collect.uav.action_codes import BACKWARD, FORWARD, HOVER, LEFT, RIGHT
 from uav_collect.uav.briefing import brief, Briefing
 from uav_collect.uav.view import new_view_rows
 from uav_collect.world.dynamics import look, Mission, mission_of, new_missions, start_action

@@ -9,13 +9,8 @@ import math
 
 import numpy as np
 from uav_collect.errors import MissionLogError
-from uav_collect.recording.mission_log import (
-    ACTION_NAMES,
-    Events,
-    MissionLog,
-    REASON_NAMES,
-    UavHeader,
-)
+from uav_collect.recording.mission_log import Events, MissionLog, UavHeader
+from uav_collect.uav.action_codes import ACTION_NAMES, REASON_NAMES
 
 HOVER = ACTION_NAMES.index('hover')
 HOME = ACTION_NAMES.index('home')

@@ -19,7 +19,7 @@ from uav_collect.ingest.reports import (
     TransitionReport,
 )
 from uav_collect.missions.experience import Episode
-from uav_collect.uav.actions import HOME
+from uav_collect.uav.action_codes import HOME
 
 _PATIENCE_MISSIONS = 8  # later ones joined before a mission is given up
 _N_REMEMBERED = 4096  # missions whose stragglers are known as such

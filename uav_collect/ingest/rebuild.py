@@ -27,7 +27,7 @@ from uav_collect.missions.experience import (
     Records,
 )
 from uav_collect.scenario.site import Site
-from uav_collect.uav.actions import HOME, NONE
+from uav_collect.uav.action_codes import HOME, NONE
 from uav_collect.uav.briefing import brief, Briefing
 from uav_collect.uav.observation import Layout, observation_size
 from uav_collect.world.dynamics import (

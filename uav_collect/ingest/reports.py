@@ -14,8 +14,8 @@ from uav_collect.errors import RefusedError
 from uav_collect.missions.experience import n_map_bytes
 from uav_collect.scenario.load import fingerprint
 from uav_collect.scenario.site import Site
-from uav_collect.uav import actions
-from uav_collect.uav.actions import HOME, N_ACTIONS, NONE
+from uav_collect.uav import action_codes
+from uav_collect.uav.action_codes import HOME, N_ACTIONS, NONE
 from uav_collect.uav.observation import Layout, observation_size
 
 FLOAT32, FLOAT64 = np.dtype('<f4'), np.dtype('<f8')  # of arrays in messages
@@ -77,7 +77,7 @@ class EventReport:
     @property
     def is_failsafe(self) -> bool:
         """Whether the world flew the UAV home because its agent did not answer."""
-        return self.reason == actions.FAILSAFE
+        return self.reason == action_codes.FAILSAFE
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,11 +9,11 @@ from uav_collect.kernels.arrays import Ints
 from uav_collect.learning.minibatch import Algorithm
 from uav_collect.learning.network import Drqn
 from uav_collect.missions.experience import Episode
-from uav_collect.missions.vector_env import Decisions, Flights, Stepping
+from uav_collect.missions.vector_env import Decisions, VectorEnv, VectorEnvConfig
 from uav_collect.scenario.site import Site
 from uav_collect.training.config import TrainingConfig
 from uav_collect.training.progress import RecentMissions
-from uav_collect.uav.actions import NONE
+from uav_collect.uav.action_codes import NONE
 
 # Training missions come from a range of seeds that users do not evaluate on by chance.
 _FIRST_SEED = 2**61
@@ -44,10 +44,10 @@ class Collector:
         self._max_decisions = config.max_decisions(site.scenario.n_cells)
         self._device = torch.device(device)
         self._next_seed = _FIRST_SEED + seed % _N_RUNS * _SEEDS_PER_RUN
-        self._flights = Flights(
+        self._env = VectorEnv(
             site,
             [self._draw_seed() for _ in range(n_worlds)],
-            Stepping(
+            VectorEnvConfig(
                 layout=config.layout,
                 allocator=config.rollout.bandwidth,
                 reward=config.reward_kind,
@@ -70,22 +70,22 @@ class Collector:
         """
         ended: list[Episode] = []
         goal = self.n_decisions + n_decisions
-        waiting = self._flights.decisions
+        waiting = self._env.decisions
         while self.n_decisions < goal:
             actions = self._chosen(agent, waiting, epsilon)
             self.n_decisions += len(actions)
-            waiting = self._flights.step(actions)
+            waiting = self._env.step(actions)
             is_over = waiting.uav == NONE
-            is_over |= self._flights.n_recorded > self._max_decisions
+            is_over |= self._env.n_recorded > self._max_decisions
             if is_over.any():
                 ended += [self._restart(int(world)) for world in np.flatnonzero(is_over)]
-                waiting = self._flights.decisions
+                waiting = self._env.decisions
         return ended
 
     def state(self) -> dict[str, Any]:
         """All that a collector needs to go on; the inverse is `restore`."""
         return {
-            'flights': [np.array(array) for array in self._flights.arrays()],
+            'flights': [np.array(array) for array in self._env.arrays()],
             'hidden': self._hidden.cpu().numpy(),
             'recent': self.recent.state(),
             'next_seed': self._next_seed,
@@ -95,7 +95,7 @@ class Collector:
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go on from where another collector of the same settings was."""
-        arrays: list[NDArray[Any]] = self._flights.arrays()
+        arrays: list[NDArray[Any]] = self._env.arrays()
         for array, saved in zip(arrays, state['flights'], strict=True):
             array[...] = saved
         self._hidden.copy_(torch.from_numpy(state['hidden']))
@@ -112,14 +112,14 @@ class Collector:
             values, hidden = agent.step(observation, self._hidden[self._places, uav])
             self._hidden[self._places, uav] = hidden
             best = values.masked_fill_(illegal, -torch.inf).argmax(dim=1).cpu().numpy()
-        explored = self._flights.explore(epsilon, self._config.exploration.hover_share)
+        explored = self._env.explore(epsilon, self._config.exploration.hover_share)
         return np.where(explored == NONE, best, explored)
 
     def _restart(self, world: int) -> Episode:
-        episode = self._flights.episode(world)
+        episode = self._env.episode(world)
         reward = float(np.sum(episode.records.reward))
-        self.recent.note(self._flights.efficiency_kbit_per_j(world), reward)
-        self._flights.restart(world, self._draw_seed())
+        self.recent.note(self._env.efficiency_kbit_per_j(world), reward)
+        self._env.restart(world, self._draw_seed())
         self._hidden[world] = 0.0
         self.n_missions += 1
         return episode

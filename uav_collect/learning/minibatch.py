@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from uav_collect.kernels.arrays import Bools, Floats, Ints, Row
 from uav_collect.kernels.compile import kernel
 from uav_collect.missions.experience import Episode, N_UAV_SCALARS, observations, Records
-from uav_collect.uav.actions import N_ACTIONS
+from uav_collect.uav.action_codes import N_ACTIONS
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.observation import Layout, observation_size
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import torch
 from torch import nn, Tensor
-from uav_collect.uav.actions import N_ACTIONS
+from uav_collect.uav.action_codes import N_ACTIONS
 
 
 class Drqn(nn.Module):

@@ -13,8 +13,8 @@ from uav_collect.kernels.rows import new_map_table, new_row, new_table
 from uav_collect.missions.event_log import EventLog, new_log
 from uav_collect.missions.experience import new_records, record, Records
 from uav_collect.scenario.site import Site
-from uav_collect.uav.actions import BY_POLICY, HOME, HOVER, N_ACTIONS, NONE
-from uav_collect.uav.agent import allocate, Desk, must_go_home, new_desk
+from uav_collect.uav.action_codes import BY_POLICY, HOME, HOVER, N_ACTIONS, NONE
+from uav_collect.uav.agent import allocate, must_go_home, new_workspace, Workspace
 from uav_collect.uav.belief import belief_of, Beliefs, forget, hear, new_beliefs, observe
 from uav_collect.uav.briefing import brief, Briefing
 from uav_collect.uav.exploration import explore
@@ -94,7 +94,7 @@ class Batch(NamedTuple):
     waiting: Waiting
     log: EventLog
     records: Records
-    desk: Desk  # scratch of the UAV that decides
+    workspace: Workspace  # scratch of the UAV that decides
     view_rows: ViewRows  # the same
 
 
@@ -126,7 +126,7 @@ def new_batch(
         waiting=_new_waiting(settings.layout, briefing, n_worlds),
         log=new_log(n_worlds, log_capacity),
         records=new_records(max(1, n_worlds * settings.n_rows), briefing),
-        desk=new_desk(max_sensors),
+        workspace=new_workspace(max_sensors),
         view_rows=new_view_rows(max_sensors),
     )
 
@@ -222,8 +222,8 @@ def fly_on(batch: Batch, world: int) -> None:
         if settings.reward == _ENERGY:
             news = news_reward(belief.complete, batch.complete[world])
             earn(batch.earnings, world, batch.ground, news)
-        hover_s = allocate(settings.allocator, briefing, view, batch.desk)
-        legal, action = batch.desk.legal, HOME
+        hover_s = allocate(settings.allocator, briefing, view, batch.workspace)
+        legal, action = batch.workspace.legal, HOME
         reason = must_go_home(briefing, uav, belief.n_complete[0], view, hover_s, legal)
         if reason == NONE and settings.rule == NONE:
             _ask(batch, world, uav, view, heard)
@@ -241,7 +241,7 @@ def answer(batch: Batch, world: int, uav: int, action: int) -> None:
     # A second look shows the same channels as the first.
     view = look(batch.briefing, batch.ground, mission, uav, batch.view_rows)
     if action == HOVER:
-        allocate(batch.settings.allocator, batch.briefing, view, batch.desk)
+        allocate(batch.settings.allocator, batch.briefing, view, batch.workspace)
     if waiting.n_records[world] > 0:
         row = world * batch.settings.n_rows + waiting.n_records[world] - 1
         batch.records.action[row] = action
@@ -284,9 +284,9 @@ def be_heard(batch: Batch, world: int, uav: int, heard: int, time_s: float) -> N
 def carry_out(
     batch: Batch, world: int, uav: int, view: LocalView, action: int, reason: int, heard: int
 ) -> None:
-    """Start the deciding UAV's action, with the bandwidth shares on the desk, and log it."""
+    """Start the deciding UAV's action, with the bandwidth shares of the workspace, and log it."""
     mission = mission_of(batch.missions, world)
-    bit = start_action(batch.briefing, mission, uav, view, action, batch.desk.share_hz)
+    bit = start_action(batch.briefing, mission, uav, view, action, batch.workspace.share_hz)
     if batch.settings.is_logged == 1:
         _log_event(batch, world, uav, view, reason, bit, heard)
     batch.n_events[world] += 1
@@ -331,14 +331,14 @@ def _ask(batch: Batch, world: int, uav: int, view: LocalView, heard: int) -> Non
     waiting.uav[world] = uav
     waiting.heard[world] = heard
     for action in range(N_ACTIONS):
-        waiting.legal[world][action] = batch.desk.legal[action]
+        waiting.legal[world][action] = batch.workspace.legal[action]
     first = world * briefing.n_uavs
     if settings.layout != NONE:
         belief = belief_of(batch.beliefs, first + uav)
         encode(settings.layout, briefing, uav, belief, view, waiting.observation[world])
     if waiting.n_records[world] < settings.n_rows:
         row = world * settings.n_rows + waiting.n_records[world]
-        mission, legal = mission_of(batch.missions, world), batch.desk.legal
+        mission, legal = mission_of(batch.missions, world), batch.workspace.legal
         record(batch.records, row, briefing, mission, batch.beliefs, first, uav, view, legal)
         waiting.n_records[world] += 1
 

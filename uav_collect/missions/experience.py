@@ -15,7 +15,7 @@ from uav_collect.kernels.arrays import Floats, Row
 from uav_collect.kernels.compile import kernel
 from uav_collect.kernels.rows import new_row
 from uav_collect.uav import actions
-from uav_collect.uav.actions import N_ACTIONS, NONE
+from uav_collect.uav.action_codes import N_ACTIONS, NONE
 from uav_collect.uav.belief import Belief, belief_of, Beliefs, new_beliefs
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.observation import encode

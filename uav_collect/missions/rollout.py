@@ -8,7 +8,7 @@ from dataclasses import replace
 from functools import partial
 
 from uav_collect.missions.simulation import fly_by_agents
-from uav_collect.missions.vector_env import Flights, Stepping
+from uav_collect.missions.vector_env import VectorEnv, VectorEnvConfig
 from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import Site
@@ -42,19 +42,19 @@ def fly(
     if allocator == 'cvxpy':  # no kernel: each UAV's agent shares its bandwidth by itself
         return [fly_by_agents(site, seed, make_policy, allocator) for seed in mission_seeds]
     pilot = make_policy()
-    stepping = Stepping(layout=None, allocator=allocator, reward=None, is_logged=True)
+    config = VectorEnvConfig(layout=None, allocator=allocator, reward=None, is_logged=True)
     match pilot:
         case RulePolicy(heuristic=rule):
-            flights = Flights(site, mission_seeds, replace(stepping, rule=rule))
+            env = VectorEnv(site, mission_seeds, replace(config, rule=rule))
         case LearnedPolicy(frozen=network):
             layout = network.header.layout
-            flights = Flights(site, mission_seeds, replace(stepping, layout=layout))
-            pilot.begin(flights.briefing, 0)  # raises if it does not fit
-            flights.fly_by_network(network)
+            env = VectorEnv(site, mission_seeds, replace(config, layout=layout))
+            pilot.begin(env.briefing, 0)  # raises if it does not fit
+            env.fly_by_network(network)
         case _:
-            flights = Flights(site, mission_seeds, stepping)
-            flights.fly_by_policies(make_policy)
-    return flights.mission_logs(pilot.name)
+            env = VectorEnv(site, mission_seeds, config)
+            env.fly_by_policies(make_policy)
+    return env.mission_logs(pilot.name)
 
 
 def _maker(policy: str | Callable[[], Policy], scenario: Scenario) -> Callable[[], Policy]:

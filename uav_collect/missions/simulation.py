@@ -23,8 +23,9 @@ from uav_collect.missions.event_log import grown_log, logged_events, mission_hea
 from uav_collect.physics.bandwidth import EXACT, hover_time_s
 from uav_collect.recording.mission_log import Events, MissionHeader, MissionLog
 from uav_collect.scenario.site import Site
-from uav_collect.uav import actions
-from uav_collect.uav.actions import BY_POLICY, check_can_start, HOME, HOVER, N_ACTIONS, NONE
+from uav_collect.uav import action_codes, actions
+from uav_collect.uav.action_codes import BY_POLICY, HOME, HOVER, N_ACTIONS, NONE
+from uav_collect.uav.actions import check_can_start
 from uav_collect.uav.agent import Agent, allocator_named
 from uav_collect.uav.belief import Belief, belief_of, merge
 from uav_collect.uav.messages import Decision, RadioMessage
@@ -40,9 +41,8 @@ from uav_collect.world.dynamics import (
     y_m_at,
 )
 
-KERNELS = (look, carry_out)  # that Python calls once an event
 _FIRST_CAPACITY = 512  # events that the log has room for before it must grow
-_REASONS_TO_GO_HOME = (BY_POLICY, actions.MAP_COMPLETE, actions.ENERGY_RESERVE)
+_REASONS_TO_GO_HOME = (BY_POLICY, action_codes.MAP_COMPLETE, action_codes.ENERGY_RESERVE)
 _BANDWIDTH_TOLERANCE = 1e-9  # relative; what a sum of shares may lose in rounding
 _LEAST_SHARE = 1e-100  # of the bandwidth; its noise and rate are still normal numbers
 
@@ -157,7 +157,7 @@ class Simulation:
         if self.n_events == len(self._batch.log.event[0]):
             self._batch = self._batch._replace(log=grown_log(self._batch.log, 1))
         for index, share_hz in enumerate(decision.share_hz):
-            self._batch.desk.share_hz[index] = share_hz
+            self._batch.workspace.share_hz[index] = share_hz
         heard = _bits([message.sender for message in event.heard])
         carry_out(self._batch, 0, event.uav, event.view, decision.action, decision.reason, heard)
         if next_uav(self._mission) < 0:
@@ -239,16 +239,16 @@ class Simulation:
         return None
 
     def _hover_s(self, view: LocalView, share_hz: tuple[float, ...]) -> float:
-        power_w, desk = self.briefing.tx_power_w, self._batch.desk
+        power_w, workspace = self.briefing.tx_power_w, self._batch.workspace
         for index in range(view.n_sensors):
-            desk.signal_w[index] = power_w * view.sensor_gain[index]
-            desk.error_w[index] = power_w * view.sensor_error_gain[index]
-            desk.share_hz[index] = share_hz[index]
+            workspace.signal_w[index] = power_w * view.sensor_gain[index]
+            workspace.error_w[index] = power_w * view.sensor_error_gain[index]
+            workspace.share_hz[index] = share_hz[index]
         return hover_time_s(
-            desk.signal_w,
-            desk.error_w,
+            workspace.signal_w,
+            workspace.error_w,
             view.sensor_bit,
-            desk.share_hz,
+            workspace.share_hz,
             view.n_sensors,
             self.briefing.noise_w_per_hz,
         )

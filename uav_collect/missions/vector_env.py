@@ -28,7 +28,8 @@ from uav_collect.missions.experience import Episode, N_UAV_SCALARS, Records, wri
 from uav_collect.physics.bandwidth import EQUAL, EXACT
 from uav_collect.recording.mission_log import MissionHeader, MissionLog
 from uav_collect.scenario.site import Site
-from uav_collect.uav.actions import check_can_start, HOME, HOVER, N_ACTIONS, NONE
+from uav_collect.uav.action_codes import HOME, HOVER, N_ACTIONS, NONE
+from uav_collect.uav.actions import check_can_start
 from uav_collect.uav.belief import belief_of
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.heuristics import Heuristic
@@ -43,7 +44,7 @@ _FIRST_CAPACITY = 256  # events of a mission that the log has room for before it
 
 
 @dataclass(frozen=True, kw_only=True)
-class Stepping:
+class VectorEnvConfig:
     """How missions are stepped."""
 
     layout: Layout | None = Layout.EGOCENTRIC  # of observations; None: there are none
@@ -71,10 +72,10 @@ class Decisions:
     duration_s: Floats  # (W,) since the decision before
 
 
-class Flights:
+class VectorEnv:
     """Missions in flight that ask for one decision each."""
 
-    def __init__(self, site: Site, mission_seeds: Sequence[int], stepping: Stepping) -> None:
+    def __init__(self, site: Site, mission_seeds: Sequence[int], config: VectorEnvConfig) -> None:
         """Take off.
 
         Args:
@@ -84,9 +85,9 @@ class Flights:
             AllocationError: the allocator is not one that kernels know.
             ConfigError: no UAV has the energy to start, or the layout has no room for the fleet.
         """
-        self._scenario, self._stepping = site.scenario, stepping
-        capacity = _FIRST_CAPACITY if stepping.is_logged else 1
-        self._batch = new_batch(site, mission_seeds, _settings(stepping), capacity)
+        self._scenario, self._config = site.scenario, config
+        capacity = _FIRST_CAPACITY if config.is_logged else 1
+        self._batch = new_batch(site, mission_seeds, _settings(config), capacity)
         check_can_start(site.scenario, self._batch.briefing)
         self._fly(new_row(len(mission_seeds), NONE))
 
@@ -210,7 +211,7 @@ class Flights:
         return [self._log_under(header, world) for world in range(len(self._batch.n_events))]
 
     def _header(self, policy_name: str) -> MissionHeader:
-        n_uavs, allocator = self._scenario.n_uavs, self._stepping.allocator
+        n_uavs, allocator = self._scenario.n_uavs, self._config.allocator
         return mission_header(self._scenario, 0, (), [policy_name] * n_uavs, [allocator] * n_uavs)
 
     def _log_under(self, header: MissionHeader, world: int) -> MissionLog:
@@ -223,7 +224,7 @@ class Flights:
         )
 
     def global_state(self, world: int) -> Floats:
-        """What a mixer is told of a mission: numbers from 0 to 1.
+        """What a mixer sees of a mission: numbers from 0 to 1.
 
         Returns:
             Of each UAV east and north as shares of the area's side, energy left as a share of its
@@ -278,18 +279,18 @@ def _arrays(rows: tuple[Any, ...]) -> Iterator[NDArray[Any]]:
             yield part
 
 
-def _settings(stepping: Stepping) -> Settings:
+def _settings(config: VectorEnvConfig) -> Settings:
     codes = {'exact': EXACT, 'equal': EQUAL}
-    if stepping.allocator not in codes:
+    if config.allocator not in codes:
         raise AllocationError(
-            f'allocator {stepping.allocator!r} cannot be stepped; there are {", ".join(codes)}'
+            f'allocator {config.allocator!r} cannot be stepped; there are {", ".join(codes)}'
         )
     return Settings(
-        rule=NONE if stepping.rule is None else int(stepping.rule),
-        allocator=codes[stepping.allocator],
-        layout=NONE if stepping.layout is None else int(stepping.layout),
-        reward=NONE if stepping.reward is None else int(stepping.reward),
-        is_synchronous=int(stepping.is_synchronous),
-        is_logged=int(stepping.is_logged),
-        n_rows=stepping.max_decisions + 1 if stepping.max_decisions else 0,
+        rule=NONE if config.rule is None else int(config.rule),
+        allocator=codes[config.allocator],
+        layout=NONE if config.layout is None else int(config.layout),
+        reward=NONE if config.reward is None else int(config.reward),
+        is_synchronous=int(config.is_synchronous),
+        is_logged=int(config.is_logged),
+        n_rows=config.max_decisions + 1 if config.max_decisions else 0,
     )

@@ -31,7 +31,7 @@ from uav_collect.planning.relaxation import climb, least_completion_s, least_ene
 from uav_collect.planning.search import Aim, best_routes, Routes, search
 from uav_collect.scenario.load import fingerprint, Scenario
 from uav_collect.scenario.site import Site
-from uav_collect.uav.actions import BACKWARD, FORWARD, HOVER, LEFT, RIGHT
+from uav_collect.uav.action_codes import BACKWARD, FORWARD, HOVER, LEFT, RIGHT
 
 KERNELS = (search, climb)  # that find plans, and what no plan beats
 N_ROUNDS = 2000  # of the search for each plan: some 0.3 s where kernels are interpreted

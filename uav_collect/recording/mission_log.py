@@ -13,12 +13,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from uav_collect.errors import MissionLogError
+from uav_collect.uav.action_codes import ACTION_NAMES, REASON_NAMES
 
 FORMAT = 'uav_collect mission log'
 FORMAT_VERSION = 1
-
-ACTION_NAMES = ('hover', 'forward', 'right', 'backward', 'left', 'home')
-REASON_NAMES = ('policy', 'map complete', 'energy reserve', 'failsafe')
 
 EVENT_DTYPE = np.dtype(
     [
@@ -28,8 +26,8 @@ EVENT_DTYPE = np.dtype(
         ('decision', np.int64),  # running number of the UAV's own decisions, from 0
         ('x_m', np.float64),  # where it decided, east
         ('y_m', np.float64),  # and north
-        ('action', np.int64),  # index into ACTION_NAMES
-        ('reason', np.int64),  # index into REASON_NAMES
+        ('action', np.int64),  # see action_codes
+        ('reason', np.int64),  # the same
         ('duration_s', np.float64),  # of the action
         ('energy_left_j', np.float64),  # before the action
         ('energy_j', np.float64),  # the action's cost

@@ -7,25 +7,16 @@ from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.compile import kernel
 from uav_collect.kernels.rows import new_row
 from uav_collect.scenario.load import Scenario
+from uav_collect.uav.action_codes import (
+    COLUMN_STEP,
+    FORWARD,
+    HOVER,
+    LEFT,
+    N_ACTIONS,
+    NONE,
+    ROW_STEP,
+)
 from uav_collect.uav.briefing import Briefing
-
-NONE = -1  # before the first action
-HOVER = 0
-FORWARD = 1  # north
-RIGHT = 2  # east
-BACKWARD = 3  # south
-LEFT = 4  # west
-N_ACTIONS = 5
-HOME = 5  # ends a UAV's decisions; no choice of a learned policy
-
-# Why an action was taken (mission_log.REASON_NAMES).
-BY_POLICY = 0
-MAP_COMPLETE = 1
-ENERGY_RESERVE = 2
-FAILSAFE = 3
-
-ROW_STEP = (0, 1, 0, -1, 0)  # by action
-COLUMN_STEP = (0, 0, 1, 0, -1)
 
 
 @kernel

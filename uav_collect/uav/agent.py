@@ -15,8 +15,8 @@ from uav_collect.kernels.compile import kernel
 from uav_collect.kernels.rows import new_row
 from uav_collect.limits import ALLOCATOR_NAMES
 from uav_collect.physics.bandwidth import allocate_cvxpy, EQUAL, EXACT, share_bandwidth
-from uav_collect.uav import actions
-from uav_collect.uav.actions import HOME, HOVER, N_ACTIONS, NONE
+from uav_collect.uav import action_codes, actions
+from uav_collect.uav.action_codes import HOME, HOVER, N_ACTIONS, NONE
 from uav_collect.uav.belief import belief_of, forget, hear, new_beliefs, observe
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.messages import Decision, RadioMessage
@@ -24,7 +24,7 @@ from uav_collect.uav.policy import Policy
 from uav_collect.uav.view import LocalView
 
 
-class Desk(NamedTuple):
+class Workspace(NamedTuple):
     """Rows an agent works with at a decision."""
 
     signal_w: Row[float]  # received power by sensor of the view
@@ -33,13 +33,13 @@ class Desk(NamedTuple):
     legal: Row[int]  # (N_ACTIONS,)
 
 
-# Shares the bandwidth of a view at a desk and returns the hover's duration [s].
-Allocator = Callable[[Briefing, LocalView, Desk], float]
+# Shares the bandwidth among the sensors of a view and returns the hover's duration [s].
+Allocator = Callable[[Briefing, LocalView, Workspace], float]
 
 
-def new_desk(max_sensors: int) -> Desk:
+def new_workspace(max_sensors: int) -> Workspace:
     """Rows for views of at most so many sensors."""
-    return Desk(
+    return Workspace(
         signal_w=new_row(max_sensors, 0.0),
         error_w=new_row(max_sensors, 0.0),
         share_hz=new_row(max_sensors, 0.0),
@@ -48,7 +48,7 @@ def new_desk(max_sensors: int) -> Desk:
 
 
 @kernel
-def allocate(allocator: int, briefing: Briefing, view: LocalView, desk: Desk) -> float:
+def allocate(allocator: int, briefing: Briefing, view: LocalView, workspace: Workspace) -> float:
     """Share the UAV's bandwidth among the view's sensors.
 
     Returns:
@@ -57,17 +57,17 @@ def allocate(allocator: int, briefing: Briefing, view: LocalView, desk: Desk) ->
     if view.n_sensors == 0:
         return 0.0
     for index in range(view.n_sensors):
-        desk.signal_w[index] = briefing.tx_power_w * view.sensor_gain[index]
-        desk.error_w[index] = briefing.tx_power_w * view.sensor_error_gain[index]
+        workspace.signal_w[index] = briefing.tx_power_w * view.sensor_gain[index]
+        workspace.error_w[index] = briefing.tx_power_w * view.sensor_error_gain[index]
     hover_s, _ = share_bandwidth(
         allocator,
-        desk.signal_w,
-        desk.error_w,
+        workspace.signal_w,
+        workspace.error_w,
         view.sensor_bit,
         view.n_sensors,
         briefing.bandwidth_hz,
         briefing.noise_w_per_hz,
-        desk.share_hz,
+        workspace.share_hz,
     )
     return hover_s
 
@@ -93,8 +93,8 @@ def must_go_home(
         legal,
     )
     if n_complete == briefing.cells_per_side * briefing.cells_per_side:
-        return actions.MAP_COMPLETE
-    return NONE if n_legal > 0 else actions.ENERGY_RESERVE
+        return action_codes.MAP_COMPLETE
+    return NONE if n_legal > 0 else action_codes.ENERGY_RESERVE
 
 
 def allocator_named(name: str) -> Allocator:
@@ -115,7 +115,7 @@ def allocator_named(name: str) -> Allocator:
             raise AllocationError(f'allocator {name!r} is unknown; there are {known}')
 
 
-def _allocate_by_cvxpy(briefing: Briefing, view: LocalView, desk: Desk) -> float:
+def _allocate_by_cvxpy(briefing: Briefing, view: LocalView, workspace: Workspace) -> float:
     if view.n_sensors == 0:
         return 0.0
     seen = range(view.n_sensors)
@@ -127,7 +127,7 @@ def _allocate_by_cvxpy(briefing: Briefing, view: LocalView, desk: Desk) -> float
         briefing.noise_w_per_hz,
     )
     for index, share_hz in enumerate(allocation.share_hz[0].tolist()):
-        desk.share_hz[index] = share_hz
+        workspace.share_hz[index] = share_hz
     return float(allocation.hover_s[0])
 
 
@@ -141,13 +141,13 @@ class Agent:
         self._briefing = briefing
         self._uav = uav
         self._allocator = allocator
-        self._desk = new_desk(1)
+        self._workspace = new_workspace(1)
         policy.begin(briefing, uav)
 
     @property
     def legal(self) -> Row[int]:
         """Which actions were legal at the latest decision, (N_ACTIONS,)."""
-        return self._desk.legal
+        return self._workspace.legal
 
     def begin(self) -> None:
         """Forget the last mission."""
@@ -181,21 +181,21 @@ class Agent:
 
     def decide(self, view: LocalView) -> Decision:
         """Choose the next action from the belief and the view observed last."""
-        if view.n_sensors > len(self._desk.share_hz):
-            self._desk = new_desk(view.n_sensors)
-        hover_s = self._allocator(self._briefing, view, self._desk)
-        legal = self._desk.legal
+        if view.n_sensors > len(self._workspace.share_hz):
+            self._workspace = new_workspace(view.n_sensors)
+        hover_s = self._allocator(self._briefing, view, self._workspace)
+        legal = self._workspace.legal
         reason = must_go_home(
             self._briefing, self._uav, self.belief.n_complete[0], view, hover_s, legal
         )
         if reason != NONE:
             return Decision(action=HOME, reason=reason)
         action = self.policy.choose(self.belief, view, legal)
-        share_hz = self._desk.share_hz
+        share_hz = self._workspace.share_hz
         served = range(view.n_sensors if action == HOVER else 0)
         return Decision(
             action=action,
-            reason=actions.BY_POLICY,
+            reason=action_codes.BY_POLICY,
             sensor=tuple(int(view.sensor[index]) for index in served),
             share_hz=tuple(float(share_hz[index]) for index in served),
         )

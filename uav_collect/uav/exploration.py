@@ -7,7 +7,7 @@ its decision, whoever flies it.
 from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.compile import kernel
 from uav_collect.kernels.keyed_random import draw_words, EXPLORATION
-from uav_collect.uav.actions import HOVER, N_ACTIONS, NONE
+from uav_collect.uav.action_codes import HOVER, N_ACTIONS, NONE
 
 _WORDS = 4294967296.0
 

@@ -13,7 +13,7 @@ from uav_collect.kernels.compile import kernel
 from uav_collect.kernels.keyed_random import draw_uniform, EXPLORATION
 from uav_collect.kernels.rows import new_row
 from uav_collect.uav import actions
-from uav_collect.uav.actions import COLUMN_STEP, FORWARD, HOME, HOVER, N_ACTIONS, ROW_STEP
+from uav_collect.uav.action_codes import COLUMN_STEP, FORWARD, HOME, HOVER, N_ACTIONS, ROW_STEP
 from uav_collect.uav.belief import Belief
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.view import LocalView
@@ -73,7 +73,7 @@ class RulePolicy:
         self._memory = new_row(MEMORY_SIZE, 0)
 
     def choose(self, belief: Belief, view: LocalView, legal: Row[int]) -> int:
-        """One of the legal actions, or actions.HOME to end the mission."""
+        """One of the legal actions, or action_codes.HOME to end the mission."""
         if self._briefing is None:
             raise RuntimeError('a policy must begin a mission before it chooses')
         return choose(self.heuristic, self._briefing, self._uav, belief, view, legal, self._memory)

@@ -16,7 +16,7 @@ from uav_collect.errors import ConfigError
 from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.compile import kernel
 from uav_collect.limits import EGOCENTRIC_MAX_UAVS
-from uav_collect.uav.actions import N_ACTIONS
+from uav_collect.uav.action_codes import N_ACTIONS
 from uav_collect.uav.belief import Belief, NEVER
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.view import LocalView, VIEW_CELLS

@@ -13,7 +13,7 @@ from uav_collect.uav.briefing import brief, Briefing
 from uav_collect.uav.heuristics import Heuristic, RulePolicy
 from uav_collect.uav.policy_file import load_policy, SUFFIX
 from uav_collect.uav.policy_network import FrozenPolicy, LearnedPolicy
-from uav_collect.uav.user_policy import callable_policy, CallablePolicy, is_callable_name
+from uav_collect.uav.user_policy import is_user_policy_name, user_policy, UserPolicy
 from uav_collect.uav.view import LocalView
 
 STRONG = 'strong'  # stands for the learned policy that is shipped for the scenario at hand
@@ -39,10 +39,10 @@ class Policy(Protocol):
         """
 
     def choose(self, belief: Belief, view: LocalView, legal: Row[int]) -> int:
-        """One of the legal actions (at least one is), or actions.HOME to end the mission."""
+        """One of the legal actions (at least one is), or HOME to end the mission."""
 
 
-NamedPolicy = RulePolicy | LearnedPolicy | CallablePolicy
+NamedPolicy = RulePolicy | LearnedPolicy | UserPolicy
 
 
 def policy_named(name: str) -> NamedPolicy:
@@ -60,8 +60,8 @@ def policy_named(name: str) -> NamedPolicy:
             return RulePolicy(Heuristic.SWEEP)
         case 'random':
             return RulePolicy(Heuristic.RANDOM)
-        case _ if is_callable_name(name):
-            return callable_policy(name)
+        case _ if is_user_policy_name(name):
+            return user_policy(name)
     file = _file_of(name)
     if file is None:
         known = [heuristic.label for heuristic in Heuristic] + [*shipped_policies()]

@@ -33,8 +33,8 @@ def policy_bytes(policy: FrozenPolicy) -> bytes:
 def _in_order(content: bytes) -> bytes:
     """The same file, its head sorted: safetensors writes it in another order each time."""
     end = _LENGTH_BYTE + int.from_bytes(content[:_LENGTH_BYTE], 'little')
-    told = json.loads(content[_LENGTH_BYTE:end])
-    head = json.dumps(told, sort_keys=True, separators=(',', ':'), ensure_ascii=False).encode()
+    metadata = json.loads(content[_LENGTH_BYTE:end])
+    head = json.dumps(metadata, sort_keys=True, separators=(',', ':'), ensure_ascii=False).encode()
     if len(head) > end - _LENGTH_BYTE:
         raise RuntimeError(f'a head of {len(head)} bytes has no room in {end - _LENGTH_BYTE}')
     return content[:_LENGTH_BYTE] + head.ljust(end - _LENGTH_BYTE) + content[end:]
@@ -107,10 +107,10 @@ def _tensor(name: str, tensor: Mapping[str, Any]) -> NDArray[np.float32]:
 
 
 def _metadata(policy: FrozenPolicy) -> dict[str, str]:
-    told = {
+    texts = {
         field.name: _text(getattr(policy.header, field.name)) for field in fields(PolicyHeader)
     }
-    return {'format': FORMAT, **told, 'digest': policy.digest}
+    return {'format': FORMAT, **texts, 'digest': policy.digest}
 
 
 def _text(value: Layout | Validation | int | str) -> str:
@@ -120,11 +120,11 @@ def _text(value: Layout | Validation | int | str) -> str:
 
 
 def _header(metadata: Mapping[str, str]) -> PolicyHeader:
-    told: dict[str, Any] = {
+    values: dict[str, Any] = {
         field.name: _parsed(field.name, field.type, _field(metadata, field.name))
         for field in fields(PolicyHeader)
     }
-    return PolicyHeader(**told)
+    return PolicyHeader(**values)
 
 
 def _parsed(name: str, kind: object, text: str) -> Layout | Validation | int | str:

@@ -20,7 +20,7 @@ from uav_collect.errors import PolicyMismatchError
 from uav_collect.kernels.arrays import Bools, Floats, Ints, Row
 from uav_collect.kernels.rows import new_row
 from uav_collect.limits import EGOCENTRIC_MAX_UAVS, MAX_UAVS
-from uav_collect.uav.actions import N_ACTIONS, NONE
+from uav_collect.uav.action_codes import N_ACTIONS, NONE
 from uav_collect.uav.belief import Belief
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.exploration import explore

@@ -1,9 +1,9 @@
 """Policies that users write: a function of what one UAV knows, named as `module:function`.
 
-A function gets a `Situation` and returns one of the legal actions, or `actions.HOME`. To remember,
-name a class instead: it is called with the briefing and the UAV's index at the start of each
-mission, and what it makes is called with each `Situation` of that UAV. Both must decide by what
-they are given alone: then a mission is the same to the byte however it is flown.
+A function gets a `Situation` and returns one of the legal actions, or HOME. To remember, name a
+class instead: it is called with the briefing and the UAV's index at the start of each mission, and
+what it makes is called with each `Situation` of that UAV. Both must decide by what they are given
+alone: then a mission is the same to the byte however it is flown.
 """
 
 from collections.abc import Callable
@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from uav_collect.errors import PolicyMismatchError
 from uav_collect.kernels.arrays import Ints, Row
-from uav_collect.uav.actions import HOME, N_ACTIONS
+from uav_collect.uav.action_codes import HOME, N_ACTIONS
 from uav_collect.uav.belief import Belief, BeliefRecord
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.view import LocalView
@@ -42,7 +42,7 @@ class Situation:
 
 
 @dataclass
-class CallablePolicy:
+class UserPolicy:
     """A function or class behind the protocol `policy.Policy`."""
 
     name: str
@@ -70,7 +70,7 @@ class CallablePolicy:
             raise PolicyMismatchError(f'policy {self.name}: a {kind} cannot be called')
 
     def choose(self, belief: Belief, view: LocalView, legal: Row[int]) -> int:
-        """One of the legal actions, or actions.HOME to end the mission.
+        """One of the legal actions, or HOME to end the mission.
 
         Raises:
             PolicyMismatchError: the function fails, or returns anything else.
@@ -101,16 +101,18 @@ class CallablePolicy:
             f' ({Path(frame.filename).name}, line {frame.lineno})'
             for frame in extract_tb(error.__traceback__)[1:2]
         ]
-        return PolicyMismatchError(f'policy {self.name}: {where}: {_told(error)}{"".join(lines)}')
+        return PolicyMismatchError(
+            f'policy {self.name}: {where}: {_in_one_line(error)}{"".join(lines)}'
+        )
 
 
-def is_callable_name(name: str) -> bool:
+def is_user_policy_name(name: str) -> bool:
     """Whether a name has the form `module:function`."""
     module, colon, function = name.partition(':')
     return bool(colon) and all(part.isidentifier() for part in (*module.split('.'), function))
 
 
-def callable_policy(name: str) -> CallablePolicy:
+def user_policy(name: str) -> UserPolicy:
     """The policy `module:function`; the module may lie in the working directory.
 
     Raises:
@@ -127,7 +129,7 @@ def callable_policy(name: str) -> CallablePolicy:
     if not callable(target):
         kind = type(target).__name__
         raise PolicyMismatchError(f'policy {name}: {function} is a {kind}: must be a function')
-    return CallablePolicy(name=name, version=_version(module.__spec__), target=target)
+    return UserPolicy(name=name, version=_version(module.__spec__), target=target)
 
 
 def policy_of(target: Callable[..., Any]) -> CallablePolicy:
@@ -152,7 +154,7 @@ def _imported(policy: str, module: str) -> ModuleType:
     except ModuleNotFoundError as error:
         if error.name is None or not f'{module}.'.startswith(f'{error.name}.'):
             raise PolicyMismatchError(
-                f'policy {policy}: module {module} cannot be imported: {_told(error)}'
+                f'policy {policy}: module {module} cannot be imported: {_in_one_line(error)}'
             ) from error
         raise PolicyMismatchError(
             f'policy {policy}: there is no module {error.name} in {os.getcwd()} or where else '
@@ -160,7 +162,7 @@ def _imported(policy: str, module: str) -> ModuleType:
         ) from None
     except (Exception, SystemExit) as error:  # the user's code may raise anything
         raise PolicyMismatchError(
-            f'policy {policy}: module {module} cannot be imported: {_told(error)}'
+            f'policy {policy}: module {module} cannot be imported: {_in_one_line(error)}'
         ) from error
 
 
@@ -171,7 +173,7 @@ def _version(spec: ModuleSpec | None) -> str:
     return hashlib.sha256(Path(spec.origin).read_bytes()).hexdigest()[:_VERSION_DIGITS]
 
 
-def _told(error: BaseException) -> str:
+def _in_one_line(error: BaseException) -> str:
     """An exception in one line."""
     return ' '.join(f'{type(error).__name__}: {error}'.split())
 

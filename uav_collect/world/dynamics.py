@@ -14,7 +14,7 @@ from uav_collect.kernels.compile import kernel, row_kernel
 from uav_collect.kernels.rows import new_table
 from uav_collect.physics.radio import channel_draw, uplink_rate_bps
 from uav_collect.uav import actions
-from uav_collect.uav.actions import COLUMN_STEP, HOME, HOVER, NONE, ROW_STEP
+from uav_collect.uav.action_codes import COLUMN_STEP, HOME, HOVER, NONE, ROW_STEP
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.view import LocalView, VIEW_CELLS, ViewRows
 from uav_collect.world.sensor_field import draw_demand, Ground

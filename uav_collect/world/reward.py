@@ -11,7 +11,8 @@ from typing import NamedTuple
 from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.compile import kernel
 from uav_collect.kernels.rows import new_row
-from uav_collect.uav.actions import cell_at, HOVER, NONE
+from uav_collect.uav.action_codes import HOVER, NONE
+from uav_collect.uav.actions import cell_at
 from uav_collect.uav.briefing import Briefing
 from uav_collect.world.dynamics import end_s, Mission, next_uav
 from uav_collect.world.sensor_field import Ground

@@ -6,7 +6,7 @@ from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.rows import new_row
 from uav_collect.lockstep.published_policy import TopicPolicy
 from uav_collect.nodes import convert
-from uav_collect.uav.actions import BY_POLICY
+from uav_collect.uav.action_codes import BY_POLICY
 from uav_collect.uav.agent import Agent
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.messages import Decision

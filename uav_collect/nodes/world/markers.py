@@ -15,7 +15,7 @@ from nav_msgs.msg import MapMetaData, OccupancyGrid
 from std_msgs.msg import ColorRGBA, Header
 from uav_collect.missions.simulation import Event, Simulation
 from uav_collect.scenario.site import Site
-from uav_collect.uav import actions
+from uav_collect.uav import action_codes, actions
 from uav_collect.uav.messages import Decision
 from uav_collect.uav.view import VIEW_CELLS
 from visualization_msgs.msg import Marker, MarkerArray
@@ -157,7 +157,7 @@ class MissionMarkers:
         briefing = self._simulation.briefing
         for event, decision in self._noted:
             view, track = event.view, self._tracks[event.uav]
-            is_hover = decision.action == actions.HOVER
+            is_hover = decision.action == action_codes.HOVER
             powers_w = briefing.hover_power_w if is_hover else briefing.flight_power_w
             track.energy_j, track.start_s = view.energy_left_j, view.time_s
             track.power_w = powers_w[event.uav]

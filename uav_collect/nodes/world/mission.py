@@ -15,16 +15,17 @@ from uav_collect.lockstep.roster import Pilot
 from uav_collect.missions.event_log import mission_header
 from uav_collect.missions.simulation import Event, Simulation
 from uav_collect.nodes import convert
-from uav_collect.recording.mission_log import Events, header_line, MissionHeader, REASON_NAMES
+from uav_collect.recording.mission_log import Events, header_line, MissionHeader
 from uav_collect.scenario.site import Site
-from uav_collect.uav import actions
+from uav_collect.uav import action_codes
+from uav_collect.uav.action_codes import REASON_NAMES
 from uav_collect.uav.messages import Decision
 from uav_collect.uav.policy import TOPIC
 from uav_collect_msgs.msg import Epoch, Mission, Observation, UavFigures
 from uav_collect_msgs.msg import RadioMessage as RadioMessageMsg
 
 _NO_AGENT = 'none'  # stands for the policy of a UAV that had no agent when the mission began
-FAILSAFE_DECISION = Decision(action=actions.HOME, reason=actions.FAILSAFE)
+FAILSAFE_DECISION = Decision(action=action_codes.HOME, reason=action_codes.FAILSAFE)
 
 
 @dataclass
@@ -237,7 +238,7 @@ class MissionInFlight:
 
     def _start(self, event: Event, decision: Decision, policy_version: str) -> None:
         self.pending = self._event = None
-        self.n_decisions += decision.action != actions.HOME
+        self.n_decisions += decision.action != action_codes.HOME
         self.simulation.start(event, decision)
         self._open = (event.view.time_s, policy_version)
 
@@ -322,8 +323,8 @@ def _add_figures(message: Mission, mission: MissionInFlight, result: MissionMetr
 
 
 _OUTCOMES = {
-    REASON_NAMES[actions.BY_POLICY]: UavFigures.CHOSEN,
-    REASON_NAMES[actions.MAP_COMPLETE]: UavFigures.MAP_COMPLETE,
-    REASON_NAMES[actions.ENERGY_RESERVE]: UavFigures.ENERGY_RESERVE,
-    REASON_NAMES[actions.FAILSAFE]: UavFigures.FAILSAFE,
+    REASON_NAMES[action_codes.BY_POLICY]: UavFigures.CHOSEN,
+    REASON_NAMES[action_codes.MAP_COMPLETE]: UavFigures.MAP_COMPLETE,
+    REASON_NAMES[action_codes.ENERGY_RESERVE]: UavFigures.ENERGY_RESERVE,
+    REASON_NAMES[action_codes.FAILSAFE]: UavFigures.FAILSAFE,
 }

@@ -3,12 +3,13 @@
 import numpy as np
 from uav_collect.analysis.metrics import mission_metrics
 from uav_collect.analysis.trajectories import draw_mission
-from uav_collect.recording.mission_log import ACTION_NAMES, from_jsonl, MissionLog
+from uav_collect.recording.mission_log import from_jsonl, MissionLog
 from uav_collect.scenario.site import build_site
 from uav_collect.studies.findings import Findings
 from uav_collect.studies.jobs.flights import log_name
 from uav_collect.studies.pictures.drawing import csv_of, Drawing, finish, panels
 from uav_collect.studies.study import TopologyStudy, TrajectoriesStudy
+from uav_collect.uav.action_codes import ACTION_NAMES
 from uav_collect.world.sensor_field import demand_of
 
 _SIDE_IN = 4.6
