@@ -11,8 +11,8 @@ Missions:
 Policies of your own: a function of a `Situation` that returns `HOVER`, `FORWARD`, `RIGHT`,
 `BACKWARD` or `LEFT`, whichever are legal, or `HOME`. `step_towards` finds the way to a cell.
 
-Reinforcement learning: `env(scenario)` is a PettingZoo environment. `Flights`, with a `Stepping`,
-a `Layout` and a `Reward`, steps many missions at once.
+Reinforcement learning: `env(scenario)` is a PettingZoo environment. `VectorEnv` steps many missions
+at once, as its `VectorEnvConfig` says, with a `Layout` and a `Reward`.
 
 Whatever a user may handle is a `UavCollectError`. Importing this package loads nothing else: each
 name loads its module when it is used. What is not listed here is free to move.
@@ -27,12 +27,12 @@ if TYPE_CHECKING:
     from uav_collect.analysis.metrics import mission_metrics
     from uav_collect.api import bound, evaluate, Evaluation, FlownMission, fly
     from uav_collect.errors import UavCollectError
-    from uav_collect.missions.vector_env import Flights, Stepping
+    from uav_collect.missions.vector_env import VectorEnv, VectorEnvConfig
     from uav_collect.pettingzoo_env import env
     from uav_collect.scenario.load import load
     from uav_collect.scenario.model import Scenario
     from uav_collect.scenario.site import build_site
-    from uav_collect.uav.actions import BACKWARD, FORWARD, HOME, HOVER, LEFT, RIGHT
+    from uav_collect.uav.action_codes import BACKWARD, FORWARD, HOME, HOVER, LEFT, RIGHT
     from uav_collect.uav.heuristics import step_towards
     from uav_collect.uav.observation import Layout
     from uav_collect.uav.user_policy import Situation
@@ -46,14 +46,14 @@ __all__ = [
     'LEFT',
     'RIGHT',
     'Evaluation',
-    'Flights',
     'FlownMission',
     'Layout',
     'Reward',
     'Scenario',
     'Situation',
-    'Stepping',
     'UavCollectError',
+    'VectorEnv',
+    'VectorEnvConfig',
     '__version__',
     'bound',
     'build_site',
@@ -71,12 +71,12 @@ _NAMES_OF = {
     'analysis.metrics': ('mission_metrics',),
     'api': ('Evaluation', 'FlownMission', 'bound', 'evaluate', 'fly'),
     'errors': ('UavCollectError',),
-    'missions.vector_env': ('Flights', 'Stepping'),
+    'missions.vector_env': ('VectorEnv', 'VectorEnvConfig'),
     'pettingzoo_env': ('env',),
     'scenario.load': ('load',),
     'scenario.model': ('Scenario',),
     'scenario.site': ('build_site',),
-    'uav.actions': ('BACKWARD', 'FORWARD', 'HOME', 'HOVER', 'LEFT', 'RIGHT'),
+    'uav.action_codes': ('BACKWARD', 'FORWARD', 'HOME', 'HOVER', 'LEFT', 'RIGHT'),
     'uav.heuristics': ('step_towards',),
     'uav.observation': ('Layout',),
     'uav.user_policy': ('Situation',),

@@ -132,7 +132,7 @@ def user_policy(name: str) -> UserPolicy:
     return UserPolicy(name=name, version=_version(module.__spec__), target=target)
 
 
-def policy_of(target: Callable[..., Any]) -> CallablePolicy:
+def policy_of(target: Callable[..., Any]) -> UserPolicy:
     """A function or class as a policy, called as it is.
 
     Raises:
@@ -142,7 +142,7 @@ def policy_of(target: Callable[..., Any]) -> CallablePolicy:
         raise PolicyMismatchError(f'policy {target!r}: must be a name, a function or a class')
     name = getattr(target, '__name__', type(target).__name__)
     version = _version(sys.modules[target.__module__].__spec__)
-    return CallablePolicy(name=name, version=version, target=target)
+    return UserPolicy(name=name, version=version, target=target)
 
 
 def _imported(policy: str, module: str) -> ModuleType:
