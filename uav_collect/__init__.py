@@ -11,8 +11,8 @@ Missions:
 Policies of your own: a function of a `Situation` that returns `HOVER`, `FORWARD`, `RIGHT`,
 `BACKWARD` or `LEFT`, whichever are legal, or `HOME`. `step_towards` finds the way to a cell.
 
-Reinforcement learning: `env(scenario)` is a PettingZoo environment. `VectorEnv` steps many missions
-at once, as its `VectorEnvConfig` says, with a `Layout` and a `Reward`.
+Reinforcement learning: `env(scenario)` is a PettingZoo environment. `VectorEnv` steps many
+missions at once, as its `VectorEnvConfig` says, with a `Layout` and a `Reward`.
 
 Whatever a user may handle is a `UavCollectError`. Importing this package loads nothing else: each
 name loads its module when it is used. What is not listed here is free to move.
