@@ -27,12 +27,12 @@ ORDER = (
 )
 MAX_ROOT_MODULES = 8
 MAX_FLOORS = 13
-MAX_DECISION_FILES = 19
+MAX_DECISION_FILES = 15
 
 _COLUMNS = 99
 _SCENARIO = 'paper_8x8'
 _LEARNED = 'paper_8x8_n2_aqmix'
-_LOGGED = ('event_log', 'log_event')  # module and function that end a decision
+_DONE = ('batch_kernels', 'carry_out')  # module and function that end a decision
 
 Sources = Mapping[str, str]  # texts by path in the package
 Graph = dict[str, set[str]]  # what each one imports
@@ -199,7 +199,7 @@ class _Tracer:
         finally:
             sys.settrace(None)
         if not self.files:
-            raise SystemExit(f'{".".join(_LOGGED)} was not called: what else ends a decision?')
+            raise SystemExit(f'{".".join(_DONE)} was not called: what else ends a decision?')
         return tuple(sorted(module_of(file) for file in self.files))
 
     def _called(self, frame: FrameType, event: str, argument: object) -> Any:  # noqa: ANN401
@@ -217,7 +217,7 @@ class _Tracer:
 
 
 def _ends_decision(code: CodeType) -> bool:
-    return (Path(code.co_filename).stem, code.co_name) == _LOGGED
+    return (Path(code.co_filename).stem, code.co_name) == _DONE
 
 
 def flight_rows(package: Path) -> list[Row]:
@@ -225,30 +225,22 @@ def flight_rows(package: Path) -> list[Row]:
     os.environ['UAV_COLLECT_KERNELS'] = 'interpreted'  # or else nothing could be traced
     sys.path.insert(0, str(package.parent))
     from uav_collect.missions.rollout import fly
+    from uav_collect.missions.simulation import fly_by_agents
     from uav_collect.scenario.load import load
     from uav_collect.scenario.site import build_site
-    from uav_collect.uav.policy import policy_for
+    from uav_collect.uav.heuristics import Heuristic, RulePolicy
 
-    scenario = load(_SCENARIO)
-    site = build_site(scenario)
-
-    class OnBoard:
-        """A rule that no kernel flies, so that agents decide one by one, as over ROS."""
-
-        def __init__(self) -> None:
-            self._rule = policy_for('sweep', scenario)
-
-        def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - it stands for the rule
-            return getattr(self._rule, name)
-
-    flown: dict[str, str | Callable[[], Any]] = {
-        'by a rule': 'sweep',
-        'by a learned policy': _LEARNED,
-        'agent by agent': OnBoard,
+    site = build_site(load(_SCENARIO))
+    flights = {
+        'by a rule': lambda: fly(site, [0], 'sweep'),
+        'by a learned policy': lambda: fly(site, [0], _LEARNED),
+        'agent by agent': lambda: fly_by_agents(
+            site, 0, lambda: RulePolicy(Heuristic.SWEEP), 'exact'
+        ),
     }
     rows = []
-    for title, policy in flown.items():
-        names = _Tracer(package).trace(lambda policy=policy: fly(site, [0], policy))
+    for title, flight in flights.items():
+        names = _Tracer(package).trace(flight)
         rows.append(Row(title=title, value=len(names), limit=MAX_DECISION_FILES, names=names))
     return rows
 
