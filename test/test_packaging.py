@@ -95,6 +95,10 @@ def needing_ros(tests: Sources) -> set[str]:
     }
 
 
+def test_no_import_runs_upward() -> None:
+    assert structure.upward(structure.module_graph(SOURCES)) == []
+
+
 @pytest.mark.parametrize(
     'source',
     [
@@ -114,6 +118,11 @@ def test_an_import_that_runs_upward_is_seen(source: str) -> None:
 
 def test_a_room_without_a_place_is_seen() -> None:
     assert structure.upward({'attic.box': set()}) == ['attic has no place']
+
+
+def test_no_imports_run_in_a_circle() -> None:
+    modules = structure.module_graph(SOURCES)
+    assert structure.circles(structure.room_graph(modules)) == []
 
 
 def test_a_circle_is_seen_among_rooms_even_if_modules_have_none() -> None:
@@ -174,6 +183,11 @@ def test_rooms_that_do_not_keep_apart_are_seen(room: str) -> None:
     source = f'from uav_collect.{other}.part import Thing'
     sources = {f'{room}/one.py': source, f'{other}/part.py': source, 'planning/one.py': source}
     assert importers_of({other}, room, sources) == {f'{room}.one'}
+
+
+def test_lockstep_is_tested_without_ros() -> None:
+    assert len(LOCKSTEP_TESTS) > 2
+    assert needing_ros(LOCKSTEP_TESTS) == set()
 
 
 @pytest.mark.parametrize(
