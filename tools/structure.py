@@ -27,7 +27,7 @@ ORDER = (
 )
 MAX_ROOT_MODULES = 8
 MAX_FLOORS = 13
-MAX_DECISION_FILES = 15
+MAX_DECISION_FILES = 13
 
 _COLUMNS = 99
 _SCENARIO = 'paper_8x8'
@@ -228,18 +228,22 @@ def flight_rows(package: Path) -> list[Row]:
     from uav_collect.missions.simulation import fly_by_agents
     from uav_collect.scenario.load import load
     from uav_collect.scenario.site import build_site
-    from uav_collect.uav.heuristics import Heuristic, RulePolicy
+    from uav_collect.uav.policy import policy_for
 
-    site = build_site(load(_SCENARIO))
-    flights = {
+    scenario = load(_SCENARIO)
+    site = build_site(scenario)
+    flown = {
         'by a rule': lambda: fly(site, [0], 'sweep'),
         'by a learned policy': lambda: fly(site, [0], _LEARNED),
-        'agent by agent': lambda: fly_by_agents(
-            site, 0, lambda: RulePolicy(Heuristic.SWEEP), 'exact'
-        ),
+        'a rule as over ROS': lambda: _as_over_ros('sweep'),
+        'learned as over ROS': lambda: _as_over_ros(_LEARNED),
     }
+
+    def _as_over_ros(policy: str) -> object:
+        return fly_by_agents(site, 0, lambda: policy_for(policy, scenario), 'exact')
+
     rows = []
-    for title, flight in flights.items():
+    for title, flight in flown.items():
         names = _Tracer(package).trace(flight)
         rows.append(Row(title=title, value=len(names), limit=MAX_DECISION_FILES, names=names))
     return rows

@@ -63,11 +63,6 @@ def logged_events(log: EventLog, world: int, n_events: int, first: int = 0) -> E
     return events
 
 
-def signed_bits(bits: int) -> int:
-    """The bits of up to 64 UAVs as an integer of 64; the last of them is its sign."""
-    return bits - (bits >> 63 << 64)
-
-
 def mission_header(
     scenario: Scenario,
     mission_seed: int,

@@ -10,7 +10,6 @@ import math
 
 from uav_collect.errors import PolicyMismatchError
 from uav_collect.kernels.arrays import Row
-from uav_collect.kernels.rows import new_row
 from uav_collect.missions.batch_kernels import (
     be_heard,
     carry_out,
@@ -19,12 +18,12 @@ from uav_collect.missions.batch_kernels import (
     new_batch,
     Settings,
 )
-from uav_collect.missions.event_log import grown_log, logged_events, mission_header, signed_bits
+from uav_collect.missions.event_log import grown_log, logged_events, mission_header
 from uav_collect.physics.bandwidth import EXACT, hover_time_s
 from uav_collect.recording.mission_log import Events, MissionHeader, MissionLog
 from uav_collect.scenario.site import Site
 from uav_collect.uav import action_codes, actions
-from uav_collect.uav.action_codes import BY_POLICY, HOME, HOVER, N_ACTIONS, NONE
+from uav_collect.uav.action_codes import BY_POLICY, HOME, HOVER, NONE
 from uav_collect.uav.actions import check_can_start
 from uav_collect.uav.agent import Agent, allocator_named
 from uav_collect.uav.belief import Belief, belief_of, merge
@@ -134,7 +133,7 @@ class Simulation:
             return None
         if action == HOVER:
             return self._hover_refusal(event.uav, view, decision)
-        legal = new_row(N_ACTIONS, 0)
+        legal = self._batch.workspace.legal
         actions.mark_legal(
             self.briefing,
             event.uav,
@@ -287,5 +286,6 @@ def fly_by_agents(
 
 
 def _bits(uavs: list[int]) -> int:
-    """UAVs as the bits of an integer of 64."""
-    return signed_bits(sum(1 << uav for uav in uavs))
+    """UAVs as the bits of an integer of 64; the last of them is its sign, as in kernels."""
+    bits = sum(1 << uav for uav in uavs)
+    return bits - (bits >> 63 << 64)

@@ -86,6 +86,7 @@ class VectorEnv:
             ConfigError: no UAV has the energy to start, or the layout has no room for the fleet.
         """
         self._scenario, self._config = site.scenario, config
+        self._is_compiled = kernels_are_compiled()
         capacity = _FIRST_CAPACITY if config.is_logged else 1
         self._batch = new_batch(site, mission_seeds, _settings(config), capacity)
         check_can_start(site.scenario, self._batch.briefing)
@@ -133,8 +134,7 @@ class VectorEnv:
         refused = np.flatnonzero((waiting.uav != NONE) & ~is_legal)
         if len(refused):
             raise ValueError(self._refusal(refused[0], actions[refused[0]]))
-        row = np.where(waiting.uav == NONE, HOVER, actions).astype(np.int64)
-        self._fly(row if kernels_are_compiled() else row.tolist())
+        self._answer(np.where(waiting.uav == NONE, HOVER, actions))
         return self.decisions
 
     def fly_by_network(self, policy: FrozenPolicy) -> None:
@@ -147,7 +147,8 @@ class VectorEnv:
             rows = waiting * n_uavs + decisions.uav[waiting]
             values, hidden[rows] = policy.step(decisions.observation[waiting], hidden[rows])
             chosen[waiting] = best_actions(values, decisions.legal[waiting])
-            decisions = self.step(chosen)
+            self._answer(chosen)
+            decisions = self.decisions
 
     def fly_by_policies(self, make_policy: Callable[[], Policy]) -> None:
         """Fly all missions to their end, every UAV by a policy of its own.
@@ -254,6 +255,11 @@ class VectorEnv:
         batch = self._batch
         parts = (batch.missions, batch.beliefs, batch.complete, batch.n_events, batch.earnings)
         return [*_arrays((*parts, batch.waiting, batch.records))]
+
+    def _answer(self, actions: Ints) -> None:
+        """Carry out a legal action of each mission that waits; any for those that are over."""
+        row = np.ascontiguousarray(actions, dtype=np.int64)
+        self._fly(row if self._is_compiled else row.tolist())
 
     def _fly(self, answers: Any) -> None:  # noqa: ANN401 - a row
         """Fly on with the answers, with more room for the log as often as that is needed."""

@@ -23,6 +23,8 @@ from uav_collect.uav.messages import Decision, RadioMessage
 from uav_collect.uav.policy import Policy
 from uav_collect.uav.view import LocalView
 
+_ROOM = 64  # sensors of a view that an agent has rows for before it makes longer ones
+
 
 class Workspace(NamedTuple):
     """Rows an agent works with at a decision."""
@@ -141,7 +143,7 @@ class Agent:
         self._briefing = briefing
         self._uav = uav
         self._allocator = allocator
-        self._workspace = new_workspace(1)
+        self._workspace = new_workspace(_ROOM)
         policy.begin(briefing, uav)
 
     @property
