@@ -5,5 +5,8 @@ EGOCENTRIC_MAX_UAVS = 6  # UAVs that the egocentric observation tells apart
 MAX_SEED = 2**62  # mission seeds count up from here and stay inside 63 bits
 MAX_DECISIONS = 10**12  # of a training
 
+ALGORITHMS = ('aqmix', 'qmix', 'aiql')  # of a training
+FLEET_ALGORITHMS = ('aqmix', 'aiql')  # those whose UAVs do not wait for each other
+
 # How bandwidth may be shared; the first two are known to kernels, by their place here.
 ALLOCATOR_NAMES = ('exact', 'equal', 'cvxpy')

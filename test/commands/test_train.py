@@ -214,7 +214,7 @@ def test_one_policy_learns_to_fly_several_fleets(settings: list[str], tmp_path: 
     assert main(['train', *settings, '--uavs', '1', '2', '--output', str(folder)]) == 0
     header = load_policy(folder / 'policy.safetensors').header
     assert (header.n_uavs_min, header.n_uavs_max) == (1, 2)
-    assert read_run(folder).flown == 'field, 1 to 2 UAVs'
+    assert read_run(folder).scenario_text == 'field, 1 to 2 UAVs'
     scenarios = [from_yaml((folder / name).read_text()) for name in SCENARIOS]
     assert [scenario.n_uavs for scenario in scenarios] == [1, 2]
 

@@ -8,10 +8,10 @@ import sys
 from processes import Processes, RunningProcess
 import pytest
 from tiny_world import tiny
-from uav_collect.commands import train_fleet
 from uav_collect.commands.ros_processes import ros_parameters
 from uav_collect.recording.bag_reader import read_missions
 from uav_collect.training.run_record import read_run
+from uav_collect.training.seeds import first_training_seed
 from uav_collect.uav.policy_file import load_policy
 
 pytest.importorskip('torch', reason='training needs torch')
@@ -120,7 +120,7 @@ def test_a_trainer_that_cannot_start_ends_all_with_its_reason(
 
 def test_no_two_worlds_runs_or_starts_fly_the_same_missions() -> None:
     firsts = [
-        train_fleet.first_seed(run, world, start)
+        first_training_seed(run, world, start)
         for run in (0, 1, 2**28 - 1)
         for world in (0, 15)
         for start in (1, 2, 255)

@@ -251,21 +251,21 @@ def test_rewards_are_scaled() -> None:
     torch.testing.assert_close(scaled.targets(batch), 0.1 * plain.targets(batch))
 
 
-def test_several_courses_share_the_agent_and_have_a_mixer_each() -> None:
+def test_several_tasks_share_the_agent_and_have_a_mixer_each() -> None:
     scenarios = tiny(), tiny(*THREE)
     config = small(observation='egocentric')
     learner = Learner(config, [brief(it) for it in scenarios], Algorithm.AQMIX, seed=0)
     assert len(learner.networks.mixers) == 2
-    for course, scenario in enumerate(scenarios):
+    for task, scenario in enumerate(scenarios):
         episodes = [drawn_episode(brief(scenario), 9, seed) for seed in range(3)]
         batch = batch_of(episodes, scenario, config)
         before = [weights(part) for part in parts(learner)]
-        learner.update(batch, RATE, course)
+        learner.update(batch, RATE, task)
         has_changed = [
             not torch.equal(weights(part), old)
             for part, old in zip(parts(learner), before, strict=True)
         ]
-        assert has_changed == [True, course == 0, course == 1]
+        assert has_changed == [True, task == 0, task == 1]
 
 
 def parts(learner: Learner) -> list[torch.nn.Module]:

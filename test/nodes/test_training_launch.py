@@ -2,7 +2,7 @@
 
 from launch_recorder import defaults, described_by, given, Made, nodes, NODES_FILE, ROOT, started
 import pytest
-from uav_collect.commands.train_fleet import first_seed
+from uav_collect.commands.train_fleet import first_training_seed
 from uav_collect.scenario.load import load
 from uav_collect.training.config import load_preset
 
@@ -36,7 +36,7 @@ def test_each_world_has_a_name_a_fleet_and_missions_of_its_own(
     named = [['--world', name] if name else [] for name in names]
     assert [world.options['arguments'] for world in made] == named
     seeds = [world.options['parameters'][-1]['seed'] for world in made]
-    assert seeds == [first_seed(5, number, 0) for number in range(len(names))]
+    assert seeds == [first_training_seed(5, number, 0) for number in range(len(names))]
     agents = nodes(description, 'uav_agent', worlds=worlds)
     ids = [[*flags, '--id', uav] for flags in named for uav in ('1', '2')]
     assert [agent.options['arguments'] for agent in agents] == ids

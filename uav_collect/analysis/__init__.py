@@ -1,1 +1,1 @@
-"""What mission logs tell: metrics, statistics, tables and pictures."""
+"""What mission logs say: metrics, statistics, tables and pictures."""

@@ -15,6 +15,10 @@ from uav_collect.uav.action_codes import ACTION_NAMES, REASON_NAMES
 HOVER = ACTION_NAMES.index('hover')
 HOME = ACTION_NAMES.index('home')
 FAILSAFE = 'failsafe'  # of REASON_NAMES
+METRIC_COLUMNS = (
+    'mission_seed', 'efficiency_kbit_per_j', 'completion_s', 'energy_kj', 'collected_mbit',
+    'total_mbit', 'collected_share', 'decisions', 'is_safe', 'is_complete',
+)  # fmt: skip
 UNFINISHED = 'unfinished'  # how a UAV ended that the log leaves in the air
 
 _STEPS = {'forward': (0, 1), 'right': (1, 0), 'backward': (0, -1), 'left': (-1, 0)}
@@ -80,6 +84,11 @@ class MissionMetrics:
         return self.efficiency_bit_per_j / 1e3
 
     @property
+    def energy_kj(self) -> float:
+        """Energy of all UAVs [kJ]."""
+        return self.energy_j / 1e3
+
+    @property
     def uav_energy_j(self) -> tuple[float, ...]:
         """Energy used by each UAV [J]."""
         return tuple(uav.energy_j for uav in self.uavs)
@@ -119,6 +128,17 @@ def mission_metrics(log: MissionLog) -> MissionMetrics:
         n_contacts=sum(int(heard).bit_count() for heard in events['heard']),
         uavs=uavs,
     )
+
+
+def metrics_row(mission: MissionMetrics) -> dict[str, float]:
+    """A mission's row of a CSV file, by METRIC_COLUMNS."""
+    values = (
+        mission.mission_seed, mission.efficiency_kbit_per_j, mission.completion_s,
+        mission.energy_kj, mission.collected_bit / 1e6, mission.total_bit / 1e6,
+        mission.collected_share, mission.n_decisions, int(mission.is_safe),
+        int(mission.is_complete),
+    )  # fmt: skip
+    return dict(zip(METRIC_COLUMNS, values, strict=True))
 
 
 def _nan_is_last(time_s: float) -> float:

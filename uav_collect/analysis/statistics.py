@@ -25,49 +25,23 @@ class Measure:
     of: Callable[[MissionMetrics], float]
 
 
-MEASURES = (
-    Measure(
-        key='efficiency_kbit_per_j',
-        title='energy efficiency',
-        unit='kbit/J',
-        of=lambda mission: mission.efficiency_kbit_per_j,
-    ),
-    Measure(
-        key='completion_s',
-        title='completion time',
-        unit='s',
-        of=lambda mission: mission.completion_s,
-    ),
-    Measure(
-        key='energy_kj',
-        title='energy',
-        unit='kJ',
-        of=lambda mission: mission.energy_j / 1e3,
-    ),
-    Measure(
-        key='collected_share',
-        title='data collected',
-        unit='share',
-        of=lambda mission: mission.collected_share,
-    ),
-    Measure(
-        key='complete_share',
-        title='complete missions',
-        unit='share',
-        of=lambda mission: float(mission.is_complete),
-    ),
-    Measure(
-        key='safe_share',
-        title='safe returns',
-        unit='share',
-        of=lambda mission: float(mission.is_safe),
-    ),
-)
+MEASURES = tuple(
+    Measure(key=key, title=title, unit=unit, of=of)
+    for key, title, unit, of in (
+        ('efficiency_kbit_per_j', 'energy efficiency', 'kbit/J',
+         lambda it: it.efficiency_kbit_per_j),
+        ('completion_s', 'completion time', 's', lambda it: it.completion_s),
+        ('energy_kj', 'energy', 'kJ', lambda it: it.energy_kj),
+        ('collected_share', 'data collected', 'share', lambda it: it.collected_share),
+        ('complete_share', 'complete missions', 'share', lambda it: float(it.is_complete)),
+        ('safe_share', 'safe returns', 'share', lambda it: float(it.is_safe)),
+    )
+)  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
 class Estimate:
-    """What missions tell about the mean of a measure."""
+    """The mean of a measure, estimated from missions."""
 
     mean: float
     low: float  # bounds of the bootstrap interval at LEVEL

@@ -89,7 +89,7 @@ def _fleet_table(
     collected_mbit, total_mbit = mission.collected_bit / 1e6, mission.total_bit / 1e6
     share = f'{percent(mission.collected_share)} of {total_mbit:.2f} Mbit'
     table.add_row('data collected', f'{collected_mbit:.2f} Mbit', share)
-    table.add_row('energy', f'{mission.energy_j / 1e3:.2f} kJ')
+    table.add_row('energy', f'{mission.energy_kj:.2f} kJ')
     table.add_row(
         'completion time',
         f'{mission.completion_s:.1f} s' if mission.is_finished else '-',
@@ -156,7 +156,7 @@ def comparison_table(
         table.add_row(
             Text(policy),
             percent(mission.collected_share),
-            f'{mission.energy_j / 1e3:.2f}',
+            f'{mission.energy_kj:.2f}',
             f'{mission.completion_s:.1f}' if mission.is_finished else '-',
             f'{mission.efficiency_kbit_per_j:.3f}',
         )

@@ -33,7 +33,7 @@ from uav_collect.scenario.site import Site
 
 DPI = 150
 
-# Of Okabe and Ito, and of Tol: told apart with any colour vision; the eight come again, dotted.
+# Of Okabe and Ito, and of Tol: distinct for any colour vision; the eight come again, dotted.
 COLOURS = (
     '#0072B2', '#D55E00', '#CC79A7', '#56B4E9', '#E69F00', '#882255', '#999933', '#332288',
 )  # fmt: skip
@@ -282,7 +282,7 @@ def _draw_ends(axes: Axes, scenario: Scenario, cell_pt: float) -> None:
 
 
 def _draw_tags(axes: Axes, paths: list[_Path], cell_size_m: float, cell_pt: float) -> None:
-    """Write each UAV's number where it turned home: colour alone does not tell 16 apart."""
+    """Write each UAV's number where it turned home: colours alone do not distinguish 16."""
     size_pt = float(np.clip(0.22 * cell_pt, 6.0, 8.5))
     taken: Counter[tuple[float, ...]] = Counter()
     for path in paths:
@@ -304,7 +304,7 @@ def _write_title(axes: Axes, log: MissionLog, summary: MissionMetrics) -> None:
     time = f'{summary.completion_s:.0f} s' if summary.is_finished else 'not finished'
     merits = (
         f'{summary.collected_bit / 1e6:.2f} of {summary.total_bit / 1e6:.2f} Mbit'
-        f' ({percent(summary.collected_share)}) · {summary.energy_j / 1e3:.1f} kJ · {time}'
+        f' ({percent(summary.collected_share)}) · {summary.energy_kj:.1f} kJ · {time}'
         f' · {summary.efficiency_kbit_per_j:.3f} kbit/J'
     )
     for text, above_pt, size_pt, weight in (

@@ -54,7 +54,7 @@ _Bounds = Mapping[str, dict[int, 'Bound']]  # by bandwidth and mission seed; emp
 
 @dataclass(frozen=True, kw_only=True)
 class _Findings:
-    """What the missions tell."""
+    """What the missions say about the policies."""
 
     estimates: _Estimates
     differences: Mapping[str, _Estimates]  # the first policy less each other one; by its label
@@ -285,38 +285,19 @@ def _csv(
     arguments: argparse.Namespace, scenario: 'Scenario', flown: _Flown, bounds: '_Bounds'
 ) -> bytes:
     """One row per mission."""
+    from uav_collect.analysis.metrics import METRIC_COLUMNS, metrics_row
     from uav_collect.analysis.plan_shares import plan_shares, SHARE_KEYS
 
     fixed = ('scenario', 'fingerprint', 'bandwidth', 'policy')
     text = io.StringIO()
     writer = csv.writer(text, lineterminator='\n')
-    writer.writerow((*fixed, *_COLUMNS, *(SHARE_KEYS if bounds else ())))
+    writer.writerow((*fixed, *METRIC_COLUMNS, *(SHARE_KEYS if bounds else ())))
     for contender, missions in flown.items():
         heading = _heading(arguments, scenario, contender)
         for mission in missions:
             known = bounds.get(contender.bandwidth, {}).get(mission.mission_seed)
             reached = plan_shares(mission, known).values() if known else ()
             cells = ['' if math.isnan(share) else share for share in reached]
-            writer.writerow((*(heading[name] for name in fixed), *_row(mission), *cells))
+            row = metrics_row(mission).values()
+            writer.writerow((*(heading[name] for name in fixed), *row, *cells))
     return text.getvalue().encode()
-
-
-_COLUMNS = (
-    'mission_seed', 'efficiency_kbit_per_j', 'completion_s', 'energy_kj', 'collected_mbit',
-    'total_mbit', 'collected_share', 'decisions', 'is_safe', 'is_complete',
-)  # fmt: skip
-
-
-def _row(mission: 'MissionMetrics') -> tuple[float, ...]:
-    return (
-        mission.mission_seed,
-        mission.efficiency_kbit_per_j,
-        mission.completion_s,
-        mission.energy_j / 1e3,
-        mission.collected_bit / 1e6,
-        mission.total_bit / 1e6,
-        mission.collected_share,
-        mission.n_decisions,
-        int(mission.is_safe),
-        int(mission.is_complete),
-    )

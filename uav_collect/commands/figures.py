@@ -97,20 +97,20 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.list or arguments.dry_run:
         return 0
     plan.check_disk()
-    status = _have_done(arguments, plan) if plan.missing else 0
+    status = _run_jobs(arguments, plan) if plan.missing else 0
     if status in (0, FAILED):  # others did not fail where one did; an interruption ends here
         _draw(arguments, plan)
     return status
 
 
-def _have_done(arguments: argparse.Namespace, plan: 'FiguresPlan') -> int:
+def _run_jobs(arguments: argparse.Namespace, plan: 'FiguresPlan') -> int:
     from uav_collect.commands.figures_display import jobs_display
     from uav_collect.studies.jobs.schedule import run_jobs
 
     if arguments.engine == 'local':
         terminal.say_if_compiling(plan.kernels())
     with deferred_interruption() as interruption, jobs_display(plan) as show:
-        standing = run_jobs(
+        jobs = run_jobs(
             plan.jobs,
             plan.store,
             _engine(arguments),
@@ -119,20 +119,20 @@ def _have_done(arguments: argparse.Namespace, plan: 'FiguresPlan') -> int:
             is_stopping=lambda: interruption.signal_number is not None,
             show=show,
         )
-    return _status(plan, standing, interruption)
+    return _exit_status(plan, jobs, interruption)
 
 
-def _status(plan: 'FiguresPlan', standing: 'JobsStatus', interruption: Interruption) -> int:
-    for digest, why in standing.failures.items():
+def _exit_status(plan: 'FiguresPlan', jobs: 'JobsStatus', interruption: Interruption) -> int:
+    for digest, why in jobs.failures.items():
         trace = plan.store.folder / 'failures' / f'{digest}.txt'
         sys.stderr.write(f'error: {plan.name_of(digest)}: {why} ({trace})\n')
-    if standing.n_lost:
-        sys.stderr.write(f'{standing.n_lost} jobs were lost and done again\n')
+    if jobs.n_lost:
+        sys.stderr.write(f'{jobs.n_lost} jobs were lost and done again\n')
     if interruption.signal_number is not None:
-        left = standing.total - standing.done
+        left = jobs.total - jobs.done
         sys.stderr.write(f'interrupted with {left} jobs to do; the same command goes on\n')
         return interruption.exit_status
-    return FAILED if standing.failures else 0
+    return FAILED if jobs.failures else 0
 
 
 def _engine(arguments: argparse.Namespace) -> 'JobEngine':

@@ -60,10 +60,10 @@ class FiguresPlan:
     def _lines(self) -> list[str]:
         missing = [self.jobs[digest] for digest in self.missing]
         counts = Counter(map(job_kind, missing))
-        told = ', '.join(f'{counts[kind]} of {kind}' for kind in sorted(counts, reverse=True))
+        kinds = ', '.join(f'{counts[kind]} of {kind}' for kind in sorted(counts, reverse=True))
         lines = [
             f'scale {self.scale.name}: {len(self.jobs)} jobs, several of which serve many studies;'
-            f' {len(missing)} missing{f": {told}" if told else ""}'
+            f' {len(missing)} missing{f": {kinds}" if kinds else ""}'
         ]
         if missing:
             results, states = disk_bytes(missing, self.n_slots)

@@ -115,7 +115,7 @@ def _compare(log: Path, scenario: 'Scenario', bandwidth: str) -> None:
                 missions[rule] = mission_metrics(other)
         bound = report.bound_shown(flown.header, site)
         Console().print(comparison_table(missions, bound))
-    # Whatever it is: the mission itself was flown, recorded and told.
+    # Whatever it is: the mission itself was flown, recorded and reported.
     except Exception as error:
         _say(f'the mission could not be compared with rules: {error}')
     except KeyboardInterrupt:
@@ -151,15 +151,15 @@ def _fly(
 
 
 def _follow(fleet: Fleet, world: FleetProcess, log: Path) -> None:
-    """Show the progress that the mission log tells, until the world has ended."""
+    """Show the progress by the growing mission log, until the world has ended."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn
 
     columns = (TextColumn('{task.fields[phase]}'), BarColumn(), TextColumn('{task.description}'))
     with Progress(*columns, console=Console(stderr=True)) as progress:
         task = progress.add_task('', total=1.0, phase='starting')
-        for share, told in _progress(world, log):
-            progress.update(task, completed=share, description=told, phase='flying')
+        for share, text in _progress(world, log):
+            progress.update(task, completed=share, description=text, phase='flying')
             fleet.check()
             time.sleep(_LOOK_S)
     fleet.check()

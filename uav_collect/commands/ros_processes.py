@@ -40,8 +40,8 @@ class FleetProcess:
         if self.log is None:
             return ''
         lines = self.log.read_text(errors='replace').splitlines()
-        told = '\n'.join(f'  {line}' for line in lines[-5:])
-        return f'; its last words, from {self.log}:\n{told}'
+        tail = '\n'.join(f'  {line}' for line in lines[-5:])
+        return f'; its last words, from {self.log}:\n{tail}'
 
 
 class Fleet:
@@ -70,7 +70,7 @@ class Fleet:
             log_name: names the process and its log.
             stop_s: how long it may take to end after SIGINT.
             is_shown: what it says goes where this process says things.
-            ends_last: it hears the last words of the others.
+            ends_last: it ends after the others, to receive their last messages.
 
         Raises:
             FleetError: the package is not built, or not sourced.

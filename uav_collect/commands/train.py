@@ -6,9 +6,9 @@ import sys
 
 from uav_collect.commands import options, terminal
 from uav_collect.commands.terminal import deferred_interruption
-from uav_collect.commands.training_plan import ALGORITHMS, plan_training, TrainingPlan
+from uav_collect.commands.training_plan import plan_training, TrainingPlan
 from uav_collect.errors import DivergedError, InterruptedRunError, TrainingRunError
-from uav_collect.limits import MAX_SEED
+from uav_collect.limits import ALGORITHMS, MAX_SEED
 
 _DESCRIPTION = """
 Learns the policy of a fleet's UAVs by flying missions of a scenario, or of several in turn, and

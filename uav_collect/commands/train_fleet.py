@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 from uav_collect.commands import options
 from uav_collect.commands.ros_processes import Fleet, ros_parameters, running_fleet
 from uav_collect.errors import FleetError
+from uav_collect.limits import FLEET_ALGORITHMS
+from uav_collect.training.seeds import first_training_seed
 
 if TYPE_CHECKING:  # loaded when training, so that --help answers at once
     from uav_collect.scenario.load import Scenario
@@ -21,7 +23,6 @@ tell, shows how it goes and saves it in a run folder as train does. Ctrl-C saves
 goes on. What is killed is started again.
 """
 INTERRUPTED = 130  # exit status after Ctrl-C, as shells have it
-_ALGORITHMS = ('aqmix', 'aiql')  # those that learn from UAVs which do not wait for each other
 _PRESET = 'strong'
 _MINUTES = 60.0
 _RUNS = Path('runs', 'train_fleet')
@@ -30,13 +31,6 @@ _PROCESSES = 'processes'  # of a run folder: what they say
 _SCENARIO_FILE = 'scenario.yaml'
 _LOOK_S = 0.2
 _SAVE_S = 120.0  # how long the trainer may take to save
-
-# Missions to learn from come from a range of seeds that users do not evaluate on by chance; runs,
-# worlds and their starts each have a part of it.
-_FIRST_SEED = 2**61
-_SEEDS_PER_RUN, _SEEDS_PER_WORLD, _SEEDS_PER_START = 2**32, 2**28, 2**20
-_N_RUNS = 2**28
-_N_STARTS = _SEEDS_PER_WORLD // _SEEDS_PER_START
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -52,8 +46,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         '--algorithm',
-        choices=_ALGORITHMS,
-        default=_ALGORITHMS[0],
+        choices=FLEET_ALGORITHMS,
+        default=FLEET_ALGORITHMS[0],
         help='how it learns (default: %(default)s)',
     )
     parser.add_argument(
@@ -124,7 +118,7 @@ def _start(
 ) -> None:
     scenario_file = said / _SCENARIO_FILE
     scenario_file.write_text(scenario.to_yaml(), encoding='utf-8')
-    if not (folder / _SCENARIO_FILE).exists():  # tells the trainer that the folder is for a run
+    if not (folder / _SCENARIO_FILE).exists():  # shows the trainer that the folder is for a run
         (folder / _SCENARIO_FILE).write_text(scenario.to_yaml(), encoding='utf-8')
     names = world_names(arguments.worlds)
     for number, name in enumerate(names):
@@ -134,7 +128,7 @@ def _start(
             fleet.start('recorder', f'recorder{suffix}', [*named, *bag], ends_last=True)
         values = ros_parameters(
             scenario=scenario_file,
-            seed=first_seed(arguments.seed, number, int(said.name)),
+            seed=first_training_seed(arguments.seed, number, int(said.name)),
             missions=-1,
             max_decisions=max_decisions,
             viewer_rate_hz=0.0,
@@ -168,12 +162,6 @@ def _supervise(fleet: Fleet) -> None:
 def world_names(n_worlds: int) -> list[str]:
     """One world has no name, so that its topics are the usual ones."""
     return [''] if n_worlds == 1 else [*string.ascii_lowercase[:n_worlds]]
-
-
-def first_seed(run_seed: int, world: int, start: int) -> int:
-    """Seed of the first mission of a run's world, both by number, after so many starts."""
-    first = _FIRST_SEED + run_seed % _N_RUNS * _SEEDS_PER_RUN
-    return first + world * _SEEDS_PER_WORLD + start % _N_STARTS * _SEEDS_PER_START
 
 
 def _new_folder(parent: Path) -> Path:

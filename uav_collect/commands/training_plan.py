@@ -18,7 +18,6 @@ if TYPE_CHECKING:  # loaded when training, so that --help answers at once
     from uav_collect.training.config import TrainingConfig
     from uav_collect.uav.policy_network import FrozenPolicy
 
-ALGORITHMS = ('aqmix', 'qmix', 'aiql')
 RUNS = Path('runs') / 'train'
 _OWN = (
     'scenario', 'set', 'uavs', 'algorithm', 'preset', 'override', 'start_from', 'seed', 'device',
@@ -138,7 +137,7 @@ def _resumed(arguments: argparse.Namespace) -> TrainingPlan:
     pending = [run for run in runs if not run.record.is_done]
     if not pending:
         raise TrainingRunError(
-            f'{folder}: has had its {record.budget}: give it more by --minutes or --decisions'
+            f'{folder}: has had its {record.budget_text}: give it more by --minutes or --decisions'
         )
     return TrainingPlan(runs=tuple(pending), folders=folders)
 

@@ -34,7 +34,7 @@ def train_with_display(run: PlannedRun, checkpoint_s: float, interruption: Inter
     """
     trainer = open_trainer(run)
     with open_training_folder(run, trainer.n_decisions) as folder:
-        _say(f'{run.title}, seed {run.record.seed}, {run.record.budget}: {run.folder}')
+        _say(f'{run.title}, seed {run.record.seed}, {run.record.budget_text}: {run.folder}')
         try:
             with progress_display(run.folder.name) as show:
                 last = train(

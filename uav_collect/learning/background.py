@@ -1,4 +1,4 @@
-"""The trainer's second thread: it learns while the first one listens."""
+"""A training run in a thread of its own: it learns while the first thread receives missions."""
 
 from contextlib import suppress
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from uav_collect.uav.policy_network import FrozenPolicy
 
 @dataclass(frozen=True, kw_only=True)
 class BehaviourPolicy:
-    """What the fleets shall fly from now on."""
+    """What fleets fly to collect experience: a policy, and how often it explores."""
 
     policy: FrozenPolicy
     epsilon: float
@@ -33,7 +33,7 @@ class Ending:
 
 
 class BackgroundTraining:
-    """Trains one run on a intake of missions, in a thread of its own."""
+    """Trains one run on the missions of a `FleetSource`, in a thread of its own."""
 
     def __init__(
         self,
@@ -43,7 +43,7 @@ class BackgroundTraining:
         publish_every_updates: int,
         checkpoint_s: float,
     ) -> None:
-        """Get ready, as the run's last checkpoint has it.
+        """Load the run as its last checkpoint has it.
 
         Args:
             most_waiting: decisions that may wait for the learner.
@@ -53,47 +53,47 @@ class BackgroundTraining:
             ConfigError: the scenario cannot be trained with these settings.
             PolicyMismatchError: the network is not that of the policy to start from.
         """
-        self.intake = FleetSource(most_waiting, self._fly)
-        self.progress: Progress | None = None  # the latest look
+        self.source = FleetSource(most_waiting, self._publish_if_due)
+        self.progress: Progress | None = None  # the latest
         self.ending: Ending | None = None  # once it has ended
         self._run, self._checkpoint_s = run, checkpoint_s
         self._every_updates = publish_every_updates
-        self._trainer: Trainer = open_trainer(run, [self.intake])
-        self._next_flown = self._trainer.n_updates
-        self._flown: SimpleQueue[BehaviourPolicy] = SimpleQueue()
+        self._trainer: Trainer = open_trainer(run, [self.source])
+        self._publish_at = self._trainer.n_updates
+        self._policies: SimpleQueue[BehaviourPolicy] = SimpleQueue()
         self._is_stopped = False
-        self._thread = Thread(target=self._learn, name='learning', daemon=True)
+        self._thread = Thread(target=self._run_thread, name='learning', daemon=True)
 
     def start(self) -> None:
-        """Begin."""
+        """Compile what training needs, then start the thread."""
         if kernels_are_compiled():  # else the other thread would wait while one compiles
             self._trainer.warm_up()
         self._thread.start()
 
-    def flown(self) -> BehaviourPolicy | None:
-        """What the fleets shall fly from now on, if that is something new; each is given once."""
+    def new_policy(self) -> BehaviourPolicy | None:
+        """What fleets are to fly from now on; None where nothing changed since the last call."""
         latest = None
         with suppress(Empty):
             while True:
-                latest = self._flown.get_nowait()
+                latest = self._policies.get_nowait()
         return latest
 
     def stop(self) -> Ending:
         """Let it save and come to an end, and wait for that."""
         self._is_stopped = True
-        self.intake.close()
+        self.source.close()
         self._thread.join()
         if self.ending is None:
             raise RuntimeError('learning ended without a word')
         return self.ending
 
-    def _fly(self, epsilon: float) -> None:
-        """Let the fleets fly the network as it is, if they have flown long enough what it was."""
-        if self._trainer.n_updates >= self._next_flown:
-            self._next_flown = self._trainer.n_updates + self._every_updates
-            self._flown.put(BehaviourPolicy(policy=self._trainer.snapshot(), epsilon=epsilon))
+    def _publish_if_due(self, epsilon: float) -> None:
+        """Hand the network to the fleets, if there were enough updates since the last time."""
+        if self._trainer.n_updates >= self._publish_at:
+            self._publish_at = self._trainer.n_updates + self._every_updates
+            self._policies.put(BehaviourPolicy(policy=self._trainer.snapshot(), epsilon=epsilon))
 
-    def _learn(self) -> None:
+    def _run_thread(self) -> None:
         try:
             self.ending = Ending(text=self._train(), has_failed=False)
         except InterruptedRunError as error:
@@ -103,7 +103,7 @@ class BackgroundTraining:
         except OSError as error:
             text = f'{error.filename or self._run.folder}: {error.strerror or error}'
             self.ending = Ending(text=text, has_failed=True)
-        except BaseException as error:  # whatever it is, the other thread must hear of it
+        except BaseException as error:  # whatever it is, the other thread must see it
             self.ending = Ending(text=f'learning broke off: {error!r}', has_failed=True)
             raise
 
@@ -113,9 +113,9 @@ class BackgroundTraining:
         budget = Budget(minutes=run.record.minutes, decisions=run.record.decisions)
         share_done = trainer.share_done(budget)
         with open_training_folder(run, trainer.n_decisions) as folder:
-            self._fly(trainer.config.epsilon(share_done))
+            self._publish_if_due(trainer.config.epsilon(share_done))
             # Minutes count from the first mission on.
-            if share_done < 1.0 and not self.intake.wait():
+            if share_done < 1.0 and not self.source.wait():
                 self._give_up()
             train(
                 run,
@@ -127,7 +127,7 @@ class BackgroundTraining:
             )
         best = trainer.best_policy()
         if best is not None:
-            self._flown.put(BehaviourPolicy(policy=best, epsilon=0.0))
+            self._policies.put(BehaviourPolicy(policy=best, epsilon=0.0))
         done = f'{trainer.n_decisions:,} decisions, {trainer.n_updates:,} updates'
         return f'done after {done}; its best policy is {run.folder / BEST_POLICY}'
 

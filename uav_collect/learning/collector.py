@@ -13,16 +13,12 @@ from uav_collect.missions.vector_env import Decisions, VectorEnv, VectorEnvConfi
 from uav_collect.scenario.site import Site
 from uav_collect.training.config import TrainingConfig
 from uav_collect.training.progress import RecentMissions
+from uav_collect.training.seeds import first_training_seed
 from uav_collect.uav.action_codes import NONE
-
-# Training missions come from a range of seeds that users do not evaluate on by chance.
-_FIRST_SEED = 2**61
-_SEEDS_PER_RUN = 2**32
-_N_RUNS = 2**28  # whose missions all differ
 
 
 class Collector:
-    """Flies missions one after another in each of its places, and hands out those that end."""
+    """Flies missions side by side, each world one after another, and returns those that ended."""
 
     is_over = False  # there is always another one
 
@@ -34,7 +30,7 @@ class Collector:
         seed: int,
         device: str = 'cpu',
     ) -> None:
-        """Take off.
+        """Start a mission in each world.
 
         Args:
             site: with the training's discount in its reward.
@@ -43,7 +39,7 @@ class Collector:
         self._config = config
         self._max_decisions = config.max_decisions(site.scenario.n_cells)
         self._device = torch.device(device)
-        self._next_seed = _FIRST_SEED + seed % _N_RUNS * _SEEDS_PER_RUN
+        self._next_seed = first_training_seed(seed)
         self._env = VectorEnv(
             site,
             [self._draw_seed() for _ in range(n_worlds)],
@@ -57,13 +53,13 @@ class Collector:
         )
         size = (n_worlds, site.scenario.n_uavs, config.network.hidden_size)
         self._hidden = torch.zeros(size, device=self._device)
-        self._places = torch.arange(n_worlds, device=self._device)
+        self._worlds = torch.arange(n_worlds, device=self._device)
         self.recent = RecentMissions()
         self.n_decisions = 0
         self.n_missions = 0
 
     def collect(self, agent: Drqn, n_decisions: int, epsilon: float) -> list[Episode]:
-        """Fly on for so many decisions or a few more.
+        """Fly on for that many decisions, or a few more.
 
         Returns:
             The missions that ended, or were cut off, meanwhile.
@@ -109,8 +105,8 @@ class Collector:
         observation = torch.from_numpy(waiting.observation).to(self._device, torch.float32)
         illegal = torch.from_numpy(~waiting.legal).to(self._device)
         with torch.no_grad():
-            values, hidden = agent.step(observation, self._hidden[self._places, uav])
-            self._hidden[self._places, uav] = hidden
+            values, hidden = agent.step(observation, self._hidden[self._worlds, uav])
+            self._hidden[self._worlds, uav] = hidden
             best = values.masked_fill_(illegal, -torch.inf).argmax(dim=1).cpu().numpy()
         explored = self._env.explore(epsilon, self._config.exploration.hover_share)
         return np.where(explored == NONE, best, explored)
@@ -118,7 +114,7 @@ class Collector:
     def _restart(self, world: int) -> Episode:
         episode = self._env.episode(world)
         reward = float(np.sum(episode.records.reward))
-        self.recent.note(self._env.efficiency_kbit_per_j(world), reward)
+        self.recent.add(self._env.efficiency_kbit_per_j(world), reward)
         self._env.restart(world, self._draw_seed())
         self._hidden[world] = 0.0
         self.n_missions += 1

@@ -17,15 +17,15 @@ from uav_collect.training.progress import RecentMissions
 _N_REMEMBERED = 4096  # missions, so that none is learned from twice
 
 
-def _leave(epsilon: float) -> None:
-    """Nobody flies: the missions were recorded."""
+def _ignore(epsilon: float) -> None:
+    """Leave the policy as it is: the missions were recorded."""
 
 
 class FleetSource:
     """Where the learner waits for missions; a source of a `task.Course`."""
 
-    def __init__(self, most_waiting: int, fly: Callable[[float], None] = _leave) -> None:
-        """Wait for the first mission.
+    def __init__(self, most_waiting: int, fly: Callable[[float], None] = _ignore) -> None:
+        """Start empty.
 
         Args:
             most_waiting: decisions that may wait for the learner. Where it is slower than the
@@ -47,7 +47,7 @@ class FleetSource:
 
     @property
     def known_ids(self) -> list[str]:
-        """The missions that were added, as far as they are remembered."""
+        """Ids of the missions that were added, as far as they are remembered."""
         with self._changed:
             return [*self._learned, *(it.mission_id for it in self._waiting)]
 
@@ -57,14 +57,14 @@ class FleetSource:
         return self._n_waiting
 
     def add(self, joined: JoinedMission) -> None:
-        """Let a mission be learned from."""
+        """Queue a mission for the learner."""
         with self._changed:
             self._waiting.append(joined)
             self._n_waiting += _n_made(joined.episode)
             self._changed.notify()
 
     def close(self) -> None:
-        """No more will be added."""
+        """Say that no more missions will be added."""
         with self._changed:
             self._is_closed = True
             self._changed.notify()
@@ -89,12 +89,12 @@ class FleetSource:
                 self._changed.wait_for(lambda: self._waiting or self._is_closed)
                 self.is_over = not self._waiting
                 if self._waiting:
-                    taken.append(self._take())
+                    taken.append(self._pop())
                     self._credit += _n_made(taken[-1])
             if not self.is_over:
                 self._credit -= n_decisions
             while self._n_waiting > self._most_waiting:
-                taken.append(self._take())
+                taken.append(self._pop())
         return taken
 
     def state(self) -> dict[str, Any]:
@@ -120,11 +120,11 @@ class FleetSource:
             self.n_decisions = state['n_decisions']
             self.n_missions = state['n_missions']
 
-    def _take(self) -> Episode:
+    def _pop(self) -> Episode:
         joined = self._waiting.popleft()
         episode = joined.episode
         self._learned.append(joined.mission_id)
-        self.recent.note(joined.efficiency_kbit_per_j, float(np.sum(episode.records.reward)))
+        self.recent.add(joined.efficiency_kbit_per_j, float(np.sum(episode.records.reward)))
         self._n_waiting -= _n_made(episode)
         self.n_decisions += _n_made(episode)
         self.n_missions += 1

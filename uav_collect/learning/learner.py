@@ -37,9 +37,9 @@ class Networks(nn.Module):
         if algorithm is not Algorithm.AIQL:
             self.mixers.extend(_mixer(config, briefing) for briefing in briefings)
 
-    def mixer(self, course: int) -> Mixer | None:
-        """The mixer of a course."""
-        return cast(Mixer, self.mixers[course]) if len(self.mixers) else None
+    def mixer(self, task: int) -> Mixer | None:
+        """The mixer of a task's fleet and area."""
+        return cast(Mixer, self.mixers[task]) if len(self.mixers) else None
 
 
 def _mixer(config: TrainingConfig, briefing: Briefing) -> Mixer:
@@ -58,7 +58,7 @@ def _mixer(config: TrainingConfig, briefing: Briefing) -> Mixer:
 class _Tensors:
     """A minibatch on the device, see `Minibatch`."""
 
-    course: int
+    task: int
     step_sizes: list[int]
     observation: Tensor
     legal: Tensor
@@ -75,7 +75,7 @@ class _Tensors:
 
 
 class Learner:
-    """Learns from minibatches; its networks act."""
+    """Updates the networks from minibatches: AQMIX, QMIX or AIQL."""
 
     def __init__(
         self,
@@ -88,7 +88,7 @@ class Learner:
         """Make the networks, their weights drawn by the seed.
 
         Args:
-            briefings: of each course: the fleets and areas that one agent network learns to fly.
+            briefings: of each task: the fleets and areas that one agent network learns to fly.
         """
         self._config, self._device = config, torch.device(device)
         with torch.random.fork_rng(devices=[]):
@@ -110,18 +110,18 @@ class Learner:
         self.networks.agent.load_state_dict(tensors)
         self.target.agent.load_state_dict(tensors)
 
-    def update(self, minibatch: Minibatch, learning_rate: float, course: int = 0) -> float:
-        """One step of the optimiser.
+    def update(self, minibatch: Minibatch, learning_rate: float, task: int = 0) -> float:
+        """Take one step of the optimiser.
 
         Args:
-            minibatch: of missions of one course.
+            minibatch: of missions of one task.
 
         Returns:
             The loss before it.
         """
         for group in self.optimiser.param_groups:
             group['lr'] = learning_rate
-        loss = self.loss(minibatch, course)
+        loss = self.loss(minibatch, task)
         self.optimiser.zero_grad(set_to_none=True)
         loss.backward()
         nn.utils.clip_grad_norm_(self.networks.parameters(), self._config.optimiser.clip_norm)
@@ -152,9 +152,9 @@ class Learner:
         self.optimiser.load_state_dict(deepcopy(state['optimiser']))
         self.n_updates = state['n_updates']
 
-    def loss(self, minibatch: Minibatch, course: int = 0) -> Tensor:
+    def loss(self, minibatch: Minibatch, task: int = 0) -> Tensor:
         """Mean squared error of the entries' action values against their targets."""
-        tensors = self._on_device(minibatch, course)
+        tensors = self._on_device(minibatch, task)
         values = self._values(self.networks, tensors)
         chosen = self._chosen(values, tensors)
         by_uav = self._by_uav(chosen, tensors)
@@ -163,9 +163,9 @@ class Learner:
             target = self._targets(values.detach(), tensors)
         return nn.functional.mse_loss(team, target)
 
-    def targets(self, minibatch: Minibatch, course: int = 0) -> Tensor:
+    def targets(self, minibatch: Minibatch, task: int = 0) -> Tensor:
         """What the entries' action values are to become, shape (L,)."""
-        tensors = self._on_device(minibatch, course)
+        tensors = self._on_device(minibatch, task)
         with torch.no_grad():
             return self._targets(self._values(self.networks, tensors), tensors)
 
@@ -176,8 +176,8 @@ class Learner:
         """
         config = self._config.target
         values = self._values(self.target, tensors)
-        judge = online if config.double_q else values
-        best = judge.masked_fill(~tensors.legal, -torch.inf).argmax(dim=1)
+        selector = online if config.double_q else values
+        best = selector.masked_fill(~tensors.legal, -torch.inf).argmax(dim=1)
         best_value = values.gather(1, best[:, None]).squeeze(1)[tensors.row]
         deciding = best_value[tensors.latest.clamp(min=0)]
         waiting = self._by_uav(self._chosen(values, tensors), tensors)
@@ -207,7 +207,7 @@ class Learner:
         self, networks: Networks, own: Tensor, by_uav: Tensor, tensors: _Tensors, at: Tensor
     ) -> Tensor:
         """The UAVs' values mixed at some decisions; the deciding UAV's own without a mixer."""
-        mixer = networks.mixer(tensors.course)
+        mixer = networks.mixer(tensors.task)
         if mixer is None:
             return own[at]
         with self._autocast():
@@ -225,15 +225,15 @@ class Learner:
         sources: list[Tensor] = [*self.networks.parameters()]
         torch._foreach_lerp_(targets, sources, rate)
 
-    def _on_device(self, minibatch: Minibatch, course: int) -> _Tensors:
+    def _on_device(self, minibatch: Minibatch, task: int) -> _Tensors:
         fleet = self._tensor(minibatch.fleet)
-        mixer = self.networks.mixer(course)
+        mixer = self.networks.mixer(task)
         as_they_are = (
             *('observation', 'legal', 'row', 'action', 'latest', 'decides'),
             *('entry', 'next_entry', 'is_chained'),
         )
         return _Tensors(
-            course=course,
+            task=task,
             step_sizes=minibatch.step_sizes,
             state=mixer.state(fleet, self._tensor(minibatch.complete)) if mixer else fleet[:, :0],
             reward=self._tensor((self._config.reward.scale * minibatch.reward).astype(np.float32)),

@@ -1,4 +1,4 @@
-"""One run of a training: follows the trainer, saves what it learns, tells how it goes."""
+"""The loop of one training run: trains, logs progress, saves policies and checkpoints."""
 
 from collections.abc import Callable, Iterator, Sequence
 import math
@@ -46,7 +46,7 @@ def open_trainer(run: PlannedRun, sources: Sequence[EpisodeSource] | None = None
 
 
 def has_checkpoint(checkpoint: Path) -> bool:
-    """Whether there is something to go on from."""
+    """Whether a checkpoint was saved there."""
     return any(file.suffix != '.part' for file in checkpoint.glob('*'))
 
 
@@ -64,10 +64,10 @@ def train(
     Args:
         checkpoint_s: time between two checkpoints [s].
         is_stopped: asked about once a second.
-        show: told about once a second how it goes.
+        show: called with the progress about once a second.
 
     Returns:
-        The last look at it; None where the time was up before.
+        The last progress; None where the time was up before.
 
     Raises:
         InterruptedRunError: it was stopped; the run is saved.
@@ -78,30 +78,30 @@ def train(
     saved_s = monotonic()
     best = None
     progress = None
-    for progress in _looks(run, trainer, budget):
-        folder.note(progress)
+    for progress in _checked_progress(run, trainer, budget):
+        folder.log(progress)
         show(progress)
         if progress.best != best:
             best = progress.best
-            folder.keep(trainer.best_policy(), BEST_POLICY)
+            folder.save(trainer.best_policy(), BEST_POLICY)
         is_interrupted = is_stopped()
         if is_interrupted or monotonic() - saved_s >= checkpoint_s:
             _save(trainer, folder.checkpoint)
             saved_s = monotonic()
         if is_interrupted:
-            what = f'{progress.share_done:.0%} of {run.record.budget}'
+            what = f'{progress.share_done:.0%} of {run.record.budget_text}'
             raise InterruptedRunError(f'interrupted after {what}; saved')
     _save(trainer, folder.checkpoint)
-    folder.keep(trainer.policy(), LAST_POLICY)
-    folder.finish()
+    folder.save(trainer.policy(), LAST_POLICY)
+    folder.mark_done()
     return progress
 
 
-def _looks(run: PlannedRun, trainer: Trainer, budget: Budget) -> Iterator[Progress]:
-    """The looks at a training as long as its loss is a number.
+def _checked_progress(run: PlannedRun, trainer: Trainer, budget: Budget) -> Iterator[Progress]:
+    """The progress of a training as long as its loss is a number.
 
     Raises:
-        DivergedError: it is none any more.
+        DivergedError: the loss or the weights are no numbers any more.
     """
     try:
         for progress in trainer.run(budget):

@@ -1,4 +1,4 @@
-"""A course: one of the scenarios that a policy learns to fly, and the experience with it."""
+"""A task: one of the scenarios that a policy learns to fly, and the experience with it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,15 +23,15 @@ from uav_collect.uav.policy_network import LearnedPolicy
 
 
 class EpisodeSource(Protocol):
-    """Where a course's missions come from: a collector, or flights elsewhere."""
+    """Where a task's episodes come from: a `Collector`, or a `FleetSource`."""
 
     @property
     def n_decisions(self) -> int:
-        """Decisions of the missions so far."""
+        """Decisions collected so far."""
 
     @property
     def n_missions(self) -> int:
-        """Missions so far."""
+        """Missions collected so far."""
 
     @property
     def is_over(self) -> bool:
@@ -39,7 +39,7 @@ class EpisodeSource(Protocol):
 
     @property
     def recent(self) -> RecentMissions:
-        """The missions that it gave last."""
+        """Metrics of the missions collected last."""
 
     def collect(self, agent: Drqn, n_decisions: int, epsilon: float) -> list[Episode]:
         """The missions that end while so many decisions, or a few more, are made."""
@@ -72,9 +72,9 @@ class Task:
             config.reward.discount_per_s,
         )
 
-    def validate(self, pilot: LearnedPolicy, mission_seeds: Sequence[int]) -> list[MissionLog]:
+    def validate(self, policy: LearnedPolicy, mission_seeds: Sequence[int]) -> list[MissionLog]:
         """Fly missions as the scenario has them, bandwidth shared equally as the paper trains."""
-        return fly(self.site, mission_seeds, lambda: pilot, 'equal')
+        return fly(self.site, mission_seeds, lambda: policy, 'equal')
 
 
 def make_tasks(
@@ -85,7 +85,7 @@ def make_tasks(
     device: str,
     sources: Sequence[EpisodeSource] | None,
 ) -> list[Task]:
-    """Courses at their start; they share the room of the replay.
+    """Tasks at their start; they share the room of the replay.
 
     Args:
         sources: of each scenario's missions; None: each flies its own in this process.
@@ -95,7 +95,7 @@ def make_tasks(
     """
     _check_same_size(scenarios, config)
     replay_size = config.replay.decisions // len(scenarios)
-    courses = []
+    tasks = []
     for index, scenario in enumerate(scenarios):
         site, briefing = build_site(scenario), brief(scenario)
         if sources is None:
@@ -104,8 +104,8 @@ def make_tasks(
         else:
             source = sources[index]
         replay = Replay(replay_size, briefing)
-        courses.append(Task(site=site, briefing=briefing, source=source, replay=replay))
-    return courses
+        tasks.append(Task(site=site, briefing=briefing, source=source, replay=replay))
+    return tasks
 
 
 def _check_same_size(scenarios: Sequence[Scenario], config: TrainingConfig) -> None:

@@ -1,13 +1,13 @@
 """Training in one process: fly, learn, validate, keep the best; and go on where it stopped."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from uav_collect.analysis.metrics import mission_metrics
-from uav_collect.analysis.statistics import mission_seeds
+from uav_collect.analysis.statistics import MEASURES, mission_seeds
 from uav_collect.errors import CheckpointError, PolicyMismatchError
 from uav_collect.learning.checkpoint import read_checkpoint, write_checkpoint
 from uav_collect.learning.learner import Learner
@@ -17,6 +17,7 @@ from uav_collect.revision import git_revision
 from uav_collect.scenario.load import fingerprint, from_yaml, Scenario
 from uav_collect.training.config import TrainingConfig
 from uav_collect.training.progress import Budget, Progress, SpeedMeter, ValidationResult
+from uav_collect.training.seeds import VALIDATION_SEED
 from uav_collect.uav import policy_network
 from uav_collect.uav.observation import observation_size
 from uav_collect.uav.policy_network import (
@@ -26,7 +27,6 @@ from uav_collect.uav.policy_network import (
     weights_digest,
 )
 
-VALIDATION_SEED = 2**60  # of the first validation mission
 _REPLAY_KEY = 1  # of the run's seed: which missions are learned from
 
 
@@ -43,7 +43,7 @@ class Trainer:
         initial: FrozenPolicy | None = None,
         sources: Sequence[EpisodeSource] | None = None,
     ) -> None:
-        """Get ready: first missions in the air, weights drawn.
+        """Start the first missions and draw the weights.
 
         Args:
             scenarios: what one policy learns to fly, in turn; several need an observation whose
@@ -61,8 +61,8 @@ class Trainer:
         self.scenarios, self.config, self.seed = tuple(scenarios), config, seed
         self.algorithm = Algorithm(algorithm)
         self._device = device
-        self._courses = make_tasks(self.scenarios, config, self.algorithm, seed, device, sources)
-        briefings = [course.briefing for course in self._courses]
+        self._tasks = make_tasks(self.scenarios, config, self.algorithm, seed, device, sources)
+        briefings = [task.briefing for task in self._tasks]
         self._learner = Learner(config, briefings, self.algorithm, seed, device)
         self._rng = np.random.Generator(np.random.Philox(key=[seed, _REPLAY_KEY]))
         self._turn = 0
@@ -71,13 +71,13 @@ class Trainer:
         self._best: ValidationResult | None = None
         self._best_policy: FrozenPolicy | None = None
         if initial is not None:
-            _check_alike(initial, self._header(None, initial.weights))
+            _check_same_network(initial, self._header(None, initial.weights))
             self._learner.start_from(initial.weights)
 
     @property
     def n_decisions(self) -> int:
         """Decisions flown so far."""
-        return sum(course.source.n_decisions for course in self._courses)
+        return sum(task.source.n_decisions for task in self._tasks)
 
     @property
     def n_updates(self) -> int:
@@ -87,13 +87,13 @@ class Trainer:
     @property
     def replay_bytes(self) -> int:
         """Memory that the replays take."""
-        return sum(course.replay.n_bytes for course in self._courses)
+        return sum(task.replay.n_bytes for task in self._tasks)
 
     def warm_up(self) -> None:
         """Let the kernels of validation be compiled, which takes a minute once."""
-        pilot = LearnedPolicy('new', self._frozen(None))
-        for course in self._courses:
-            course.validate(pilot, [VALIDATION_SEED])
+        policy = LearnedPolicy('new', self._frozen(None))
+        for task in self._tasks:
+            task.validate(policy, [VALIDATION_SEED])
 
     def share_done(self, budget: Budget) -> float:
         """How much of a budget is spent, 0..1."""
@@ -110,22 +110,22 @@ class Trainer:
             How it stands, about once a second, after each validation, and once experience is
             over. The weights change only between two of them: stop, save or look at any.
         """
-        pace = SpeedMeter(self)
+        speed = SpeedMeter(self)
         is_over = False
         while not is_over and (share_done := self.share_done(budget)) < 1.0:
-            loss = self._advance(share_done, pace)
-            is_over = any(course.source.is_over for course in self._courses)
+            loss = self._advance(share_done, speed)
+            is_over = any(task.source.is_over for task in self._tasks)
             is_due = self._learner.n_updates % self.config.validation.every_updates == 0
             is_due &= loss is not None
             if is_due:
-                pace.pause()
+                speed.pause()
                 self._validate()
-                pace.go_on()
-            if is_due or is_over or pace.is_due():
-                yield self._progress(budget, pace, self._validation if is_due else None)
+                speed.resume()
+            if is_due or is_over or speed.is_due():
+                yield self._progress(budget, speed, self._validation if is_due else None)
         if self._validation is None or self._validation.n_updates < self._learner.n_updates:
             self._validate()
-            yield self._progress(budget, pace, self._validation)
+            yield self._progress(budget, speed, self._validation)
 
     def snapshot(self) -> FrozenPolicy:
         """The network as it is now, frozen, whatever it is worth."""
@@ -156,8 +156,8 @@ class Trainer:
             'seed': self.seed,
             'device': self._device,
             'learner': self._learner.state(),
-            'collectors': [course.source.state() for course in self._courses],
-            'replays': [course.replay.state() for course in self._courses],
+            'collectors': [task.source.state() for task in self._tasks],
+            'replays': [task.replay.state() for task in self._tasks],
             'turn': self._turn,
             'rng': self._rng.bit_generator.state,
             'trained_s': self._trained_s,
@@ -169,7 +169,7 @@ class Trainer:
 
     @classmethod
     def resume(cls, folder: Path, sources: Sequence[EpisodeSource] | None = None) -> 'Trainer':
-        """Go on from what `save` wrote.
+        """Load a trainer from what `save` wrote.
 
         Args:
             sources: as it was made with.
@@ -198,11 +198,11 @@ class Trainer:
 
     def _restore(self, state: dict[str, Any]) -> None:
         self._learner.restore(state['learner'])
-        for course, source, replay in zip(
-            self._courses, state['collectors'], state['replays'], strict=True
+        for task, source, replay in zip(
+            self._tasks, state['collectors'], state['replays'], strict=True
         ):
-            course.source.restore(source)
-            course.replay.restore(replay)
+            task.source.restore(source)
+            task.replay.restore(replay)
         self._turn = state['turn']
         self._rng.bit_generator.state = state['rng']
         self._trained_s = state['trained_s']
@@ -213,50 +213,45 @@ class Trainer:
             header = self._header(self._best, state['best_weights'])
             self._best_policy = FrozenPolicy(header, state['best_weights'])
 
-    def _advance(self, share_done: float, pace: SpeedMeter) -> float | None:
+    def _advance(self, share_done: float, speed: SpeedMeter) -> float | None:
         """Fly a little, then learn once.
 
         Returns:
             The loss; None while too few missions have ended to learn from.
         """
-        config, index = self.config, self._turn % len(self._courses)
-        course, agent = self._courses[index], self._learner.networks.agent
+        config, index = self.config, self._turn % len(self._tasks)
+        task, agent = self._tasks[index], self._learner.networks.agent
         self._turn += 1
         epsilon, n_decisions = config.epsilon(share_done), config.rollout.decisions_per_update
-        for episode in course.source.collect(agent, n_decisions, epsilon):
-            course.replay.add(episode)
+        for episode in task.source.collect(agent, n_decisions, epsilon):
+            task.replay.add(episode)
         loss = None
-        is_enough = course.replay.n_missions >= config.replay.missions_per_batch
-        if is_enough and not course.source.is_over:
-            batch = course.minibatch(config, self.algorithm, self._rng)
+        is_enough = task.replay.n_missions >= config.replay.missions_per_batch
+        if is_enough and not task.source.is_over:
+            batch = task.minibatch(config, self.algorithm, self._rng)
             loss = self._learner.update(batch, config.learning_rate(share_done), index)
-            pace.note(loss)
-        self._trained_s += pace.lap_s()
+            speed.add_loss(loss)
+        self._trained_s += speed.lap_s()
         return loss
 
     def _validate(self) -> None:
         self._validation = self._validated()
         best = self._best
-        if best is None or _merit(self._validation) > _merit(best):
+        if best is None or self._validation.rank > best.rank:
             self._best = self._validation
             self._best_policy = self._frozen(self._validation)
 
     def _validated(self) -> ValidationResult:
         """Fly the validation missions, equal bandwidth, without exploration."""
-        pilot = LearnedPolicy('validated', self._frozen(None))
+        policy = LearnedPolicy('validated', self._frozen(None))
         seeds = mission_seeds(VALIDATION_SEED, self.config.validation.missions)
-        logs = [log for course in self._courses for log in course.validate(pilot, seeds)]
+        logs = [log for task in self._tasks for log in task.validate(policy, seeds)]
         flown = [mission_metrics(log) for log in logs]
         return ValidationResult(
             wall_s=self._trained_s,
             n_decisions=self.n_decisions,
             n_updates=self._learner.n_updates,
-            efficiency_kbit_per_j=_mean(it.efficiency_kbit_per_j for it in flown),
-            completion_s=_mean(it.completion_s for it in flown),
-            energy_kj=_mean(it.energy_j / 1e3 for it in flown),
-            collected_share=_mean(it.collected_share for it in flown),
-            complete_share=_mean(it.is_complete for it in flown),
-            safe_share=_mean(it.is_safe for it in flown),
+            **{it.key: _mean(map(it.of, flown)) for it in MEASURES},
             team_reward=_mean(log.events['reward'].sum() for log in logs),
         )
 
@@ -289,16 +284,16 @@ class Trainer:
             updates=n_updates,
             version=f'{run}@{n_updates}-{weights_digest(weights)[:8]}',
             git_revision=git_revision(),
-            validation=_told(validation, config.validation.missions * len(sides)),
+            validation=_header_validation(validation, config.validation.missions * len(sides)),
         )
 
     def _progress(
-        self, budget: Budget, pace: SpeedMeter, validation: ValidationResult | None
+        self, budget: Budget, speed: SpeedMeter, validation: ValidationResult | None
     ) -> Progress:
         share_done = self.share_done(budget)
-        sources = [course.source for course in self._courses]
+        sources = [task.source for task in self._tasks]
         recent = [source.recent for source in sources]
-        decisions_per_s, updates_per_s, loss = pace.read()
+        decisions_per_s, updates_per_s, loss = speed.read()
         return Progress(
             share_done=share_done,
             wall_s=self._trained_s,
@@ -312,14 +307,14 @@ class Trainer:
             learning_rate=self.config.learning_rate(share_done),
             training_efficiency_kbit_per_j=_mean(it.efficiency_kbit_per_j for it in recent),
             training_reward=_mean(it.reward for it in recent),
-            replay_transitions=sum(course.replay.n_decisions for course in self._courses),
+            replay_transitions=sum(task.replay.n_decisions for task in self._tasks),
             replay_bytes=self.replay_bytes,
             validation=validation,
             best=self._best,
         )
 
 
-def _check_alike(initial: FrozenPolicy, wanted: PolicyHeader) -> None:
+def _check_same_network(initial: FrozenPolicy, wanted: PolicyHeader) -> None:
     header = initial.header
     for name, value, known in (
         ('observation', header.layout.label, wanted.layout.label),
@@ -332,19 +327,14 @@ def _check_alike(initial: FrozenPolicy, wanted: PolicyHeader) -> None:
             )
 
 
-def _merit(validation: ValidationResult) -> tuple[float, float]:
-    # A policy that leaves data or a UAV behind is no better for having saved energy.
-    whole = min(validation.complete_share, validation.safe_share)
-    return min(whole, 0.99), validation.efficiency_kbit_per_j
-
-
 def _mean(values: Any) -> float:  # noqa: ANN401 - any iterable of numbers
     return float(np.mean(list(values)))
 
 
-def _told(validation: ValidationResult | None, n_missions: int) -> policy_network.Validation:
-    names = {field.name for field in fields(policy_network.Validation)} - {'missions', 'bandwidth'}
-    measured = {name: getattr(validation, name, 0.0) for name in names}
+def _header_validation(
+    validation: ValidationResult | None, n_missions: int
+) -> policy_network.Validation:
+    measured = {it.key: getattr(validation, it.key, 0.0) for it in MEASURES}
     return policy_network.Validation(
         missions=n_missions if validation else 0, bandwidth='equal', **measured
     )

@@ -105,7 +105,7 @@ def read_table(content: bytes) -> dict[str, Floats]:
 
 
 def estimate_column(column: Column) -> tuple[int, Estimate] | None:
-    """How many missions count, and what they tell; None where none does."""
+    """How many missions count, and the estimate of their mean; None where none does."""
     known = column.value[column.is_known]
     if not len(known):
         return None

@@ -61,7 +61,7 @@ def _what_was_run(
         f'- Decisions of a training: {decisions}; by fleet on the usual field: {fleets}.',
         f'- Trainings of each algorithm, seeds from 0: {seeds}.',
         f'- Test missions: {tests.missions}, seeds {tests.first_seed} to {last}.',
-        f'- Done: {spent.told()}.',
+        f'- Done: {spent.text()}.',
         f'- Studies: {", ".join(studies)}.',
     ]
     if not_run:
@@ -70,14 +70,14 @@ def _what_was_run(
 
 
 def _overrides(values: Mapping[str, object]) -> str:
-    told = ', '.join(f'`{key}={value}`' for key, value in values.items())
-    return f' with {told}' if told else ''
+    text = ', '.join(f'`{key}={value}`' for key, value in values.items())
+    return f' with {text}' if text else ''
 
 
 def _counts(judged: Sequence[JudgedClaim]) -> str:
-    counted = Counter(it.verdict for it in judged)
-    told = [f'{counted[verdict]} {verdict}' for verdict in _ORDER if counted[verdict]]
-    return f'Of {len(judged)} statements: {", ".join(told)}.'
+    counted = Counter(it.status for it in judged)
+    counts = [f'{counted[status]} {status}' for status in _ORDER if counted[status]]
+    return f'Of {len(judged)} statements: {", ".join(counts)}.'
 
 
 def _table(judged: Sequence[JudgedClaim]) -> str:
@@ -86,7 +86,7 @@ def _table(judged: Sequence[JudgedClaim]) -> str:
         claim = it.claim
         lines.append(
             f'| {number} | {claim.figure} | {claim.statement} | {_measured(it.evidence)} '
-            f'| {it.verdict} |'
+            f'| {it.status} |'
         )
     return '\n'.join(lines)
 
@@ -95,18 +95,18 @@ def _measured(evidence: Sequence[Evidence]) -> str:
     """All numbers where they are few; else how many say what, and those that decide."""
     if len(evidence) <= _FEW:
         return '<br>'.join(map(_shown, evidence))
-    counted = Counter(it.verdict for it in evidence)
-    told = [f'{counted[verdict]} of {len(evidence)} {_word(verdict)}' for verdict in counted]
-    against = [it for it in evidence if it.verdict is not ClaimStatus.HOLDS][:_FEW]
-    return '<br>'.join([', '.join(told), *map(_shown, against)])
+    counted = Counter(it.status for it in evidence)
+    counts = [f'{counted[status]} of {len(evidence)} {_word(status)}' for status in counted]
+    against = [it for it in evidence if it.status is not ClaimStatus.HOLDS][:_FEW]
+    return '<br>'.join([', '.join(counts), *map(_shown, against)])
 
 
-def _word(verdict: ClaimStatus) -> str:
+def _word(status: ClaimStatus) -> str:
     return {
         ClaimStatus.HOLDS: 'hold',
         ClaimStatus.FAILS: 'do not hold',
         ClaimStatus.OPEN: 'are open',
-    }[verdict]
+    }[status]
 
 
 def _details(number: int, judged: JudgedClaim) -> str:
@@ -119,7 +119,7 @@ def _details(number: int, judged: JudgedClaim) -> str:
     for it in judged.evidence:
         mean, span = _numbers(it)
         count = f'{it.n} {it.noun}{"" if it.n == 1 else "s"}'
-        lines.append(f'| {it.what} | {mean} | {span} | {it.unit} | {count} | {it.verdict} |')
+        lines.append(f'| {it.what} | {mean} | {span} | {it.unit} | {count} | {it.status} |')
     return '\n'.join(lines)
 
 

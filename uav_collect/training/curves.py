@@ -33,7 +33,6 @@ _REFERENCE_STYLES = ((0.0, (5.0, 2.0)), (0.0, (1.5, 1.5)), (0.0, (5.0, 1.5, 1.0,
 _TITLE_WIDTH, _LABEL_WIDTH = 100, 85  # characters
 _WIDTH_IN, _HEIGHT_IN = 7.2, 4.0  # of the picture, without what the curves are called
 _LABEL_HEIGHT_IN = 0.18
-_LABELS = {'aqmix': 'AQMIX', 'qmix': 'QMIX', 'aiql': 'AIQL'}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,25 +71,25 @@ def learning_curves(
 def _kind(record: RunRecord) -> tuple[object, ...]:
     """What all runs of a curve have in common."""
     return (
-        record.algorithm, record.flown, record.scenario_fingerprint, record.preset,
+        record.algorithm, record.scenario_text, record.scenario_fingerprint, record.preset,
         record.overrides, record.training_fingerprint, record.initial, record.minutes,
         record.decisions,
     )  # fmt: skip
 
 
 def _labels(records: Sequence[RunRecord]) -> list[str]:
-    """The algorithm of each curve, and what else tells the curves apart."""
-    algorithms = [_LABELS.get(record.algorithm, record.algorithm) for record in records]
-    scenarios = [record.flown for record in records]
+    """The algorithm of each curve, and whatever else differs between the curves."""
+    algorithms = [record.algorithm.upper() for record in records]
+    scenarios = [record.scenario_text for record in records]
     settings = [' '.join((record.preset, *record.overrides)) for record in records]
     others = [
         _numbered(scenarios, [record.scenario_fingerprint for record in records]),
         _numbered(settings, [record.training_fingerprint for record in records]),
         [f'from {record.initial or "scratch"}' for record in records],
-        [record.budget for record in records],
+        [record.budget_text for record in records],
     ]
-    told = [names for names in others if len(set(names)) > 1]
-    return [', '.join(parts) for parts in zip(algorithms, *told, strict=True)]
+    differing = [names for names in others if len(set(names)) > 1]
+    return [', '.join(parts) for parts in zip(algorithms, *differing, strict=True)]
 
 
 def _numbered(names: Sequence[str], fingerprints: Sequence[str]) -> list[str]:
@@ -184,7 +183,7 @@ def draw(
 
     Args:
         file: to be written; the same curves give the same bytes.
-        references: figures of other policies by name, in the unit of the measure.
+        references: what other policies achieve, by name, in the unit of the measure.
         title: above the picture.
 
     Raises:

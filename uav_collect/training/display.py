@@ -1,4 +1,4 @@
-"""What train says while it learns, on stderr: a picture for a person, lines for a file."""
+"""The progress of a training on stderr: a live display in a terminal, lines in a file."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -16,66 +16,66 @@ _BAR_WIDTH = 40
 
 @contextmanager
 def progress_display(
-    title: str, more: Callable[[], tuple[str, ...]] = tuple
+    title: str, extras: Callable[[], tuple[str, ...]] = tuple
 ) -> Iterator[Callable[['Progress'], None]]:
-    """Show a training; call what it yields with each look at it.
+    """Show how a training goes; call what it yields with each `Progress`.
 
     Args:
-        title: of the picture.
-        more: what else there is to tell.
+        title: of the live display.
+        extras: what else to show, asked each time.
     """
     from rich.console import Console
     from rich.live import Live
 
     console = Console(stderr=True)
     if not console.is_terminal:
-        yield _lines(lambda line: console.print(line, highlight=False, soft_wrap=True), more)
+        yield _lines(lambda line: console.print(line, highlight=False, soft_wrap=True), extras)
         return
     validated = LastValidation()
     with Live(console=console, transient=True, auto_refresh=False) as live:
         yield lambda progress: live.update(
-            _picture(title, progress, validated.after(progress), more()), refresh=True
+            _live_display(title, progress, validated.update(progress), extras()), refresh=True
         )
 
 
 class LastValidation:
-    """What the last validation said; most looks at a training bring none."""
+    """The last validation; most reports of a training bring none."""
 
     def __init__(self) -> None:
-        """There was none."""
+        """Start without a validation."""
         self._last: ValidationResult | None = None
 
-    def after(self, progress: 'Progress') -> 'ValidationResult | None':
-        """The last validation, that of this look among them."""
+    def update(self, progress: 'Progress') -> 'ValidationResult | None':
+        """Take the report's validation, if it has one; the last one there was."""
         self._last = progress.validation or self._last
         return self._last
 
 
 def _lines(
-    say: Callable[[str], None], more: Callable[[], tuple[str, ...]]
+    print_line: Callable[[str], None], extras: Callable[[], tuple[str, ...]]
 ) -> Callable[['Progress'], None]:
     """A line every few seconds, and one for each validation."""
-    said_s = -math.inf
+    printed_s = -math.inf
     validated = LastValidation()
 
     def show(progress: 'Progress') -> None:
-        nonlocal said_s
-        last = validated.after(progress)
-        if progress.validation is not None or monotonic() - said_s >= _LINE_EVERY_S:
-            said_s = monotonic()
+        nonlocal printed_s
+        last = validated.update(progress)
+        if progress.validation is not None or monotonic() - printed_s >= _LINE_EVERY_S:
+            printed_s = monotonic()
             parts = (
                 *speeds(progress),
                 *efficiencies(progress, last),
                 time_left(progress),
-                *more(),
+                *extras(),
             )
-            say(', '.join(filter(None, parts)))
+            print_line(', '.join(filter(None, parts)))
 
     return show
 
 
-def _picture(
-    title: str, progress: 'Progress', last: 'ValidationResult | None', more: tuple[str, ...]
+def _live_display(
+    title: str, progress: 'Progress', last: 'ValidationResult | None', extras: tuple[str, ...]
 ) -> 'RenderableType':
     from rich.console import Group
     from rich.progress_bar import ProgressBar
@@ -89,13 +89,13 @@ def _picture(
         speeds(progress),
         efficiencies(progress, last),
         sizes(progress),
-        *((it,) for it in more),
+        *((it,) for it in extras),
     )
     return Group(top, *(Text('  ' + '   '.join(parts)) for parts in lines))
 
 
 def speeds(progress: 'Progress') -> tuple[str, ...]:
-    """How far and how fast it learns."""
+    """Share done, decisions and updates per second, and the loss."""
     return (
         f'{progress.share_done:.0%}',
         f'{progress.decisions_per_s:,.0f} decisions/s',
@@ -121,7 +121,7 @@ def _efficiency(validation: 'ValidationResult') -> str:
 
 
 def sizes(progress: 'Progress') -> tuple[str, ...]:
-    """What was done, and what the replay holds."""
+    """How many missions, decisions and updates so far, and the size of the replay."""
     return (
         f'{progress.n_missions:,} missions',
         f'{progress.n_decisions:,} decisions',
@@ -131,7 +131,7 @@ def sizes(progress: 'Progress') -> tuple[str, ...]:
 
 
 def time_left(progress: 'Progress') -> str:
-    """The time that the rest will take if it goes on as fast as so far."""
+    """Time to the end of the budget at the mean speed so far; empty at the start."""
     if progress.share_done <= 0:
         return ''
     return f'{minutes_text(progress.wall_s * (1.0 / progress.share_done - 1.0))} left'

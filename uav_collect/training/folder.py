@@ -1,4 +1,4 @@
-"""The run folder of a training, written while it runs: tables, TensorBoard, policies, record."""
+"""The folder of a training run, written while it runs: tables, TensorBoard, policies, record."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, ExitStack, suppress
@@ -51,51 +51,54 @@ class TrainingFolder:
         """Where the trainer saves itself."""
         return self.path / CHECKPOINT
 
-    def note(self, progress: 'Progress') -> None:
-        """Add a look at the training to the tables and to TensorBoard.
+    def log(self, progress: 'Progress') -> None:
+        """Add a report of the training to the tables and to TensorBoard.
 
         Raises:
             OSError: naming the file.
         """
         row = asdict(progress)
         self._append(self._progress, PROGRESS_COLUMNS, row)
-        self._show('training', PROGRESS_COLUMNS, row, progress.n_decisions)
+        self._log_scalars('training', PROGRESS_COLUMNS, row, progress.n_decisions)
         if progress.validation is not None:
             row = asdict(progress.validation)
             self._append(self._validations, VALIDATION_COLUMNS, row)
-            self._show('validation', VALIDATION_COLUMNS, row, progress.validation.n_decisions)
+            self._log_scalars(
+                'validation', VALIDATION_COLUMNS, row, progress.validation.n_decisions
+            )
 
     def _append(self, file: TextIO, columns: tuple[str, ...], row: Mapping[str, Any]) -> None:
         with files.naming(Path(file.name)):
             file.write(_csv_line([row[column] for column in columns]))
             file.flush()
 
-    def _show(
+    def _log_scalars(
         self, group: str, columns: tuple[str, ...], row: Mapping[str, Any], n_decisions: int
     ) -> None:
         scalars = {f'{group}/{column}': row[column] for column in columns[1:]}
         with files.naming(self.path / TENSORBOARD):
             self._events.add(n_decisions, scalars)
 
-    def keep(self, policy: 'FrozenPolicy | None', name: str) -> None:
+    def save(self, policy: 'FrozenPolicy | None', name: str) -> None:
         """Write a policy in place of the one of that name, if there is one to write.
 
         Raises:
             OSError: naming the file.
         """
-        _keep(policy, self.path / name)
+        _save_policy(policy, self.path / name)
 
-    def finish(self) -> None:
-        """Note that the run has had its time."""
+    def mark_done(self) -> None:
+        """Write into the record that the run has had its time."""
         record = replace(self._run.record, is_done=True)
         files.write_atomically(self.path / RUN_FILE, record.to_json())
 
 
 @contextmanager
 def open_training_folder(run: PlannedRun, n_decisions: int) -> Iterator[TrainingFolder]:
-    """The folder of a run that begins, or goes on after so many decisions.
+    """The folder of a run that starts, or goes on after so many decisions.
 
-    What tables and TensorBoard have of later ones is dropped: it will be made again.
+    Rows of tables and TensorBoard that lie after these decisions are dropped: they will be
+    written again.
 
     Raises:
         TrainingRunError: another process trains in the folder.
@@ -111,7 +114,7 @@ def open_training_folder(run: PlannedRun, n_decisions: int) -> Iterator[Training
         for path, scenario in zip(run.scenario_files, run.scenarios, strict=True):
             files.write_atomically(path, scenario.to_yaml().encode())
         files.write_atomically(run.folder / CONFIG_FILE, run.config.to_yaml().encode())
-        _keep(run.initial, run.folder / INITIAL_POLICY)
+        _save_policy(run.initial, run.folder / INITIAL_POLICY)
         files.write_atomically(run.folder / RUN_FILE, run.record.to_json())
         tables = [
             stack.enter_context(_table(run.folder / name, columns, n_decisions))
@@ -124,7 +127,7 @@ def open_training_folder(run: PlannedRun, n_decisions: int) -> Iterator[Training
         yield TrainingFolder(run, tables[0], tables[1], events)
 
 
-def _keep(policy: 'FrozenPolicy | None', path: Path) -> None:
+def _save_policy(policy: 'FrozenPolicy | None', path: Path) -> None:
     from uav_collect.uav.policy_file import save_policy
 
     if policy is not None:
@@ -134,7 +137,7 @@ def _keep(policy: 'FrozenPolicy | None', path: Path) -> None:
 
 @contextmanager
 def _locked(folder: Path) -> Iterator[None]:
-    """Hold the folder, so that no two trainings write into it."""
+    """Lock the folder, so that no two trainings write into it."""
     descriptor = os.open(folder, os.O_RDONLY)
     try:
         try:

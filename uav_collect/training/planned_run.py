@@ -1,4 +1,4 @@
-"""A run of a training: what is trained and where it is kept; begun, or read from its folder."""
+"""A training run, new or read back from its folder: what is trained, and where it is kept."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -40,7 +40,7 @@ class PlannedRun:
         """What is trained, for people; all seeds have the same."""
         record = self.record
         settings = ' '.join((record.preset, *record.overrides))
-        return f'{record.algorithm.upper()}, {record.flown}, {settings}'
+        return f'{record.algorithm.upper()}, {record.scenario_text}, {settings}'
 
     @property
     def scenario_files(self) -> tuple[Path, ...]:
@@ -52,9 +52,13 @@ def new_record(
     scenarios: 'Sequence[Scenario]',
     config: 'TrainingConfig',
     initial: 'FrozenPolicy | None',
-    **told: Any,  # noqa: ANN401 - the other fields of a RunRecord
+    **others: Any,  # noqa: ANN401 - the other fields of a RunRecord
 ) -> RunRecord:
-    """The record of a run that begins now."""
+    """The record of a run that starts now.
+
+    Args:
+        others: the fields of a `RunRecord` that do not follow from these.
+    """
     from uav_collect.scenario.load import fingerprint
 
     return RunRecord(
@@ -69,12 +73,12 @@ def new_record(
         versions=_versions(),
         command=shlex.join(sys.orig_argv),
         is_done=False,
-        **told,
+        **others,
     )
 
 
 def stored_run(folder: Path, record: RunRecord) -> PlannedRun:
-    """The run of a folder.
+    """Read a run back from its folder.
 
     Raises:
         TrainingRunError: a file of it cannot be read.

@@ -1,4 +1,4 @@
-"""What a training tells of itself: how long it is to go, how it stands, how fast it goes."""
+"""How long a training runs, how far it is, how well its policy flies and how fast it learns."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -6,9 +6,10 @@ from time import monotonic
 from typing import Protocol
 
 import numpy as np
+from uav_collect.uav.policy_network import policy_rank
 
-_LOOK_EVERY_S = 1.0
-_N_RECENT = 100
+_REPORT_EVERY_S = 1.0
+_N_RECENT = 100  # missions
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,7 +22,7 @@ class Budget:
 
 @dataclass(frozen=True, kw_only=True)
 class ValidationResult:
-    """How the policy flew the validation missions."""
+    """What a policy achieved in the validation missions; a row of validation.csv."""
 
     wall_s: float
     n_decisions: int
@@ -34,10 +35,15 @@ class ValidationResult:
     safe_share: float
     team_reward: float  # the scenario's reward, summed over a mission
 
+    @property
+    def rank(self) -> tuple[float, float]:
+        """How good the policy is, to be compared."""
+        return policy_rank(self.complete_share, self.safe_share, self.efficiency_kbit_per_j)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Progress:
-    """How the training stands."""
+    """How far a training is, and how well it goes; a row of progress.csv."""
 
     share_done: float
     wall_s: float
@@ -58,37 +64,37 @@ class Progress:
 
 
 class RecentMissions:
-    """Figures of the missions that a training learned from last, up to a hundred."""
+    """Running means over the last hundred missions that a training learned from."""
 
     def __init__(self) -> None:
-        """Begin without a mission."""
-        self._figures: deque[tuple[float, float]] = deque(maxlen=_N_RECENT)
+        """Start without a mission."""
+        self._metrics: deque[tuple[float, float]] = deque(maxlen=_N_RECENT)
 
-    def note(self, efficiency_kbit_per_j: float, reward: float) -> None:
-        """Count one more mission, with its total reward, undiscounted."""
-        self._figures.append((efficiency_kbit_per_j, reward))
+    def add(self, efficiency_kbit_per_j: float, reward: float) -> None:
+        """Add a mission, with its undiscounted return."""
+        self._metrics.append((efficiency_kbit_per_j, reward))
 
     @property
     def efficiency_kbit_per_j(self) -> float:
-        """Their mean; nan before the first."""
-        return float(np.mean([it[0] for it in self._figures])) if self._figures else np.nan
+        """Mean energy efficiency; nan before the first mission."""
+        return float(np.mean([it[0] for it in self._metrics])) if self._metrics else np.nan
 
     @property
     def reward(self) -> float:
-        """The mean of their total rewards; nan before the first."""
-        return float(np.mean([it[1] for it in self._figures])) if self._figures else np.nan
+        """Mean undiscounted return; nan before the first mission."""
+        return float(np.mean([it[1] for it in self._metrics])) if self._metrics else np.nan
 
     def state(self) -> list[tuple[float, float]]:
         """All that it needs to go on; the inverse is `restore`."""
-        return [*self._figures]
+        return [*self._metrics]
 
     def restore(self, state: list[tuple[float, float]]) -> None:
         """Go on from where another one was."""
-        self._figures.extend(state)
+        self._metrics.extend(state)
 
 
 class TrainingCounts(Protocol):
-    """What counts its decisions and updates."""
+    """How many decisions and updates a training has made."""
 
     @property
     def n_decisions(self) -> int:
@@ -100,7 +106,7 @@ class TrainingCounts(Protocol):
 
 
 class SpeedMeter:
-    """How fast a training goes; reads the clock, which no result depends on."""
+    """Measures how fast a training goes, by the wall clock, which no result depends on."""
 
     def __init__(self, counted: TrainingCounts) -> None:
         self._counted = counted
@@ -109,29 +115,29 @@ class SpeedMeter:
         self._losses: list[float] = []
         self._loss = np.nan
 
-    def note(self, loss: float) -> None:
-        """Take an update's loss into the mean."""
+    def add_loss(self, loss: float) -> None:
+        """Count an update's loss in the next mean."""
         self._losses.append(loss)
 
     def lap_s(self) -> float:
-        """Time since the last call."""
+        """Training time since the last call, pauses left out [s]."""
         now_s = monotonic()
         lap_s, self._lap_from_s = now_s - self._lap_from_s, now_s
         return lap_s
 
     def pause(self) -> None:
-        """Validation does not count as training."""
+        """Stop the clock: validation does not count as training."""
         self._paused_s = monotonic()
 
-    def go_on(self) -> None:
-        """Count again."""
+    def resume(self) -> None:
+        """Let the clock run again after a pause."""
         paused_s = monotonic() - self._paused_s
         self._lap_from_s += paused_s
         self._read_s += paused_s
 
     def is_due(self) -> bool:
-        """Whether it is time to look."""
-        return monotonic() - self._read_s >= _LOOK_EVERY_S
+        """Whether a second has passed since the last reading."""
+        return monotonic() - self._read_s >= _REPORT_EVERY_S
 
     def read(self) -> tuple[float, float, float]:
         """Decisions and updates per second, and the mean loss, since the last call."""

@@ -1,7 +1,8 @@
-"""What a training leaves in its run folder: what was trained, and how it went.
+"""The record of a training run: what was trained, and the tables of how it went.
 
-`run.json` says what was trained; `validation.csv` and `progress.csv` have a row for each look at
-it. Units are the last word of a column's name; what has none is a count, a share or a pure number.
+`run.json` says what was trained; `validation.csv` has a row for each validation, `progress.csv`
+one for about each second. The last word of a column's name is its unit; what has none is a count,
+a share or a pure number.
 """
 
 from collections.abc import Mapping
@@ -35,7 +36,7 @@ PROGRESS_COLUMNS = (
 
 @dataclass(frozen=True, kw_only=True)
 class CurveMeasure:
-    """What a learning curve shows."""
+    """What the vertical axis of learning curves can show."""
 
     key: str  # the column; its unit is the last word
     file: str
@@ -45,7 +46,7 @@ class CurveMeasure:
 
 @dataclass(frozen=True, kw_only=True)
 class CurveAxis:
-    """What a learning curve runs over."""
+    """What the horizontal axis of learning curves can show."""
 
     key: str  # in the CSV
     title: str
@@ -79,7 +80,7 @@ CURVE_AXES = (
 
 @dataclass(frozen=True, kw_only=True)
 class RunRecord:
-    """What was trained: everything that tells one run from another."""
+    """What was trained: everything in which one run differs from another."""
 
     training: str  # for people, and how the folders of its seeds begin
     algorithm: str  # aqmix, qmix or aiql
@@ -102,14 +103,14 @@ class RunRecord:
     is_done: bool  # it has had its time
 
     @property
-    def flown(self) -> str:
-        """The scenarios and their fleets, for people."""
+    def scenario_text(self) -> str:
+        """The scenarios and the sizes of their fleets, for people."""
         least, most = min(self.n_uavs), max(self.n_uavs)
         fleet = f'{least} to {most} UAVs' if least < most else f'{most} UAVs'
         return f'{self.scenario}, {fleet}'
 
     @property
-    def budget(self) -> str:
+    def budget_text(self) -> str:
         """How long it was to train, for people."""
         if self.decisions is not None:
             return f'{self.decisions:,} decisions'

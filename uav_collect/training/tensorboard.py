@@ -22,7 +22,7 @@ class ScalarWriter:
     """Appends scalars to one event file; open it by `scalar_events`."""
 
     def __init__(self, records: RecordWriter) -> None:
-        """Append to a file whose head is written."""
+        """Append to an event file that is open."""
         self._records = records
 
     def add(self, step: int, scalars: Mapping[str, float]) -> None:

@@ -27,6 +27,8 @@ from uav_collect.uav.exploration import explore
 from uav_collect.uav.observation import encode, Layout, observation_size
 from uav_collect.uav.view import LocalView
 
+_ALMOST_ALL = 0.99  # of the missions: from there on efficiency alone decides
+
 Weights = Mapping[str, NDArray[np.float32]]
 
 
@@ -42,6 +44,21 @@ class Validation:
     safe_share: float  # of the missions: every UAV landed with its margin
     missions: int
     bandwidth: str  # how it was shared
+
+    @property
+    def rank(self) -> tuple[float, float]:
+        """How good the policy is, to be compared."""
+        return policy_rank(self.complete_share, self.safe_share, self.efficiency_kbit_per_j)
+
+
+def policy_rank(
+    complete_share: float, safe_share: float, efficiency_kbit_per_j: float
+) -> tuple[float, float]:
+    """How good a policy is by its validation: of two, the one of greater rank is kept.
+
+    A policy that leaves data or a UAV behind is no better for having saved energy.
+    """
+    return min(complete_share, safe_share, _ALMOST_ALL), efficiency_kbit_per_j
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -81,7 +81,7 @@ class TrainerNode(ProcessNode):
                 checkpoint_s=settings.checkpoint_period_s,
             )
             self._log_compiling()
-            self._known_ids = self._learning.intake.known_ids  # missions that were joined before
+            self._known_ids = self._learning.source.known_ids  # missions that were joined before
             self._joiners: dict[str, MissionJoiner] = {}  # by namespace
             for namespace in () if bags else settings.namespaces:
                 self._joiners[namespace] = _new_joiner(self._run, self._known_ids)
@@ -109,7 +109,7 @@ class TrainerNode(ProcessNode):
     def on_stop(self) -> None:
         """Save what was learned."""
         ending = self._learning.stop()
-        self._publish(self._learning.flown())
+        self._publish(self._learning.new_policy())
         self._closing.close()
         if self.end_status is None:  # a signal
             self.get_logger().info(f'{ending.text}; start it again to go on')
@@ -158,7 +158,7 @@ class TrainerNode(ProcessNode):
                 self.get_logger().warning(f'refused: {error}; its mission is dropped')
             return
         if joined is not None:
-            self._learning.intake.add(joined)
+            self._learning.source.add(joined)
 
     def _on_lost(self, event: Any) -> None:
         self._n_lost += event.total_count_change
@@ -177,12 +177,12 @@ class TrainerNode(ProcessNode):
                 yield
         for joiner in self._joiners.values():
             joiner.drop_incomplete()
-        self._learning.intake.close()
+        self._learning.source.close()
 
     # What goes out.
 
     def _tick(self) -> None:
-        self._publish(self._learning.flown())
+        self._publish(self._learning.new_policy())
         now_s = time.monotonic()
         if now_s - self._shown_s >= _SHOWN_PERIOD_S:
             self._shown_s = now_s
@@ -196,7 +196,7 @@ class TrainerNode(ProcessNode):
         """Read until a time, or until enough waits for the learner."""
         most = _MOST_WAITING_UPDATES * self._run.config.rollout.decisions_per_update // 2
         try:
-            while time.monotonic() < until_s and self._learning.intake.n_waiting < most:
+            while time.monotonic() < until_s and self._learning.source.n_waiting < most:
                 if next(bags, self) is self:
                     self._bags = None
                     return

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from rclpy.node import Node
 from uav_collect.errors import TrainingRunError
-from uav_collect.limits import MAX_DECISIONS, MAX_SEED
+from uav_collect.limits import FLEET_ALGORITHMS, MAX_DECISIONS, MAX_SEED
 from uav_collect.nodes.parameters import declare, Parameter
 from uav_collect.scenario.load import load, parse_override
 from uav_collect.training.config import load_preset
@@ -13,7 +13,6 @@ from uav_collect.training.planned_run import new_record, PlannedRun, stored_run
 from uav_collect.training.run_record import read_run, RUN_FILE
 from uav_collect.uav.policy import frozen_policy
 
-_ALGORITHMS = ('aqmix', 'aiql')
 _MINUTES = 60.0
 
 PARAMETERS = (
@@ -157,8 +156,8 @@ def planned_run(settings: TrainerSettings) -> PlannedRun:
         ConfigError: scenario or preset are not valid.
         PolicyMismatchError: the policy to start from cannot be read.
     """
-    if settings.algorithm not in _ALGORITHMS:
-        known = ' or '.join(_ALGORITHMS)
+    if settings.algorithm not in FLEET_ALGORITHMS:
+        known = ' or '.join(FLEET_ALGORITHMS)
         why = ': qmix lets all UAVs wait for each other' if settings.algorithm == 'qmix' else ''
         raise TrainingRunError(f'algorithm is {settings.algorithm!r}: must be {known}{why}')
     if not settings.output_dir:

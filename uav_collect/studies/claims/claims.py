@@ -29,7 +29,7 @@ class JudgedClaim:
 
     claim: Claim
     evidence: tuple[Evidence, ...]
-    verdict: ClaimStatus
+    status: ClaimStatus
 
 
 CLAIMS = (
@@ -211,12 +211,12 @@ CLAIMS = (
 
 def judge(studies: Mapping[str, Study], findings: Findings) -> tuple[JudgedClaim, ...]:
     """Judge every claim whose studies are there; the others are not run."""
-    sources = StudyResults(studies, findings)
+    results = StudyResults(studies, findings)
     judged = []
     for claim in CLAIMS:
         is_run = all(name in studies for name in claim.studies)
-        evidence = tuple(claim.evidence(sources)) if is_run else ()
+        evidence = tuple(claim.evidence(results)) if is_run else ()
         judged.append(
-            JudgedClaim(claim=claim, evidence=evidence, verdict=combined_status(evidence))
+            JudgedClaim(claim=claim, evidence=evidence, status=combined_status(evidence))
         )
     return tuple(judged)

@@ -48,7 +48,7 @@ class Evidence:
     n: int  # missions or seeds that count
     noun: str
     estimate: Estimate | None  # None where nothing counts
-    verdict: ClaimStatus
+    status: ClaimStatus
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,26 +141,26 @@ def changed_percent(after: Samples, before: Samples) -> Samples:
 
 
 def combined_status(evidence: Sequence[Evidence]) -> ClaimStatus:
-    """The verdict of a statement: it holds if each part does, and fails if one does."""
-    verdicts = {it.verdict for it in evidence}
-    if not verdicts:
+    """The status of a statement: it holds if each part does, and fails if one does."""
+    statuses = {it.status for it in evidence}
+    if not statuses:
         return ClaimStatus.NOT_RUN
-    for verdict in (ClaimStatus.FAILS, ClaimStatus.OPEN):
-        if verdict in verdicts:
-            return verdict
+    for status in (ClaimStatus.FAILS, ClaimStatus.OPEN):
+        if status in statuses:
+            return status
     return ClaimStatus.HOLDS
 
 
 def _judged(what: str, unit: str, values: Floats, noun: str, rule: _Rule) -> Evidence:
     if not len(values):
         return Evidence(
-            what=what, unit=unit, n=0, noun=noun, estimate=None, verdict=ClaimStatus.OPEN
+            what=what, unit=unit, n=0, noun=noun, estimate=None, status=ClaimStatus.OPEN
         )
     estimate = column_estimates(values[:, None], _BOOTSTRAP_SEED)[0]
     holds, fails = rule(estimate)
-    verdict = ClaimStatus.HOLDS if holds else ClaimStatus.FAILS if fails else ClaimStatus.OPEN
+    status = ClaimStatus.HOLDS if holds else ClaimStatus.FAILS if fails else ClaimStatus.OPEN
     if len(values) < 2 or (noun == 'seed' and len(values) < MIN_SEEDS):
-        verdict = ClaimStatus.OPEN
+        status = ClaimStatus.OPEN
     return Evidence(
-        what=what, unit=unit, n=len(values), noun=noun, estimate=estimate, verdict=verdict
+        what=what, unit=unit, n=len(values), noun=noun, estimate=estimate, status=status
     )

@@ -18,42 +18,42 @@ _REGION = '3x3'  # what a UAV sees
 _EFFICIENCY_IN_TRAINING = 'training_efficiency_kbit_per_j'
 
 
-def aqmix_above_in_every_area(sources: StudyResults) -> Iterator[Evidence]:
+def aqmix_above_in_every_area(results: StudyResults) -> Iterator[Evidence]:
     """Reward of a mission in training, at the end, area by area."""
-    for panel in sources.panels('learning-areas'):
-        yield from _ahead(sources, panel)
+    for panel in results.panels('learning-areas'):
+        yield from _ahead(results, panel)
 
 
-def waiting_costs_energy(sources: StudyResults) -> Iterator[Evidence]:
+def waiting_costs_energy(results: StudyResults) -> Iterator[Evidence]:
     """Efficiency of the training's own missions, in which UAVs of QMIX wait."""
-    for panel in sources.panels('learning-areas'):
+    for panel in results.panels('learning-areas'):
         yield is_above(
             f'{panel.label}: efficiency while learning, AQMIX less QMIX',
             EFFICIENCY.unit,
-            sources.ends(panel.curve(AQMIX), _EFFICIENCY_IN_TRAINING),
-            sources.ends(panel.curve(QMIX), _EFFICIENCY_IN_TRAINING),
+            results.ends(panel.curve(AQMIX), _EFFICIENCY_IN_TRAINING),
+            results.ends(panel.curve(QMIX), _EFFICIENCY_IN_TRAINING),
         )
 
 
-def aiql_varies_more(sources: StudyResults) -> Iterator[Evidence]:
+def aiql_varies_more(results: StudyResults) -> Iterator[Evidence]:
     """How far each seed's reward is from the middle of all seeds."""
-    for panel in sources.panels('learning-areas'):
-        spread = _spread(sources.ends(panel.curve(AIQL), REWARD.key))
+    for panel in results.panels('learning-areas'):
+        spread = _spread(results.ends(panel.curve(AIQL), REWARD.key))
         for rival in (AQMIX, QMIX):
             yield is_above(
                 f'{panel.label}: distance of a seed from the median, AIQL less {rival}',
                 REWARD.unit,
                 spread,
-                _spread(sources.ends(panel.curve(rival), REWARD.key)),
+                _spread(results.ends(panel.curve(rival), REWARD.key)),
             )
 
 
-def alike_with_one_uav(sources: StudyResults) -> Iterator[Evidence]:
+def alike_with_one_uav(results: StudyResults) -> Iterator[Evidence]:
     """Validated efficiency with the smallest fleet."""
-    panel = sources.panels('learning-uavs')[0]
-    aqmix = sources.ends(panel.curve(AQMIX), EFFICIENCY.key)
+    panel = results.panels('learning-uavs')[0]
+    aqmix = results.ends(panel.curve(AQMIX), EFFICIENCY.key)
     for rival in (QMIX, AIQL):
-        other = sources.ends(panel.curve(rival), EFFICIENCY.key)
+        other = results.ends(panel.curve(rival), EFFICIENCY.key)
         yield is_within(
             f'{panel.label}: change of the validated efficiency from AQMIX to {rival}',
             '%',
@@ -63,14 +63,14 @@ def alike_with_one_uav(sources: StudyResults) -> Iterator[Evidence]:
         )
 
 
-def gaps_grow_with_uavs(sources: StudyResults) -> Iterator[Evidence]:
+def gaps_grow_with_uavs(results: StudyResults) -> Iterator[Evidence]:
     """AQMIX ahead with several UAVs, and further with the most than with the second fewest."""
-    panels = sources.panels('learning-uavs')
+    panels = results.panels('learning-uavs')
     for panel in panels[1:]:
-        yield from _ahead(sources, panel)
+        yield from _ahead(results, panel)
     few, many = panels[1], panels[-1]
     for rival in (QMIX, AIQL):
-        gaps = [_relative_gap(sources, panel, rival) for panel in (few, many)]
+        gaps = [_relative_gap(results, panel, rival) for panel in (few, many)]
         n_seeds = min(len(gap.value) for gap in gaps)
         early, late = (Samples(value=gap.value[:n_seeds], noun='seed') for gap in gaps)
         yield is_above(
@@ -81,22 +81,22 @@ def gaps_grow_with_uavs(sources: StudyResults) -> Iterator[Evidence]:
         )
 
 
-def aiql_drops_with_uavs(sources: StudyResults) -> Iterator[Evidence]:
+def aiql_drops_with_uavs(results: StudyResults) -> Iterator[Evidence]:
     """Reward in training with the smallest fleet and with the largest."""
-    panels = sources.panels('learning-uavs')
+    panels = results.panels('learning-uavs')
     few, many = panels[0], panels[-1]
     curves = few.curve(AIQL), many.curve(AIQL)
     n_seeds = min(len(curve.digests) for curve in curves)
     yield is_above(
         f'reward of AIQL, {few.label} less {many.label}',
         REWARD.unit,
-        *(sources.ends(curve, REWARD.key, n_seeds) for curve in curves),
+        *(results.ends(curve, REWARD.key, n_seeds) for curve in curves),
     )
 
 
-def middle_kernel_best(sources: StudyResults) -> Iterator[Evidence]:
+def middle_kernel_best(results: StudyResults) -> Iterator[Evidence]:
     """Reward in training of 3x3 against the smallest and the largest kernel."""
-    [panel] = sources.panels('kernel')
+    [panel] = results.panels('kernel')
     middle = next((it for it in panel.curves if it.label == _REGION), None)
     if middle is None:
         return
@@ -104,24 +104,24 @@ def middle_kernel_best(sources: StudyResults) -> Iterator[Evidence]:
         yield is_above(
             f'reward, {_REGION} less {other.label}',
             REWARD.unit,
-            sources.ends(middle, REWARD.key),
-            sources.ends(other, REWARD.key),
+            results.ends(middle, REWARD.key),
+            results.ends(other, REWARD.key),
         )
 
 
-def _ahead(sources: StudyResults, panel: CurvesPanel) -> Iterator[Evidence]:
-    aqmix = sources.ends(panel.curve(AQMIX), REWARD.key)
+def _ahead(results: StudyResults, panel: CurvesPanel) -> Iterator[Evidence]:
+    aqmix = results.ends(panel.curve(AQMIX), REWARD.key)
     for rival in (QMIX, AIQL):
         yield is_above(
             f'{panel.label}: reward, AQMIX less {rival}',
             REWARD.unit,
             aqmix,
-            sources.ends(panel.curve(rival), REWARD.key),
+            results.ends(panel.curve(rival), REWARD.key),
         )
 
 
-def _relative_gap(sources: StudyResults, panel: CurvesPanel, rival: str) -> Samples:
-    aqmix, other = (sources.ends(panel.curve(label), EFFICIENCY.key) for label in (AQMIX, rival))
+def _relative_gap(results: StudyResults, panel: CurvesPanel, rival: str) -> Samples:
+    aqmix, other = (results.ends(panel.curve(label), EFFICIENCY.key) for label in (AQMIX, rival))
     first, second = aqmix.paired(other)
     return Samples(value=100.0 * (first - second) / first.mean(), noun='seed')
 

@@ -32,31 +32,31 @@ _ROBUST_PERCENT = 5.0
 _OPTIMAL, _EQUAL = f'{AQMIX}, optimal bandwidth', f'{AQMIX}, equal bandwidth'
 
 
-def enough_energy(sources: StudyResults) -> Iterator[Evidence]:
+def enough_energy(results: StudyResults) -> Iterator[Evidence]:
     """Data collected with the paper's budget, or the nearest one that was tested."""
-    study = sources.lines('energy')
+    study = results.lines('energy')
     index = _nearest(study, _ENOUGH_KJ)
     for label in (AQMIX, QMIX, HERT):
-        collected = sources.tested(study, label, index, COLLECTED)
+        collected = results.tested(study, label, index, COLLECTED)
         what = f'data collected by {label} with {study.values[index]:g} kJ'
         yield is_within(what, COLLECTED.unit, collected, _ALL_PERCENT, 100.0)
 
 
-def aiql_needs_more_energy(sources: StudyResults) -> Iterator[Evidence]:
+def aiql_needs_more_energy(results: StudyResults) -> Iterator[Evidence]:
     """Data left behind with the paper's largest budget, or the nearest one that was tested."""
-    study = sources.lines('energy')
+    study = results.lines('energy')
     index = _nearest(study, _LONG_KJ)
-    collected = sources.tested(study, AIQL, index, COLLECTED)
+    collected = results.tested(study, AIQL, index, COLLECTED)
     what = f'data collected by AIQL with {study.values[index]:g} kJ'
     yield is_within(what, COLLECTED.unit, collected, 0.0, _ALL_PERCENT)
 
 
-def more_energy_changes_nothing(sources: StudyResults) -> Iterator[Evidence]:
+def more_energy_changes_nothing(results: StudyResults) -> Iterator[Evidence]:
     """The largest budget against the one that is enough."""
-    study = sources.lines('energy')
+    study = results.lines('energy')
     enough = _nearest(study, _ENOUGH_KJ)
     for measure in (COMPLETION, EFFICIENCY):
-        before, after = (sources.tested(study, AQMIX, index, measure) for index in (enough, -1))
+        before, after = (results.tested(study, AQMIX, index, measure) for index in (enough, -1))
         yield is_within(
             f'change of the {measure.title} of AQMIX from {study.values[enough]:g} to '
             f'{study.values[-1]:g} kJ',
@@ -67,115 +67,115 @@ def more_energy_changes_nothing(sources: StudyResults) -> Iterator[Evidence]:
         )
 
 
-def aqmix_best_over_budgets(sources: StudyResults) -> Iterator[Evidence]:
+def aqmix_best_over_budgets(results: StudyResults) -> Iterator[Evidence]:
     """With the largest budget, where every policy has what it needs; data with the smallest."""
-    study = sources.lines('energy')
+    study = results.lines('energy')
     for rival in (QMIX, AIQL, HERT):
-        yield from _ahead(sources, study, rival, len(study.values) - 1)
+        yield from _ahead(results, study, rival, len(study.values) - 1)
         yield is_above(
             f'{_at(study, 0)}: data collected, AQMIX less {rival}',
             COLLECTED.unit,
-            sources.tested(study, AQMIX, 0, COLLECTED),
-            sources.tested(study, rival, 0, COLLECTED),
+            results.tested(study, AQMIX, 0, COLLECTED),
+            results.tested(study, rival, 0, COLLECTED),
         )
 
 
-def rising_with_density(sources: StudyResults) -> Iterator[Evidence]:
+def rising_with_density(results: StudyResults) -> Iterator[Evidence]:
     """AQMIX at each density against the one before."""
-    study = sources.lines('density')
+    study = results.lines('density')
     for measure in (COMPLETION, EFFICIENCY):
         for index in range(1, len(study.values)):
             yield is_above(
                 f'{measure.title} of AQMIX, density {study.values[index]:g} less '
                 f'{study.values[index - 1]:g}',
                 measure.unit,
-                sources.tested(study, AQMIX, index, measure),
-                sources.tested(study, AQMIX, index - 1, measure),
+                results.tested(study, AQMIX, index, measure),
+                results.tested(study, AQMIX, index - 1, measure),
             )
 
 
-def aqmix_best_over_densities(sources: StudyResults) -> Iterator[Evidence]:
+def aqmix_best_over_densities(results: StudyResults) -> Iterator[Evidence]:
     """Every density, every rival."""
-    yield from _best_everywhere(sources, sources.lines('density'))
+    yield from _best_everywhere(results, results.lines('density'))
 
 
-def faster_but_less_efficient(sources: StudyResults) -> Iterator[Evidence]:
+def faster_but_less_efficient(results: StudyResults) -> Iterator[Evidence]:
     """The smallest fleet against the largest."""
-    study = sources.lines('uavs')
+    study = results.lines('uavs')
     for label in (AQMIX, QMIX):
         for measure in (COMPLETION, EFFICIENCY):
             yield is_above(
                 f'{measure.title} of {label}, {study.values[0]:g} UAV less '
                 f'{study.values[-1]:g} UAVs',
                 measure.unit,
-                sources.tested(study, label, 0, measure),
-                sources.tested(study, label, -1, measure),
+                results.tested(study, label, 0, measure),
+                results.tested(study, label, -1, measure),
             )
 
 
-def second_uav_of_aqmix(sources: StudyResults) -> Iterator[Evidence]:
+def second_uav_of_aqmix(results: StudyResults) -> Iterator[Evidence]:
     """About 75 % is read as 70 to 80 %; the one UAV is the scenario's first, of 5 m/s."""
-    yield from _second_uav(sources, AQMIX, COMPLETION, -80.0, -70.0)
-    yield from _second_uav(sources, AQMIX, EFFICIENCY, -10.0, 0.0)
+    yield from _second_uav(results, AQMIX, COMPLETION, -80.0, -70.0)
+    yield from _second_uav(results, AQMIX, EFFICIENCY, -10.0, 0.0)
 
 
-def second_uav_of_qmix(sources: StudyResults) -> Iterator[Evidence]:
+def second_uav_of_qmix(results: StudyResults) -> Iterator[Evidence]:
     """Read as 45 to 55 % and 25 to 35 %."""
-    yield from _second_uav(sources, QMIX, COMPLETION, -55.0, -45.0)
-    yield from _second_uav(sources, QMIX, EFFICIENCY, -35.0, -25.0)
+    yield from _second_uav(results, QMIX, COMPLETION, -55.0, -45.0)
+    yield from _second_uav(results, QMIX, EFFICIENCY, -35.0, -25.0)
 
 
-def hert_in_proportion(sources: StudyResults) -> Iterator[Evidence]:
+def hert_in_proportion(results: StudyResults) -> Iterator[Evidence]:
     """Time times the number of UAVs, and efficiency, stay within a tenth."""
-    study = sources.lines('uavs')
+    study = results.lines('uavs')
     first = study.values[0]
     for index in range(1, len(study.values)):
         share = study.values[index] / first
-        times = [sources.tested(study, HERT, it, COMPLETION) for it in (index, 0)]
+        times = [results.tested(study, HERT, it, COMPLETION) for it in (index, 0)]
         together = Samples(value=times[0].value * share, noun='mission')
         what = f'from {first:g} to {study.values[index]:g} UAVs'
         yield is_within(
             f'change of time x number of UAVs {what}', '%',
             changed_percent(together, times[1]), -10.0, 10.0,
         )  # fmt: skip
-        efficiencies = [sources.tested(study, HERT, it, EFFICIENCY) for it in (index, 0)]
+        efficiencies = [results.tested(study, HERT, it, EFFICIENCY) for it in (index, 0)]
         yield is_within(
             f'change of efficiency {what}', '%', changed_percent(*efficiencies), -10.0, 10.0
         )
 
 
-def aiql_poor_with_many(sources: StudyResults) -> Iterator[Evidence]:
+def aiql_poor_with_many(results: StudyResults) -> Iterator[Evidence]:
     """AIQL against HERT, the paper's weakest, wherever there are more than two UAVs."""
-    study = sources.lines('uavs')
+    study = results.lines('uavs')
     for index, n_uavs in enumerate(study.values):
         if n_uavs > 2:
             yield is_above(
                 f'{_at(study, index)}: efficiency, HERT less AIQL',
                 EFFICIENCY.unit,
-                sources.tested(study, HERT, index, EFFICIENCY),
-                sources.tested(study, AIQL, index, EFFICIENCY),
+                results.tested(study, HERT, index, EFFICIENCY),
+                results.tested(study, AIQL, index, EFFICIENCY),
             )
 
 
-def aqmix_best_over_fleets(sources: StudyResults) -> Iterator[Evidence]:
+def aqmix_best_over_fleets(results: StudyResults) -> Iterator[Evidence]:
     """Every fleet, every rival."""
-    yield from _best_everywhere(sources, sources.lines('uavs'))
+    yield from _best_everywhere(results, results.lines('uavs'))
 
 
-def hert_without_radio(sources: StudyResults) -> Iterator[Evidence]:
+def hert_without_radio(results: StudyResults) -> Iterator[Evidence]:
     """The largest range against none."""
-    study = sources.lines('range')
+    study = results.lines('range')
     for measure in (COMPLETION, EFFICIENCY):
-        yield _over_range(sources, study, HERT, measure, -_ALIKE_PERCENT, _ALIKE_PERCENT)
+        yield _over_range(results, study, HERT, measure, -_ALIKE_PERCENT, _ALIKE_PERCENT)
 
 
-def better_with_range(sources: StudyResults) -> Iterator[Evidence]:
+def better_with_range(results: StudyResults) -> Iterator[Evidence]:
     """The largest range against none."""
-    study = sources.lines('range')
+    study = results.lines('range')
     for label in (AQMIX, QMIX):
         none, full = (
-            (sources.tested(study, label, it, COMPLETION),
-             sources.tested(study, label, it, EFFICIENCY))
+            (results.tested(study, label, it, COMPLETION),
+             results.tested(study, label, it, EFFICIENCY))
             for it in (0, -1)
         )  # fmt: skip
         span = f'{label}, {study.names[0]} to {study.names[-1]}'
@@ -183,23 +183,23 @@ def better_with_range(sources: StudyResults) -> Iterator[Evidence]:
         yield is_above(f'efficiency that {span} adds', EFFICIENCY.unit, full[1], none[1])
 
 
-def aiql_without_gain(sources: StudyResults) -> Iterator[Evidence]:
+def aiql_without_gain(results: StudyResults) -> Iterator[Evidence]:
     """The largest range against none: no better by more than what counts as alike."""
-    study = sources.lines('range')
-    yield _over_range(sources, study, AIQL, EFFICIENCY, -100.0, _ALIKE_PERCENT)
+    study = results.lines('range')
+    yield _over_range(results, study, AIQL, EFFICIENCY, -100.0, _ALIKE_PERCENT)
 
 
-def aqmix_best_over_ranges(sources: StudyResults) -> Iterator[Evidence]:
+def aqmix_best_over_ranges(results: StudyResults) -> Iterator[Evidence]:
     """Every range, every rival."""
-    yield from _best_everywhere(sources, sources.lines('range'))
+    yield from _best_everywhere(results, results.lines('range'))
 
 
-def optimal_better(sources: StudyResults) -> Iterator[Evidence]:
+def optimal_better(results: StudyResults) -> Iterator[Evidence]:
     """Every channel error."""
-    study = sources.lines('csi')
+    study = results.lines('csi')
     for index, error in enumerate(study.values):
         optimal, equal = (
-            [sources.tested(study, label, index, it) for it in (COLLECTING, EFFICIENCY)]
+            [results.tested(study, label, index, it) for it in (COLLECTING, EFFICIENCY)]
             for label in (_OPTIMAL, _EQUAL)
         )
         at = f'error {error:g}'
@@ -207,10 +207,10 @@ def optimal_better(sources: StudyResults) -> Iterator[Evidence]:
         yield is_above(f'{at}: efficiency gained', EFFICIENCY.unit, optimal[1], equal[1])
 
 
-def robust_to_errors(sources: StudyResults) -> Iterator[Evidence]:
+def robust_to_errors(results: StudyResults) -> Iterator[Evidence]:
     """The largest channel error against none."""
-    study = sources.lines('csi')
-    without, with_error = (sources.tested(study, _OPTIMAL, index, EFFICIENCY) for index in (0, -1))
+    study = results.lines('csi')
+    without, with_error = (results.tested(study, _OPTIMAL, index, EFFICIENCY) for index in (0, -1))
     yield is_within(
         f'change of efficiency from error {study.values[0]:g} to {study.values[-1]:g}',
         '%',
@@ -220,36 +220,36 @@ def robust_to_errors(sources: StudyResults) -> Iterator[Evidence]:
     )
 
 
-def marginal_gain_when_sparse(sources: StudyResults) -> Iterator[Evidence]:
+def marginal_gain_when_sparse(results: StudyResults) -> Iterator[Evidence]:
     """The smallest density."""
-    study = sources.lines('bandwidth')
+    study = results.lines('bandwidth')
     yield is_within(
         f'gain of efficiency at density {study.values[0]:g}',
         '%',
-        _gain(sources, study, 0),
+        _gain(results, study, 0),
         -_MARGINAL_PERCENT,
         _MARGINAL_PERCENT,
     )
 
 
-def gain_grows_with_density(sources: StudyResults) -> Iterator[Evidence]:
+def gain_grows_with_density(results: StudyResults) -> Iterator[Evidence]:
     """The largest density against the smallest."""
-    study = sources.lines('bandwidth')
+    study = results.lines('bandwidth')
     yield is_above(
         f'gain of efficiency, density {study.values[-1]:g} less {study.values[0]:g}',
         'percentage points',
-        _gain(sources, study, -1),
-        _gain(sources, study, 0),
+        _gain(results, study, -1),
+        _gain(results, study, 0),
     )
 
 
-def less_overlap(sources: StudyResults) -> Iterator[Evidence]:
+def less_overlap(results: StudyResults) -> Iterator[Evidence]:
     """Cells that several UAVs flew to, as a share of all that were flown to, in all missions."""
-    study = sources.trajectories('trajectories')
+    study = results.trajectories('trajectories')
     overlap = {}
     for label, tested in study.tests.items():
         shared, visited = (
-            sources.findings.numbers(tested, key) for key in ('shared_cells', 'visited_cells')
+            results.findings.numbers(tested, key) for key in ('shared_cells', 'visited_cells')
         )
         overlap[label] = Samples(value=100.0 * shared / np.maximum(visited, 1.0), noun='mission')
     for rival in (QMIX, AIQL):
@@ -268,10 +268,10 @@ def _at(study: LinesStudy, index: int) -> str:
     return f'{study.over.split(" [")[0]} {shown}'
 
 
-def _ahead(sources: StudyResults, study: LinesStudy, rival: str, index: int) -> Iterator[Evidence]:
+def _ahead(results: StudyResults, study: LinesStudy, rival: str, index: int) -> Iterator[Evidence]:
     """Time that AQMIX saves and efficiency that it adds."""
     aqmix, other = (
-        [sources.tested(study, label, index, it) for it in (COMPLETION, EFFICIENCY)]
+        [results.tested(study, label, index, it) for it in (COMPLETION, EFFICIENCY)]
         for label in (AQMIX, rival)
     )
     at = _at(study, index)
@@ -279,40 +279,40 @@ def _ahead(sources: StudyResults, study: LinesStudy, rival: str, index: int) -> 
     yield is_above(f'{at}: efficiency, AQMIX less {rival}', EFFICIENCY.unit, aqmix[1], other[1])
 
 
-def _best_everywhere(sources: StudyResults, study: LinesStudy) -> Iterator[Evidence]:
+def _best_everywhere(results: StudyResults, study: LinesStudy) -> Iterator[Evidence]:
     for index in range(len(study.values)):
         for rival in (QMIX, AIQL, HERT):
-            yield from _ahead(sources, study, rival, index)
+            yield from _ahead(results, study, rival, index)
 
 
 def _second_uav(
-    sources: StudyResults, label: str, measure: PanelMeasure, low: float, high: float
+    results: StudyResults, label: str, measure: PanelMeasure, low: float, high: float
 ) -> Iterator[Evidence]:
-    study = sources.lines('uavs')
+    study = results.lines('uavs')
     if not {1.0, 2.0} <= set(study.values):
         return
     one, two = (
-        sources.tested(study, label, study.values.index(n_uavs), measure) for n_uavs in (1.0, 2.0)
+        results.tested(study, label, study.values.index(n_uavs), measure) for n_uavs in (1.0, 2.0)
     )
     what = f'change of the {measure.title} of {label} from 1 to 2 UAVs'
     yield is_within(what, '%', changed_percent(two, one), low, high)
 
 
 def _over_range(
-    sources: StudyResults,
+    results: StudyResults,
     study: LinesStudy,
     label: str,
     measure: PanelMeasure,
     low: float,
     high: float,
 ) -> Evidence:
-    none, full = (sources.tested(study, label, index, measure) for index in (0, -1))
+    none, full = (results.tested(study, label, index, measure) for index in (0, -1))
     what = f'change of the {measure.title} of {label}, {study.names[0]} to {study.names[-1]}'
     return is_within(what, '%', changed_percent(full, none), low, high)
 
 
-def _gain(sources: StudyResults, study: LinesStudy, index: int) -> Samples:
+def _gain(results: StudyResults, study: LinesStudy, index: int) -> Samples:
     optimal, equal = (
-        sources.tested(study, label, index, EFFICIENCY) for label in (_OPTIMAL, _EQUAL)
+        results.tested(study, label, index, EFFICIENCY) for label in (_OPTIMAL, _EQUAL)
     )
     return changed_percent(optimal, equal)

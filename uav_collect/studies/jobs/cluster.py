@@ -76,28 +76,28 @@ class RayEngine:
         self._streams[self._perform.remote(task, sources_digest())] = task.digest
 
     def wait(self, timeout_s: float) -> Sequence[tuple[str, Report]]:
-        """What jobs told; of one whose machine or process is gone, that it is lost."""
+        """Reports of jobs; of one whose machine or process is gone, that it is lost."""
         if not self._streams:
             return []
         streams = [*self._streams]
         ready, _ = ray.wait(streams, num_returns=1, timeout=timeout_s)
         more, _ = ray.wait(streams, num_returns=len(streams), timeout=0)
-        told = []
+        reports = []
         for stream in dict.fromkeys([*ready, *more]):
             digest, report = self._streams[stream], self._next(stream)
             if isinstance(report, Finished | Failed | Lost | Stopped):
                 del self._streams[stream]
-            told.append((digest, report))
-        return told
+            reports.append((digest, report))
+        return reports
 
     def stop(self) -> None:
-        """Leave all jobs; what they did since their last states is lost."""
+        """Cancel all jobs; what they did since their last states is lost."""
         self._is_stopping = True
         for stream in self._streams:
             ray.cancel(stream, force=False)
 
     def close(self) -> None:
-        """Let nothing run on."""
+        """Kill what still runs, and disconnect."""
         for stream in self._streams:
             ray.cancel(stream, force=True)
         self._streams.clear()

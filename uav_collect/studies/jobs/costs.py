@@ -28,8 +28,8 @@ class SpentCost:
     n_interrupted: int = 0
     revisions: Counter[str] = field(default_factory=Counter)
 
-    def told(self) -> str:
-        """In words: how many jobs, how many core-hours, of which revision."""
+    def text(self) -> str:
+        """For people: how many jobs, how many core-hours, of which revision."""
         parts = [
             f'{n} {kind} jobs in {self.cpu_s[kind] * _H_PER_S:.2f} core-hours'
             for kind, n in sorted(self.n_jobs.items(), reverse=True)

@@ -10,7 +10,7 @@ import json
 import math
 
 import numpy as np
-from uav_collect.analysis.metrics import mission_metrics, MissionMetrics
+from uav_collect.analysis.metrics import metrics_row, mission_metrics, MissionMetrics
 from uav_collect.analysis.plan_shares import bound_metrics
 from uav_collect.analysis.statistics import estimates, mission_seeds
 from uav_collect.analysis.statistics import MEASURES as MEANS
@@ -24,7 +24,7 @@ from uav_collect.studies.jobs.jobs import FlightsJob, MISSIONS, PlansJob, SUMMAR
 from uav_collect.uav.heuristics import RulePolicy
 from uav_collect.uav.policy import policy_named
 from uav_collect.uav.policy_file import policy_from_bytes
-from uav_collect.uav.policy_network import FrozenPolicy, LearnedPolicy, Validation
+from uav_collect.uav.policy_network import LearnedPolicy
 
 MISSION_COLUMNS = (
     'mission_seed', 'efficiency_kbit_per_j', 'completion_s', 'energy_kj', 'collected_mbit',
@@ -32,7 +32,6 @@ MISSION_COLUMNS = (
     'visited_cells', 'decisions',
 )  # fmt: skip
 _AT_ONCE = 50  # missions between two looks
-_ENOUGH = 0.99  # share of whole missions from which on a policy is judged by its efficiency
 
 Step = float | Mapping[str, bytes]
 
@@ -91,34 +90,19 @@ def _policy(job: FlightsJob, policies: Mapping[str, bytes]) -> RulePolicy | Lear
         if not isinstance(rule, RulePolicy):
             raise PolicyMismatchError(f'policy {job.policy} is no rule: must come from trainings')
         return rule
-    best = max((policy_from_bytes(policies[digest]) for digest in job.trainings), key=_merit)
+    learned = [policy_from_bytes(policies[digest]) for digest in job.trainings]
+    best = max(learned, key=lambda it: it.header.validation.rank)
     return LearnedPolicy(name=job.policy, frozen=best)
-
-
-def _merit(policy: FrozenPolicy) -> tuple[float, float]:
-    """How well a policy validated: as a training chooses among its own."""
-    validation: Validation = policy.header.validation
-    whole = min(validation.complete_share, validation.safe_share)
-    return min(whole, _ENOUGH), validation.efficiency_kbit_per_j
 
 
 def _row(log: MissionLog, mission: MissionMetrics) -> list[float]:
     n_shared, n_visited = _visits(log)
-    return [
-        mission.mission_seed,
-        mission.efficiency_kbit_per_j,
-        mission.completion_s,
-        mission.energy_j / 1e3,
-        mission.collected_bit / 1e6,
-        mission.total_bit / 1e6,
-        mission.collected_share,
-        int(mission.is_complete),
-        int(mission.is_safe),
-        sum(uav.hover_s for uav in mission.uavs),
-        n_shared,
-        n_visited,
-        mission.n_decisions,
-    ]
+    values = metrics_row(mission) | {
+        'collecting_s': sum(uav.hover_s for uav in mission.uavs),
+        'shared_cells': n_shared,
+        'visited_cells': n_visited,
+    }
+    return [values[column] for column in MISSION_COLUMNS]
 
 
 def _visits(log: MissionLog) -> tuple[int, int]:

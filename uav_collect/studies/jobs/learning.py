@@ -40,7 +40,7 @@ Step = float | tuple[float, Any] | Mapping[str, bytes]
 
 def run_training(
     job: TrainingJob,
-    state: Any,  # noqa: ANN401 - what an earlier step told
+    state: Any,  # noqa: ANN401 - what an earlier step yielded
     checkpoint_s: float,
     is_stopping: Callable[[], bool],
 ) -> Iterator[Step]:

@@ -20,7 +20,7 @@ from uav_collect.studies.jobs.worker_messages import (
 )
 
 _STOP = 'stop'
-_END_S = 5.0  # until a process that was told to end is killed
+_END_S = 5.0  # until a process that was asked to end is killed
 
 
 @dataclass(eq=False)
@@ -31,10 +31,10 @@ class _Worker:
 
 
 class ProcessEngine:
-    """An engine of processes."""
+    """An engine that does each job in a process of this machine."""
 
     def __init__(self, n_slots: int) -> None:
-        """Start processes when there is something to do for them."""
+        """Start no process yet: each is started when there is a job for it."""
         self._n_slots = n_slots
         self._workers: list[_Worker] = []
         self._context = multiprocessing.get_context('spawn')  # torch and numba have threads
@@ -48,27 +48,27 @@ class ProcessEngine:
         """Begin a job in a process that has none."""
         worker = next((it for it in self._workers if it.digest is None), None)
         if worker is None:
-            worker = self._hired()
+            worker = self._new_worker()
         worker.digest = task.digest
-        _tell(worker, task)
+        _send(worker, task)
 
     def wait(self, timeout_s: float) -> Sequence[tuple[str, Report]]:
-        """What processes told; of one that is gone, that its job is lost."""
-        told: list[tuple[str, Report]] = []
+        """Reports of jobs; of one whose process is gone, that it is lost."""
+        reports: list[tuple[str, Report]] = []
         by_connection = {worker.connection: worker for worker in self._workers}
         for connection in wait([*by_connection], timeout_s):
             worker = by_connection[connection]  # type: ignore[index]
             digest = worker.digest
-            report = self._heard(worker)
+            report = self._receive(worker)
             if digest is not None:
-                told.append((digest, report))
-        return told
+                reports.append((digest, report))
+        return reports
 
     def stop(self) -> None:
         """Ask all jobs to be left."""
         for worker in self._workers:
             if worker.digest is not None:
-                _tell(worker, _STOP)
+                _send(worker, _STOP)
 
     def close(self) -> None:
         """End the processes."""
@@ -84,7 +84,7 @@ class ProcessEngine:
                 worker.process.join()
         self._workers.clear()
 
-    def _hired(self) -> _Worker:
+    def _new_worker(self) -> _Worker:
         ours, theirs = self._context.Pipe()
         process = self._context.Process(target=_work, args=(theirs,), daemon=True)
         process.start()
@@ -93,7 +93,7 @@ class ProcessEngine:
         self._workers.append(worker)
         return worker
 
-    def _heard(self, worker: _Worker) -> Report:
+    def _receive(self, worker: _Worker) -> Report:
         try:
             report: Report = worker.connection.recv()
         except (EOFError, OSError):
@@ -106,8 +106,8 @@ class ProcessEngine:
         return report
 
 
-def _tell(worker: _Worker, what: WorkItem | str) -> None:
-    with suppress(BrokenPipeError):  # it is gone, which waiting will tell
+def _send(worker: _Worker, what: WorkItem | str) -> None:
+    with suppress(BrokenPipeError):  # it is gone, which `wait` will report
         worker.connection.send(what)
 
 

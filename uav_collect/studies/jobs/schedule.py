@@ -1,4 +1,4 @@
-"""Has jobs done by an engine: what is missing, the long ones first, losses made good."""
+"""Schedules jobs on an engine: those that are missing, long ones first, lost ones again."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -18,12 +18,12 @@ from uav_collect.studies.jobs.worker_messages import (
     WorkItem,
 )
 
-_LOOK_EVERY_S = 0.5
+_WAIT_S = 0.5
 _MAX_LOSSES = 5  # of one job: then it is the job
 
 
 class JobEngine(Protocol):
-    """What does jobs, several at once."""
+    """Does jobs, several at once."""
 
     @property
     def n_slots(self) -> int:
@@ -33,18 +33,18 @@ class JobEngine(Protocol):
         """Begin a job."""
 
     def wait(self, timeout_s: float) -> Sequence[tuple[str, Report]]:
-        """What was told meanwhile, with the digest of its job; nothing if the time is up."""
+        """Reports that came meanwhile, each with the digest of its job; none if the time is up."""
 
     def stop(self) -> None:
         """Ask all jobs to be left, saved where they can be."""
 
     def close(self) -> None:
-        """Let nothing run on."""
+        """End all workers, whatever they do."""
 
 
 @dataclass
 class JobsStatus:
-    """How the jobs stand."""
+    """How many jobs are done, which ones run, and which ones failed."""
 
     total: int
     done: int = 0  # the ones found among them
@@ -64,18 +64,18 @@ class _Run:
     store: Store
     engine: JobEngine
     checkpoint_s: float
-    standing: JobsStatus
+    status: JobsStatus
     waiting: list[str]
     n_losses: dict[str, int] = field(default_factory=dict)
 
     def start_what_can(self) -> None:
         for digest in list(self.waiting):
-            if len(self.standing.running) >= self.engine.n_slots:
+            if len(self.status.running) >= self.engine.n_slots:
                 return
             inputs = job_inputs(self.jobs[digest])
-            if any(it in self.standing.failures or it in self.standing.blocked for it in inputs):
+            if any(it in self.status.failures or it in self.status.blocked for it in inputs):
                 self.waiting.remove(digest)
-                self.standing.blocked.add(digest)
+                self.status.blocked.add(digest)
             elif not self.store.missing(inputs):
                 self.waiting.remove(digest)
                 self.start(digest)
@@ -83,7 +83,7 @@ class _Run:
     def start(self, digest: str) -> None:
         job = self.jobs[digest]
         inputs = {it: self.store.read(it, POLICY) for it in job_inputs(job)}
-        self.standing.running[digest] = 0.0
+        self.status.running[digest] = 0.0
         self.engine.start(
             WorkItem(
                 digest=digest,
@@ -97,18 +97,18 @@ class _Run:
     def take(self, digest: str, report: Report) -> None:
         match report:
             case Started(host=host):
-                self.standing.hosts[digest] = host
+                self.status.hosts[digest] = host
             case Advanced(share_done=share_done):
-                self.standing.running[digest] = share_done
+                self.status.running[digest] = share_done
             case Saved(state=state, share_done=share_done):
-                self.standing.running[digest] = share_done
+                self.status.running[digest] = share_done
                 self.store.keep_state(digest, state)
             case Finished(results=results, cost=cost):
                 self.store.keep(self.jobs[digest], results, cost)
-                self.standing.done += 1
+                self.status.done += 1
                 self.end(digest)
             case Failed(why=why, trace=trace):
-                self.standing.failures[digest] = why
+                self.status.failures[digest] = why
                 self.store.keep_failure(digest, trace)
                 self.store.drop_state(digest)  # it may be what it fails at
                 self.end(digest)
@@ -119,16 +119,16 @@ class _Run:
                 self.end(digest)
 
     def retry(self, digest: str, why: str) -> None:
-        self.standing.n_lost += 1
+        self.status.n_lost += 1
         self.n_losses[digest] = self.n_losses.get(digest, 0) + 1
         if self.n_losses[digest] > _MAX_LOSSES:
-            self.standing.failures[digest] = f'lost {self.n_losses[digest]} times: {why}'
+            self.status.failures[digest] = f'lost {self.n_losses[digest]} times: {why}'
         else:
             self.waiting.insert(0, digest)
 
     def end(self, digest: str) -> None:
-        self.standing.running.pop(digest, None)
-        self.standing.hosts.pop(digest, None)
+        self.status.running.pop(digest, None)
+        self.status.hosts.pop(digest, None)
 
 
 def run_jobs(
@@ -141,34 +141,34 @@ def run_jobs(
     is_stopping: Callable[[], bool],
     show: Show,
 ) -> JobsStatus:
-    """Have all jobs done that the store lacks.
+    """Do all jobs that the store lacks.
 
     Args:
         jobs: by digest, those that others need among them.
         checkpoint_s: time between two states that are kept.
         order: of the jobs that could begin the smallest comes first.
         is_stopping: once it is true, jobs are left, saved where they can be.
-        show: called with how it stands.
+        show: called with the status after each wait.
 
     Raises:
         OSError: the disk does not take what was found.
     """
     missing = store.missing(_needed_first(jobs, order))
-    standing = JobsStatus(total=len(jobs), done=len(jobs) - len(missing))
-    run = _Run(jobs, store, engine, checkpoint_s, standing, missing)
+    status = JobsStatus(total=len(jobs), done=len(jobs) - len(missing))
+    run = _Run(jobs, store, engine, checkpoint_s, status, missing)
     try:
-        while run.waiting or standing.running:
+        while run.waiting or status.running:
             if is_stopping():
                 _leave(run, show)
                 break
             run.start_what_can()
-            show(standing)
-            for digest, report in engine.wait(_LOOK_EVERY_S):
+            show(status)
+            for digest, report in engine.wait(_WAIT_S):
                 run.take(digest, report)
     finally:
         engine.close()
-    show(standing)
-    return standing
+    show(status)
+    return status
 
 
 def _needed_first(jobs: Mapping[str, Job], order: Callable[[Job], float]) -> Iterable[str]:
@@ -176,9 +176,9 @@ def _needed_first(jobs: Mapping[str, Job], order: Callable[[Job], float]) -> Ite
 
 
 def _leave(run: _Run, show: Show) -> None:
-    """Wait until what runs is saved."""
+    """Stop, and wait until what runs is saved."""
     run.engine.stop()
-    while run.standing.running:
-        for digest, report in run.engine.wait(_LOOK_EVERY_S):
+    while run.status.running:
+        for digest, report in run.engine.wait(_WAIT_S):
             run.take(digest, report)
-        show(run.standing)
+        show(run.status)

@@ -1,4 +1,4 @@
-"""Keeps what was found, one folder per job: whole or not at all.
+"""Keeps the results of jobs, one folder per job: whole or not at all.
 
     STORE/jobs/DIGEST/      job.json, cost.json and the files that came out
     STORE/states/DIGEST     what an unfinished job goes on from
@@ -24,7 +24,7 @@ _COST = 'cost.json'
 
 
 class Store:
-    """What was found, by the digest of what was asked."""
+    """Results of jobs, by the digest of the job."""
 
     def __init__(self, folder: Path) -> None:
         """Use a folder, which is made when something is kept."""
@@ -35,7 +35,7 @@ class Store:
         return (self.folder / 'jobs' / digest / _COST).is_file()
 
     def missing(self, digests: Iterable[str]) -> list[str]:
-        """Those that are not done."""
+        """The jobs that are not done, by digest."""
         return [digest for digest in digests if not self.has(digest)]
 
     def read(self, digest: str, name: str) -> bytes:
@@ -71,11 +71,11 @@ class Store:
         digest = digest_of(job)
         folder = self.folder / 'jobs' / digest
         if not self.has(digest):
-            told = (json.dumps(asdict(cost), indent=1) + '\n').encode()
-            self._lay(folder, {_JOB: to_json(job), **results, _COST: told})
+            content = (json.dumps(asdict(cost), indent=1) + '\n').encode()
+            self._write_folder(folder, {_JOB: to_json(job), **results, _COST: content})
         self._state(digest).unlink(missing_ok=True)
 
-    def _lay(self, folder: Path, contents: Mapping[str, bytes]) -> None:
+    def _write_folder(self, folder: Path, contents: Mapping[str, bytes]) -> None:
         partial = folder.with_name(f'.{folder.name}.{os.getpid()}.part')
         partial.mkdir(parents=True)
         try:

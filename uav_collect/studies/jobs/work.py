@@ -1,4 +1,4 @@
-"""Does a job, here: a stream of events that ends with what came out.
+"""Does a job in this process: a stream of events that ends with its results.
 
 Every engine runs this one function, so results do not depend on the engine. One process compiles
 kernels, while others that need them wait for its copy.
@@ -41,7 +41,7 @@ _PACKAGES = ('numpy', 'numba', 'torch')
 
 @dataclass
 class _Meter:
-    """What a job has taken so far, in this process and in those before."""
+    """Measures what a job takes, in this process and in those that it was resumed from."""
 
     before: Cost
 
@@ -128,8 +128,8 @@ def _perform(task: WorkItem, is_stopping: Callable[[], bool]) -> Iterator[Event]
             case float():
                 yield Advanced(share_done=step)
             case (float() as share_done, saved):
-                told = pickle.dumps((saved, meter.cost()))
-                yield Saved(state=told, share_done=share_done)
+                state_bytes = pickle.dumps((saved, meter.cost()))
+                yield Saved(state=state_bytes, share_done=share_done)
             case results:
                 yield Finished(results=results, cost=meter.cost())
 

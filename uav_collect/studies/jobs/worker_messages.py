@@ -1,4 +1,4 @@
-"""What is told between who hands out jobs and who does them, in one process or across machines."""
+"""The messages between a scheduler and its workers, in one process or across machines."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -8,13 +8,13 @@ from uav_collect.studies.jobs.jobs import Job
 
 @dataclass(frozen=True, kw_only=True)
 class WorkItem:
-    """A job with all that is needed to do it anywhere."""
+    """A job with everything that a worker anywhere needs to do it."""
 
     digest: str
     job: Job
     inputs: Mapping[str, bytes]  # the policies' files, by the digest of their training
     state: bytes | None  # to go on from
-    checkpoint_s: float  # time between two states that are told
+    checkpoint_s: float  # time between two states that are reported
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,7 +32,7 @@ class Cost:
 
 @dataclass(frozen=True, kw_only=True)
 class Started:
-    """The job is being done."""
+    """A worker has started the job."""
 
     host: str
     process: int
@@ -41,14 +41,14 @@ class Started:
 
 @dataclass(frozen=True, kw_only=True)
 class Advanced:
-    """How far a job is."""
+    """How far the job is."""
 
     share_done: float
 
 
 @dataclass(frozen=True, kw_only=True)
 class Saved:
-    """What the job can go on from."""
+    """A state that the job can be resumed from."""
 
     state: bytes
     share_done: float
@@ -56,7 +56,7 @@ class Saved:
 
 @dataclass(frozen=True, kw_only=True)
 class Finished:
-    """What came out."""
+    """The job is done: what came out, and what it took."""
 
     results: Mapping[str, bytes]  # files by name
     cost: Cost
@@ -67,7 +67,7 @@ Event = Started | Advanced | Saved | Finished
 
 @dataclass(frozen=True, kw_only=True)
 class Lost:
-    """Who did the job is gone; another one can."""
+    """The worker is gone; another one can do the job."""
 
     why: str
 
@@ -82,7 +82,7 @@ class Failed:
 
 @dataclass(frozen=True, kw_only=True)
 class Stopped:
-    """The job was left as it was asked to be."""
+    """The worker left the job unfinished, as it was asked to."""
 
 
 Report = Event | Lost | Failed | Stopped

@@ -90,8 +90,8 @@ def _rows(
             rows.append([*about, 0, *span, '', '', '', measure.unit])
             continue
         n_missions, estimate = point
-        told = (estimate.mean, estimate.low, estimate.high)
-        rows.append([*about, n_missions, *span, *told, measure.unit])
+        interval = (estimate.mean, estimate.low, estimate.high)
+        rows.append([*about, n_missions, *span, *interval, measure.unit])
     return rows
 
 
