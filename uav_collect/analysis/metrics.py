@@ -1,7 +1,7 @@
-"""The figures of merit of a mission, from its log alone; and what every log must satisfy.
+"""The metrics of a mission, from its log alone; and what every log must satisfy.
 
 Time is the paper's eq. (2), energy eq. (7), data eq. (14), efficiency the goal of its problem (P);
-the way home counts in time and energy. A mission cut short has figures but no completion time.
+the way home counts in time and energy. A mission cut short has metrics but no completion time.
 """
 
 from dataclasses import dataclass
@@ -10,18 +10,16 @@ import math
 import numpy as np
 from uav_collect.errors import MissionLogError
 from uav_collect.recording.mission_log import Events, MissionLog, UavHeader
-from uav_collect.uav.action_codes import ACTION_NAMES, REASON_NAMES
+from uav_collect.uav import action_codes
+from uav_collect.uav.action_codes import COLUMN_STEP, HOME, HOVER, REASON_NAMES, ROW_STEP
 
-HOVER = ACTION_NAMES.index('hover')
-HOME = ACTION_NAMES.index('home')
-FAILSAFE = 'failsafe'  # of REASON_NAMES
+FAILSAFE = REASON_NAMES[action_codes.FAILSAFE]  # how a UAV ended that the world flew home
 METRIC_COLUMNS = (
     'mission_seed', 'efficiency_kbit_per_j', 'completion_s', 'energy_kj', 'collected_mbit',
     'total_mbit', 'collected_share', 'decisions', 'is_safe', 'is_complete',
 )  # fmt: skip
 UNFINISHED = 'unfinished'  # how a UAV ended that the log leaves in the air
 
-_STEPS = {'forward': (0, 1), 'right': (1, 0), 'backward': (0, -1), 'left': (-1, 0)}
 _TOLERANCE = 1e-9  # relative; what rounding may leave of an energy, a time or a position
 
 
@@ -43,7 +41,7 @@ class UavMetrics:
 
     @property
     def energy_left_j(self) -> float:
-        """What its budget still holds [J]."""
+        """What is left of its energy budget at the end [J]."""
         return self.energy_budget_j - self.energy_j
 
     @property
@@ -57,7 +55,7 @@ class UavMetrics:
 
 @dataclass(frozen=True, kw_only=True)
 class MissionMetrics:
-    """The figures of merit of one mission."""
+    """What one mission achieved."""
 
     mission_seed: int
     collected_bit: float
@@ -115,7 +113,7 @@ class MissionMetrics:
 
 
 def mission_metrics(log: MissionLog) -> MissionMetrics:
-    """The figures of merit of a mission, finished or not."""
+    """Compute what a mission achieved, finished or not."""
     events = log.events
     uavs = tuple(_uav_metrics(header, events) for header in log.header.uavs)
     return MissionMetrics(
@@ -222,7 +220,7 @@ def _check_story(
         return
     if before['action'] == HOME:
         raise _misfit(event, 'decides after it turned home')
-    east, north = _STEPS.get(ACTION_NAMES[before['action']], (0, 0))
+    east, north = COLUMN_STEP[before['action']], ROW_STEP[before['action']]
     end_s = before['time_s'] + before['duration_s']
     _check_close(event, 'time', event['time_s'], end_s, 's')
     _check_close(event, 'x', event['x_m'], before['x_m'] + east * cell_size_m, 'm')

@@ -1,4 +1,4 @@
-"""The figures of many missions: mean, median and the interval that the mean lies in.
+"""The metrics of many missions: mean, median and the interval that the mean lies in.
 
 Every policy flies the same missions, so policies can be compared mission by mission.
 """

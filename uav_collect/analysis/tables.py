@@ -1,6 +1,6 @@
 """Tables for the terminal: one mission, many missions of several policies, clairvoyant bounds."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 import math
 
 from rich.box import SIMPLE_HEAD
@@ -31,6 +31,9 @@ _SHARES = {
     'efficiency_share_of_shortest': 'efficiency, of the shortest',
 }
 
+# The title of some rows, and by the name of a row its mean, interval and median.
+_Group = tuple[str, Mapping[str, tuple[str, str, str]]]
+
 
 def mission_tables(
     header: MissionHeader,
@@ -42,7 +45,7 @@ def mission_tables(
 
     Args:
         header: of the mission's log.
-        mission: its figures.
+        mission: its metrics.
         n_radio_messages: delivered between UAVs; None where only the log is known.
         bound: the mission's; None where it is not known.
     """
@@ -189,18 +192,7 @@ def evaluation_table(
         missions: flown, by policy; the same seeds for each.
         rows: one estimate for each of MEASURES, by policy.
     """
-    table = Table(box=SIMPLE_HEAD, pad_edge=False)
-    table.add_column('measure')
-    table.add_column('policy')
-    for heading in ('mean', f'{100 * CONFIDENCE_LEVEL:.0f} % interval', 'median'):
-        table.add_column(heading, justify='right')
-    for index, measure in enumerate(MEASURES):
-        name = f'{measure.title} [{measure.unit}]'
-        for policy, estimates in rows.items():
-            table.add_row(Text(name), Text(policy), *estimate_cells(estimates[index]))
-            name = ''
-        if len(rows) > 1:
-            table.add_section()
+    table = _estimate_table('measure', 'policy', _by_measure(rows), is_split=len(rows) > 1)
     lines = [line for policy, flown in missions.items() for line in _remarks(policy, flown)]
     return Group(table, *lines)
 
@@ -212,18 +204,7 @@ def difference_table(first: str, rows: Mapping[str, Sequence[Estimate]]) -> Rend
         first: the policy that the others are taken from.
         rows: one estimate for each of MEASURES, by the policy that was taken away.
     """
-    table = Table(box=SIMPLE_HEAD, pad_edge=False)
-    table.add_column('measure')
-    table.add_column('minus')
-    for heading in ('mean', f'{100 * CONFIDENCE_LEVEL:.0f} % interval', 'median'):
-        table.add_column(heading, justify='right')
-    for index, measure in enumerate(MEASURES):
-        name = f'{measure.title} [{measure.unit}]'
-        for other, estimates in rows.items():
-            table.add_row(Text(name), Text(other), *estimate_cells(estimates[index]))
-            name = ''
-        if len(rows) > 1:
-            table.add_section()
+    table = _estimate_table('measure', 'minus', _by_measure(rows), is_split=len(rows) > 1)
     title = Text(f'{first} minus each other policy, mission by mission', style='bold')
     return Group(title, table)
 
@@ -261,13 +242,11 @@ def _remarks(policy: str, missions: Sequence[MissionMetrics]) -> list[Text]:
 
 def bound_table(rows: Mapping[str, Estimate]) -> RenderableType:
     """The plans and the limits, measure by measure; estimates by key of `bound_metrics`."""
-    table = _table('measure', 'what')
-    for measure, title in _TITLES.items():
-        for plan, name in _PLANS.items():
-            cells = estimate_cells(rows[f'{plan}_{measure}'])
-            table.add_row(Text(title), Text(name), *cells)
-            title = ''
-        table.add_section()
+    groups = [
+        (title, {name: estimate_cells(rows[f'{plan}_{key}']) for plan, name in _PLANS.items()})
+        for key, title in _TITLES.items()
+    ]
+    table = _estimate_table('measure', 'what', groups, is_split=True)
     gaps = [
         _gap(rows, 'completion_s', 'shortest', 'time'),
         _gap(rows, 'energy_kj', 'thriftiest', 'energy'),
@@ -284,14 +263,18 @@ def share_table(rows: Mapping[str, tuple[int, Mapping[str, Estimate]]]) -> Rende
     Args:
         rows: by policy, how many missions count and the estimates by key of `shares`.
     """
-    table = _table('% of the clairvoyant plan', 'policy')
-    for key, title in _SHARES.items():
-        for policy, (_, estimates) in rows.items():
-            if key in estimates:
-                table.add_row(Text(title), Text(policy), *_percentages(estimates[key]))
-                title = ''
-        if len(rows) > 1:
-            table.add_section()
+    groups = [
+        (
+            title,
+            {
+                policy: _percentages(estimates[key])
+                for policy, (_, estimates) in rows.items()
+                if key in estimates
+            },
+        )
+        for key, title in _SHARES.items()
+    ]
+    table = _estimate_table('% of the clairvoyant plan', 'policy', groups, is_split=len(rows) > 1)
     counts = ', '.join(f'{policy} {n_missions}' for policy, (n_missions, _) in rows.items())
     text = f'missions that collected everything and have plans: {counts}'
     return Group(table, Text(text, style='dim'))
@@ -302,12 +285,27 @@ def _percentages(estimate: Estimate) -> tuple[str, str, str]:
     return shown[0], f'{shown[1]} to {shown[2]}', f'{100 * estimate.median:.1f}'
 
 
-def _table(*headings: str) -> Table:
+def _by_measure(rows: Mapping[str, Sequence[Estimate]]) -> Iterator[_Group]:
+    """Rows of MEASURES by policy, grouped by measure."""
+    for index, measure in enumerate(MEASURES):
+        cells = {policy: estimate_cells(estimates[index]) for policy, estimates in rows.items()}
+        yield f'{measure.title} [{measure.unit}]', cells
+
+
+def _estimate_table(
+    heading: str, row_heading: str, groups: Iterable[_Group], *, is_split: bool
+) -> Table:
+    """Estimates in groups of rows; the title of a group stands in its first row alone."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False)
-    for heading in headings:
-        table.add_column(heading)
-    for heading in ('mean', f'{100 * CONFIDENCE_LEVEL:.0f} % interval', 'median'):
-        table.add_column(heading, justify='right')
+    table.add_column(heading)
+    table.add_column(row_heading)
+    for column in ('mean', f'{100 * CONFIDENCE_LEVEL:.0f} % interval', 'median'):
+        table.add_column(column, justify='right')
+    for title, rows in groups:
+        for index, (name, cells) in enumerate(rows.items()):
+            table.add_row(Text('' if index else title), Text(name), *cells)
+        if is_split:
+            table.add_section()
     return table
 
 

@@ -54,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Plan the missions; the exit status."""
+    """Plan the missions; returns the exit status."""
     from uav_collect.analysis.plan_shares import bound_metrics, mean_estimates
 
     scenario = options.scenario_of(arguments)

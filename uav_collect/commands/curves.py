@@ -57,7 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Draw the curves; the exit status."""
+    """Draw the curves; returns the exit status."""
     from uav_collect.training.curves import learning_curves
 
     for path in filter(None, (arguments.output, arguments.csv)):

@@ -56,7 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Look at everything; the exit status."""
+    """Examine the machine and print what was found; returns the exit status."""
     del arguments
     from rich.console import Console
     from rich.table import Table
@@ -78,7 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def examine(environment: Mapping[str, str]) -> Iterator[Finding]:
-    """Look at everything that a mission depends on, under environment variables."""
+    """Examine everything that a mission depends on, environment variables included."""
     yield Finding(
         topic='uav_collect',
         found=f'{uav_collect.__version__} in {Path(uav_collect.__file__).parent}',

@@ -32,7 +32,6 @@ collected, the share of missions that collected all of it, and the share of miss
 UAVs landed with their energy margin. The missions' seeds are SEED, SEED + 1, ...; the first is the
 one that "mission --seed SEED" flies.
 """
-INTERRUPTED = 130  # exit status after Ctrl-C, as shells have it
 _MAX_MISSIONS = 100_000  # their figures are kept
 _AT_ONCE = 50  # missions flown between two looks at Ctrl-C
 
@@ -99,7 +98,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Evaluate the policies; the exit status."""
+    """Fly the missions and evaluate the policies; returns the exit status."""
     scenario = options.scenario_of(arguments)
     contenders = _contenders(arguments, scenario)
     flown: dict[_Contender, list[MissionMetrics]] = {contender: [] for contender in contenders}
@@ -111,7 +110,7 @@ def run(arguments: argparse.Namespace) -> int:
         n_missions = min(len(missions) for missions in flown.values())
         whole = {contender: missions[:n_missions] for contender, missions in flown.items()}
         _show(arguments, scenario, whole, bounds, monotonic() - start_s)
-        return INTERRUPTED
+        return terminal.INTERRUPTED
     findings = _show(arguments, scenario, flown, bounds, monotonic() - start_s)
     if arguments.json is not None:
         files.write_atomically(arguments.json, _json(arguments, scenario, flown, findings))

@@ -5,12 +5,11 @@ from collections.abc import Mapping
 import importlib.util
 import os
 from pathlib import Path
-import sys
 from typing import TYPE_CHECKING
 
 from uav_collect import files
 from uav_collect.commands import options, terminal
-from uav_collect.commands.terminal import deferred_interruption, Interruption
+from uav_collect.commands.terminal import deferred_interruption, Interruption, say
 from uav_collect.errors import TrainingRunError
 
 if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
@@ -89,7 +88,7 @@ def _add_engine_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Draw the figures; the exit status."""
+    """Do the jobs that are missing, then draw the figures; returns the exit status."""
     from uav_collect.commands.figures_plan import plan_figures
 
     plan = plan_figures(arguments)
@@ -125,12 +124,12 @@ def _run_jobs(arguments: argparse.Namespace, plan: 'FiguresPlan') -> int:
 def _exit_status(plan: 'FiguresPlan', jobs: 'JobsStatus', interruption: Interruption) -> int:
     for digest, why in jobs.failures.items():
         trace = plan.store.folder / 'failures' / f'{digest}.txt'
-        sys.stderr.write(f'error: {plan.name_of(digest)}: {why} ({trace})\n')
+        say(f'error: {plan.name_of(digest)}: {why} ({trace})')
     if jobs.n_lost:
-        sys.stderr.write(f'{jobs.n_lost} jobs were lost and done again\n')
+        say(f'{jobs.n_lost} jobs were lost and done again')
     if interruption.signal_number is not None:
         left = jobs.total - jobs.done
-        sys.stderr.write(f'interrupted with {left} jobs to do; the same command goes on\n')
+        say(f'interrupted with {left} jobs to do; the same command goes on')
         return interruption.exit_status
     return FAILED if jobs.failures else 0
 
@@ -182,7 +181,7 @@ def _draw(arguments: argparse.Namespace, plan: 'FiguresPlan') -> None:
 def _tell_not_drawn(plan: 'FiguresPlan', whole: Mapping[str, object]) -> None:
     lacking = [name for name in plan.studies if name not in whole]
     if lacking:
-        sys.stderr.write(f'not drawn, as jobs are missing: {", ".join(lacking)}\n')
+        say(f'not drawn, as jobs are missing: {", ".join(lacking)}')
 
 
 def _minutes(text: str) -> float:

@@ -8,8 +8,8 @@ import importlib.util
 import os
 from pathlib import Path
 import shutil
-import sys
 
+from uav_collect.commands.terminal import say
 from uav_collect.errors import ConfigError, TrainingRunError
 from uav_collect.scenario.load import from_yaml
 from uav_collect.studies import catalogue
@@ -26,7 +26,7 @@ _SPARE_BYTES = 200e6  # to be left on the disk
 
 @dataclass(frozen=True, kw_only=True)
 class FiguresPlan:
-    """What is to be drawn, and what that takes."""
+    """The studies to draw, their jobs, which of them are missing, and what those cost."""
 
     scale: ScaleConfig
     studies: Mapping[str, Study]
@@ -101,7 +101,7 @@ class FiguresPlan:
         }
 
     def known_names(self) -> tuple[str, ...]:
-        """All studies that there are."""
+        """The names of all studies that there are."""
         return catalogue.names()
 
     def jobs_of(self, studies: Mapping[str, Study]) -> dict[str, Job]:
@@ -110,7 +110,7 @@ class FiguresPlan:
         return {digest: self.jobs[digest] for digest in digests}
 
     def kernels(self) -> set[Callable[..., object]]:
-        """The kernels that the missing jobs take."""
+        """The kernels that the missing jobs run."""
         return set().union(*(kernels_of(self.jobs[digest]) for digest in self.missing))
 
     def name_of(self, digest: str) -> str:
@@ -138,7 +138,7 @@ def plan_figures(arguments: argparse.Namespace) -> FiguresPlan:
     requests, needs, studies = Requests(scale), {}, {}
     for name in _names(arguments.only):
         studies[name] = catalogue.study(name, requests)
-        needs[name] = requests.taken()
+        needs[name] = requests.take_new()
     store = Store(arguments.output)
     missing = frozenset(store.missing(requests.jobs))
     if not arguments.list and arguments.engine == 'local':
@@ -184,7 +184,7 @@ def _rates(
         return known
     if first is None or scale.measured_s == 0.0 or not importlib.util.find_spec('torch'):
         return GUESSED_RATES
-    sys.stderr.write(f'measuring what a decision takes: {scale.measured_s:.0f} s\n')
+    say(f'measuring what a decision takes: {scale.measured_s:.0f} s')
     from uav_collect.studies.jobs.learning import measure_rates
 
     return measure_rates(_usual(scale, trainings, first), scale.measured_s)

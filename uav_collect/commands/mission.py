@@ -4,12 +4,12 @@ import argparse
 from collections.abc import Iterator
 import json
 from pathlib import Path
-import sys
 import time
 from typing import TYPE_CHECKING
 
 from uav_collect.commands import options, report
 from uav_collect.commands.ros_processes import Fleet, FleetProcess, ros_parameters, running_fleet
+from uav_collect.commands.terminal import INTERRUPTED, say
 from uav_collect.errors import FleetError, PolicyMismatchError
 from uav_collect.kernels.compile import interpret_kernels
 
@@ -22,7 +22,6 @@ progress of the mission, then its figures beside those that rules achieve in the
 leaves a run folder with the bag, the mission log, the resolved scenario, a picture of the
 trajectories and what every process said.
 """
-INTERRUPTED = 130  # exit status after Ctrl-C, as shells have it
 _LOOK_S = 0.05
 _FALLBACK = 'sweep'  # flies where no learned policy is shipped
 _RULES = ('hert', 'sweep')  # that every mission is compared with
@@ -30,7 +29,7 @@ _RECORDER_S = 15.0  # how long the recorder may take to close the bag
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the command's arguments."""
+    """Describe the command and add its arguments."""
     parser.description = _DESCRIPTION
     options.add_scenario_options(parser)
     parser.add_argument(
@@ -55,23 +54,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Fly the mission; the exit status."""
+    """Fly the mission; returns the exit status."""
     interpret_kernels()  # all of one mission in this process takes less than to load compiled ones
     scenario = options.scenario_of(arguments)
     policy = _checked_policy(arguments.policy, scenario)
     folder = _make_folder(arguments.output, scenario.name)
-    _say(f'{scenario.name}, seed {arguments.seed}, {scenario.n_uavs} UAVs: {policy}')
+    say(f'{scenario.name}, seed {arguments.seed}, {scenario.n_uavs} UAVs: {policy}')
     start_s = time.monotonic()
     try:
         with running_fleet(folder, scenario.n_uavs + 2) as fleet:
             _fly(fleet, folder, scenario, policy, arguments)
     except KeyboardInterrupt:
-        _say(f'interrupted; what was flown is in {folder}')
+        say(f'interrupted; what was flown is in {folder}')
         return INTERRUPTED
     except FleetError as error:
-        sys.stderr.write(f'error: {error}\n')
+        say(f'error: {error}')
         return 1
-    _say(f'flown in {time.monotonic() - start_s:.1f} s\n')
+    say(f'flown in {time.monotonic() - start_s:.1f} s\n')
     status = report.run(argparse.Namespace(path=folder, pictures=None))
     _compare(_log_file(folder, arguments.seed), scenario, arguments.bandwidth)
     return status
@@ -91,7 +90,7 @@ def _checked_policy(wanted: str | None, scenario: 'Scenario') -> str:
     try:
         policy_for(STRONG, scenario)
     except PolicyMismatchError as error:
-        _say(f'{error}: {_FALLBACK} flies')
+        say(f'{error}: {_FALLBACK} flies')
         return _FALLBACK
     return STRONG
 
@@ -117,9 +116,9 @@ def _compare(log: Path, scenario: 'Scenario', bandwidth: str) -> None:
         Console().print(comparison_table(missions, bound))
     # Whatever it is: the mission itself was flown, recorded and reported.
     except Exception as error:
-        _say(f'the mission could not be compared with rules: {error}')
+        say(f'the mission could not be compared with rules: {error}')
     except KeyboardInterrupt:
-        _say('interrupted; the mission is not compared with rules')
+        say('interrupted; the mission is not compared with rules')
 
 
 def _fly(
@@ -207,7 +206,3 @@ def _make_folder(wanted: Path | None, scenario_name: str) -> Path:
     folder = wanted or Path('runs') / f'{time.strftime("%Y-%m-%d_%H-%M-%S")}_{scenario_name}'
     folder.mkdir(parents=True)
     return folder
-
-
-def _say(text: str) -> None:
-    sys.stderr.write(f'{text}\n')

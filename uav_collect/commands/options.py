@@ -92,7 +92,7 @@ def scenarios_of(arguments: argparse.Namespace) -> 'tuple[Scenario, ...]':
 
 
 def add_seed_option(parser: argparse.ArgumentParser, what: str) -> None:
-    """Add the seed."""
+    """Add the seed of the first mission."""
     parser.add_argument(
         '--seed',
         type=whole_number(0, MAX_SEED),

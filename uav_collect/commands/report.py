@@ -37,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Report what is at the path; the exit status."""
+    """Report the missions at the path; returns the exit status."""
     from rich.console import Console
 
     console = Console()

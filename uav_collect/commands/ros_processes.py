@@ -19,7 +19,7 @@ _RESTART_S = 60.0
 
 @dataclass(frozen=True, kw_only=True)
 class _Start:
-    """What a process is, to start it again."""
+    """How a process was started, to start it again."""
 
     command: tuple[str, ...]
     stop_s: float
@@ -36,7 +36,7 @@ class FleetProcess:
     start: _Start
 
     def last_words(self) -> str:
-        """The end of its log."""
+        """The last lines of its log."""
         if self.log is None:
             return ''
         lines = self.log.read_text(errors='replace').splitlines()
@@ -45,7 +45,7 @@ class FleetProcess:
 
 
 class Fleet:
-    """Starts executables and sees to their end."""
+    """Starts executables, restarts those that were killed, and ends them all."""
 
     def __init__(self, folder: Path, n_processes: int) -> None:
         """Keep the logs in a folder; so many processes will be started."""

@@ -4,11 +4,13 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 import os
 import signal
+import sys
 from time import monotonic
 from types import FrameType
 
 from uav_collect.kernels.compile import kernels_are_cached, kernels_are_compiled
 
+INTERRUPTED = 130  # exit status after Ctrl-C, as shells have it
 _NOTICE = b'\nstopping at the next step and saving; again: stop at once, without saving\n'
 _LINE_EVERY_S = 5.0
 
@@ -56,16 +58,21 @@ def say_if_compiling(kernels: Iterable[Callable[..., object]]) -> None:
         Console(stderr=True).print('compiling (once): this takes about a minute')
 
 
+def say(text: str) -> None:
+    """Write a line to stderr."""
+    sys.stderr.write(f'{text}\n')
+
+
 class Interruption:
-    """Whether SIGINT or SIGTERM came."""
+    """Remembers whether SIGINT or SIGTERM came."""
 
     def __init__(self) -> None:
-        """Nothing came yet."""
+        """Start without a signal."""
         self.signal_number: int | None = None
 
     @property
     def exit_status(self) -> int:
-        """As shells have it."""
+        """128 plus the signal number, as shells have it."""
         return 128 + (self.signal_number or signal.SIGINT)
 
     def note(self, signal_number: int, frame: FrameType | None) -> None:

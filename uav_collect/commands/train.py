@@ -2,10 +2,9 @@
 
 import argparse
 from pathlib import Path
-import sys
 
 from uav_collect.commands import options, terminal
-from uav_collect.commands.terminal import deferred_interruption
+from uav_collect.commands.terminal import deferred_interruption, say
 from uav_collect.commands.training_plan import plan_training, TrainingPlan
 from uav_collect.errors import DivergedError, InterruptedRunError, TrainingRunError
 from uav_collect.limits import ALGORITHMS, MAX_SEED
@@ -88,7 +87,7 @@ def _add_learning_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Train; the exit status."""
+    """Train one run for each seed; returns the exit status."""
     options.check_torch('train')
     if arguments.resume is None:
         _fill_in(arguments)
@@ -112,16 +111,16 @@ def _train_all(training: TrainingPlan, checkpoint_s: float) -> int:
             try:
                 train_with_display(one, checkpoint_s, interruption)
             except InterruptedRunError as stopped:
-                sys.stderr.write(f'{stopped}\n')
+                say(str(stopped))
                 return interruption.exit_status
             except DivergedError as error:  # the other seeds may do better
-                sys.stderr.write(f'error: {error}\n')
+                say(f'error: {error}')
                 status = DIVERGED
     return status
 
 
 def _fill_in(arguments: argparse.Namespace) -> None:
-    """Give what was not given its default."""
+    """Fill in the defaults of options that were not given."""
     for name, default in (
         ('algorithm', _ALGORITHM),
         ('preset', _PRESET),

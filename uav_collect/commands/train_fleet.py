@@ -3,12 +3,12 @@
 import argparse
 from pathlib import Path
 import string
-import sys
 import time
 from typing import TYPE_CHECKING
 
 from uav_collect.commands import options
 from uav_collect.commands.ros_processes import Fleet, ros_parameters, running_fleet
+from uav_collect.commands.terminal import INTERRUPTED, say
 from uav_collect.errors import FleetError
 from uav_collect.limits import FLEET_ALGORITHMS
 from uav_collect.training.seeds import first_training_seed
@@ -22,7 +22,6 @@ that talk over DDS. The agents fly what the trainer publishes; the trainer learn
 tell, shows how it goes and saves it in a run folder as train does. Ctrl-C saves; the same command
 goes on. What is killed is started again.
 """
-INTERRUPTED = 130  # exit status after Ctrl-C, as shells have it
 _PRESET = 'strong'
 _MINUTES = 60.0
 _RUNS = Path('runs', 'train_fleet')
@@ -78,7 +77,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Train; the exit status."""
+    """Start the fleet and the trainer, and see them to their end; returns the exit status."""
     from uav_collect.scenario.load import parse_override
     from uav_collect.training.config import load_preset
 
@@ -97,12 +96,12 @@ def run(arguments: argparse.Namespace) -> int:
                    max_decisions=config.max_decisions(scenario.n_cells))  # fmt: skip
             _supervise(fleet)
     except KeyboardInterrupt:
-        _say(f'interrupted; the same command goes on with {folder}')
+        say(f'interrupted; the same command goes on with {folder}')
         return INTERRUPTED
     except FleetError as error:
-        sys.stderr.write(f'error: {error}\n')
+        say(f'error: {error}')
         return 1
-    _say(f'learned; the policy is in {folder}')
+    say(f'learned; the policy is in {folder}')
     return 0
 
 
@@ -155,7 +154,7 @@ def _supervise(fleet: Fleet) -> None:
     """Keep all processes running until the trainer has had its time."""
     while fleet.status('trainer') != 0:
         for name in fleet.revive():
-            _say(f'{name} was killed and is started again')
+            say(f'{name} was killed and is started again')
         time.sleep(_LOOK_S)
 
 
@@ -171,7 +170,3 @@ def _new_folder(parent: Path) -> Path:
     folder = parent / str(max(numbers, default=0) + 1)
     folder.mkdir()
     return folder
-
-
-def _say(text: str) -> None:
-    sys.stderr.write(f'{text}\n')

@@ -88,7 +88,7 @@ def _record(
     config: 'TrainingConfig',
     initial: 'FrozenPolicy | None',
 ) -> RunRecord:
-    """What the arguments say of the first run."""
+    """The record of the first run, as the arguments describe it."""
     n_uavs = [scenario.n_uavs for scenario in scenarios]
     names = [*dict.fromkeys(scenario.name for scenario in scenarios)]
     return new_record(

@@ -2,11 +2,10 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-import sys
 
 from uav_collect.analysis.metrics import percent
 from uav_collect.commands import curves
-from uav_collect.commands.terminal import Interruption
+from uav_collect.commands.terminal import Interruption, say
 from uav_collect.commands.training_plan import resume_command
 from uav_collect.errors import InterruptedRunError
 from uav_collect.learning.loop import has_checkpoint, open_trainer, train
@@ -34,7 +33,7 @@ def train_with_display(run: PlannedRun, checkpoint_s: float, interruption: Inter
     """
     trainer = open_trainer(run)
     with open_training_folder(run, trainer.n_decisions) as folder:
-        _say(f'{run.title}, seed {run.record.seed}, {run.record.budget_text}: {run.folder}')
+        say(f'{run.title}, seed {run.record.seed}, {run.record.budget_text}: {run.folder}')
         try:
             with progress_display(run.folder.name) as show:
                 last = train(
@@ -51,7 +50,7 @@ def train_with_display(run: PlannedRun, checkpoint_s: float, interruption: Inter
             ) from stopped
         except OSError:
             if has_checkpoint(folder.checkpoint):
-                _say(f'to go on from the last checkpoint:\n  {resume_command(run.folder)}')
+                say(f'to go on from the last checkpoint:\n  {resume_command(run.folder)}')
             raise
     if last is not None:
         _report(run, last)
@@ -87,7 +86,3 @@ def _report(run: PlannedRun, last: Progress) -> None:
     print(f'policy: {run.folder / BEST_POLICY}')
     draw_curve((run.folder,), run.folder / CURVE, title=run.title)
     print(f'curve:  {run.folder / CURVE}')
-
-
-def _say(text: str) -> None:
-    sys.stderr.write(f'{text}\n')

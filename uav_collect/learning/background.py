@@ -26,7 +26,7 @@ class BehaviourPolicy:
 
 @dataclass(frozen=True, kw_only=True)
 class Ending:
-    """How learning ended."""
+    """How a training in the background ended."""
 
     text: str  # for people
     has_failed: bool

@@ -1,4 +1,4 @@
-"""The file that a training goes on from: written whole or not at all."""
+"""The checkpoint of a training: written whole or not at all."""
 
 import io
 import os
@@ -12,7 +12,7 @@ _FILE = 'state.pt'
 
 
 def write_checkpoint(folder: Path, state: dict[str, Any]) -> None:
-    """Put a state in the place of the last one.
+    """Write a state in place of the last one.
 
     Raises:
         OSError: it cannot be written; the last one is still there.
@@ -32,7 +32,7 @@ def write_checkpoint(folder: Path, state: dict[str, Any]) -> None:
 
 
 def read_checkpoint(folder: Path) -> dict[str, Any]:
-    """The state that was written last.
+    """Read the state that was written last.
 
     Raises:
         CheckpointError: there is none, or it is broken.

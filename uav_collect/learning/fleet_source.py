@@ -110,7 +110,7 @@ class FleetSource:
             }
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Go on from where another one was."""
+        """Take over the state of another one."""
         with self._changed:
             self._waiting.extend(state['waiting'])
             self._n_waiting = sum(_n_made(it.episode) for it in self._waiting)

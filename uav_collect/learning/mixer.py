@@ -59,7 +59,7 @@ class Mixer(nn.Module):
         return torch.cat((fleet, pooled.flatten(1)), dim=1)
 
     def forward(self, values: Tensor, state: Tensor) -> Tensor:
-        """Mix.
+        """Mix the values of all UAVs into the team's.
 
         Args:
             values: of each UAV's action, shape (N, U).

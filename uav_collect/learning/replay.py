@@ -15,7 +15,7 @@ class Replay:
     """The missions recorded last, as many as there is room for."""
 
     def __init__(self, capacity: int, briefing: Briefing) -> None:
-        """Take the memory.
+        """Reserve the memory.
 
         Args:
             capacity: decisions that there is room for; `replay_bytes` tells what they need.
@@ -28,12 +28,12 @@ class Replay:
 
     @property
     def n_decisions(self) -> int:
-        """Decisions that it holds."""
+        """How many decisions it holds."""
         return sum(mission.n_decisions for mission in self._missions)
 
     @property
     def n_missions(self) -> int:
-        """Missions that it holds."""
+        """How many missions it holds."""
         return len(self._missions)
 
     def add(self, episode: Episode) -> None:
@@ -114,7 +114,7 @@ class Replay:
 
 @dataclass(frozen=True, slots=True)
 class _Mission:
-    """Where a mission lies in the ring."""
+    """Where the rows of a mission lie in the ring."""
 
     first: int
     n_decisions: int

@@ -27,11 +27,11 @@ class EpisodeSource(Protocol):
 
     @property
     def n_decisions(self) -> int:
-        """Decisions collected so far."""
+        """How many decisions were collected so far."""
 
     @property
     def n_missions(self) -> int:
-        """Missions collected so far."""
+        """How many missions were collected so far."""
 
     @property
     def is_over(self) -> bool:

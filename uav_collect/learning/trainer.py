@@ -1,4 +1,4 @@
-"""Training in one process: fly, learn, validate, keep the best; and go on where it stopped."""
+"""The trainer: collects experience, updates the networks, validates, and keeps the best policy."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
@@ -31,7 +31,7 @@ _REPLAY_KEY = 1  # of the run's seed: which missions are learned from
 
 
 class Trainer:
-    """One training run."""
+    """One training run: flies, learns, validates, and can be saved and resumed."""
 
     def __init__(
         self,
@@ -76,17 +76,17 @@ class Trainer:
 
     @property
     def n_decisions(self) -> int:
-        """Decisions flown so far."""
+        """How many decisions were collected so far."""
         return sum(task.source.n_decisions for task in self._tasks)
 
     @property
     def n_updates(self) -> int:
-        """Updates so far."""
+        """How many updates were made so far."""
         return self._learner.n_updates
 
     @property
     def replay_bytes(self) -> int:
-        """Memory that the replays take."""
+        """Memory that the replays take [byte]."""
         return sum(task.replay.n_bytes for task in self._tasks)
 
     def warm_up(self) -> None:

@@ -183,7 +183,7 @@ def _kernel(requests: Requests) -> Study:
     curves = [
         TrainedPolicies(
             label=f'{kernel}x{kernel}',
-            digests=requests.trained(
+            digests=requests.train(
                 AQMIX, field, config.decisions, scale.seeds.kernels, mixer__pool_side=kernel
             ).digests,
         )
@@ -253,8 +253,8 @@ def _trajectories(requests: Requests) -> Study:
         about='each algorithm is trained on the small field',
         scenario=field,
         mission_seed=seed,
-        flown={label: requests.log(one, field, seed) for label, one in trained.items()},
-        tests={label: requests.flown(one, field) for label, one in trained.items()},
+        flown={label: requests.log_mission(one, field, seed) for label, one in trained.items()},
+        tests={label: requests.fly(one, field) for label, one in trained.items()},
     )
 
 

@@ -27,23 +27,23 @@ def field_of(config: FieldConfig) -> Scenario:
 
 
 def with_budget(scenario: Scenario, budget_kj: float) -> Scenario:
-    """Each UAV with another energy budget."""
+    """The scenario with another energy budget for each UAV."""
     uavs = [uav.model_copy(update={'energy_budget_kj': budget_kj}) for uav in scenario.uavs]
     return _checked(scenario, fleet=scenario.fleet.model_copy(update={'uavs': tuple(uavs)}))
 
 
 def with_density(scenario: Scenario, density: float) -> Scenario:
-    """Another share of cells with data."""
+    """The scenario with another share of cells that hold data."""
     return _checked(scenario, demand=scenario.demand.model_copy(update={'cell_share': density}))
 
 
 def with_range(scenario: Scenario, range_m: float) -> Scenario:
-    """Another communication range."""
+    """The scenario with another communication range."""
     return _checked(scenario, radio=scenario.radio.model_copy(update={'contact_range_m': range_m}))
 
 
 def with_csi_error(scenario: Scenario, variance: float) -> Scenario:
-    """Another channel estimation error, relative to the path gain."""
+    """The scenario with another channel estimation error, relative to the path gain."""
     changed = {'csi_error_variance': variance}
     return _checked(scenario, radio=scenario.radio.model_copy(update=changed))
 
@@ -56,7 +56,7 @@ def all_trained(
     requests: Requests, scenario: Scenario, decisions: int, n_seeds: int
 ) -> dict[str, TrainedPolicies]:
     """Ask for the trainings of each algorithm on a scenario, by label."""
-    return {label: requests.trained(label, scenario, decisions, n_seeds) for label in LEARNED}
+    return {label: requests.train(label, scenario, decisions, n_seeds) for label in LEARNED}
 
 
 def usual_trained(requests: Requests) -> dict[str, TrainedPolicies]:
@@ -80,7 +80,7 @@ def fleets_of(requests: Requests) -> dict[int, tuple[Scenario, int, int]]:
 
 
 def area_panel(requests: Requests, label: str, config: FieldConfig, n_seeds: int) -> CurvesPanel:
-    """The trainings on one of the paper's areas."""
+    """The panel of the trainings on one of the paper's areas."""
     field = field_of(config)
     trained = all_trained(requests, field, config.decisions, n_seeds)
     return panel_of(requests, label, label.split()[0], field, trained)
@@ -93,7 +93,7 @@ def panel_of(
     scenario: Scenario,
     trained: Mapping[str, TrainedPolicies],
 ) -> CurvesPanel:
-    """Trainings beside what needs none."""
+    """The panel of some trainings, with policies and plans that need none as references."""
     # Policies are validated with equal bandwidth, so what stands beside them has it too.
     references = requests.references(scenario, 'equal')
     return CurvesPanel(label=label, key=key, curves=tuple(trained.values()), references=references)
@@ -120,12 +120,12 @@ def tested_each(
     """
     pairs = [*zip(trained, scenarios, strict=True)]
     tests: dict[str, list[MissionSet]] = {
-        label: [requests.flown(policies[label], scenario) for policies, scenario in pairs]
+        label: [requests.fly(policies[label], scenario) for policies, scenario in pairs]
         for label in LEARNED
     }
     for label in RULES:
-        tests[label] = [requests.ruled(label, scenario) for scenario in scenarios]
-    tests[PLAN] = [requests.planned(planned or scenario) for scenario in scenarios]
+        tests[label] = [requests.fly_rule(label, scenario) for scenario in scenarios]
+    tests[PLAN] = [requests.plan(planned or scenario) for scenario in scenarios]
     return tuple(
         Line(label=label, policy=label, tests=tuple(of_label)) for label, of_label in tests.items()
     )
@@ -138,10 +138,10 @@ def tested_with_both_bandwidths(
     scale = requests.scale
     config = scale.fields.small
     field = field_of(config)
-    trained = requests.trained(AQMIX, field, config.decisions, scale.seeds.small)
+    trained = requests.train(AQMIX, field, config.decisions, scale.seeds.small)
     lines = []
     for bandwidth, title in (('exact', 'optimal'), ('equal', 'equal')):
-        tests = [requests.flown(trained, scenario, bandwidth) for scenario in scenarios]
+        tests = [requests.fly(trained, scenario, bandwidth) for scenario in scenarios]
         lines.append(
             Line(
                 label=f'{AQMIX}, {title} bandwidth', policy=AQMIX, tests=tuple(tests),
@@ -149,8 +149,8 @@ def tested_with_both_bandwidths(
             )
         )  # fmt: skip
     for label in RULES:
-        tests = [requests.ruled(label, scenario) for scenario in scenarios]
+        tests = [requests.fly_rule(label, scenario) for scenario in scenarios]
         lines.append(Line(label=label, policy=label, tests=tuple(tests)))
-    plans = [requests.planned(scenario) for scenario in scenarios]
+    plans = [requests.plan(scenario) for scenario in scenarios]
     lines.append(Line(label=PLAN, policy=PLAN, tests=tuple(plans)))
     return tuple(lines)

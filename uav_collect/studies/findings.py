@@ -1,4 +1,4 @@
-"""Reads what was found for a study: tables by column, seeds and missions in order."""
+"""Reads the results of a study: tables by column, seeds and missions in order."""
 
 import csv
 from dataclasses import dataclass
@@ -17,22 +17,22 @@ _TAIL_SHARE = 0.2  # of a training: its end, over which a curve is averaged
 
 @dataclass(frozen=True, kw_only=True)
 class Column:
-    """A number of each mission."""
+    """One number of each mission of a test."""
 
     seed: Floats  # (M,) of the mission
     value: Floats  # (M,) nan where there is none
 
     @property
     def is_known(self) -> Floats:
-        """Which missions count, (M,)."""
+        """Which missions have a value, (M,)."""
         return np.isfinite(self.value)
 
 
 class Findings:
-    """What a store holds, as studies ask for it."""
+    """Reads results from a store as studies ask for them."""
 
     def __init__(self, store: Store) -> None:
-        """Read from a store."""
+        """Read from a store; tables are kept in memory."""
         self._store = store
         self._tables: dict[str, dict[str, Floats]] = {}
 
@@ -52,7 +52,7 @@ class Findings:
         )
 
     def numbers(self, tested: MissionSet, key: str) -> Floats:
-        """A column of all missions of a test, (M,)."""
+        """A column of the table of all missions of a test, (M,)."""
         return np.concatenate([self._table(it, MISSIONS)[key] for it in tested.digests])
 
     def curve(self, trained: TrainedPolicies, key: str) -> LearningCurve | None:

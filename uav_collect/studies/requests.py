@@ -12,7 +12,7 @@ from uav_collect.training.config import load_preset
 
 @dataclass
 class Requests:
-    """The jobs asked for so far."""
+    """The jobs that studies have asked for so far."""
 
     scale: ScaleConfig
     jobs: dict[str, Job] = field(default_factory=dict)  # by digest
@@ -20,19 +20,19 @@ class Requests:
     _texts: dict[str, str] = field(default_factory=dict)  # of scenarios: YAML is slowly written
     _trainings: dict[object, TrainedPolicies] = field(default_factory=dict)
 
-    def ask(self, job: Job) -> str:
-        """Ask for a job; its digest."""
+    def add(self, job: Job) -> str:
+        """Ask for a job; returns its digest."""
         digest = digest_of(job)
         self.jobs[digest] = job
         self._asked.add(digest)
         return digest
 
-    def taken(self) -> frozenset[str]:
-        """What was asked for since the last call."""
+    def take_new(self) -> frozenset[str]:
+        """The jobs asked for since the last call."""
         taken, self._asked = frozenset(self._asked), set()
         return taken
 
-    def trained(
+    def train(
         self,
         label: str,
         scenario: Scenario,
@@ -52,25 +52,25 @@ class Requests:
             values = {name.replace('__', '.'): value for name, value in settings.items()}
             config = load_preset(trainings.preset, trainings.set | values)
             first = training_job(scenario, config, LEARNED[label], 0, decisions)
-            digests = [self.ask(replace(first, seed=seed)) for seed in range(n_seeds)]
+            digests = [self.add(replace(first, seed=seed)) for seed in range(n_seeds)]
             self._trainings[known] = TrainedPolicies(label=label, digests=tuple(digests))
         self._asked.update(self._trainings[known].digests)
         return self._trainings[known]
 
-    def flown(
+    def fly(
         self, trained: TrainedPolicies, scenario: Scenario, bandwidth: str = 'exact'
     ) -> MissionSet:
         """Ask for test missions of the best policy that trainings gave."""
         return self._tested(LEARNED[trained.label], trained.digests, scenario, bandwidth)
 
-    def ruled(self, label: str, scenario: Scenario, bandwidth: str = 'exact') -> MissionSet:
+    def fly_rule(self, label: str, scenario: Scenario, bandwidth: str = 'exact') -> MissionSet:
         """Ask for test missions of a rule."""
         return self._tested(RULES[label], (), scenario, bandwidth)
 
-    def planned(self, scenario: Scenario, bandwidth: str = 'exact') -> MissionSet:
+    def plan(self, scenario: Scenario, bandwidth: str = 'exact') -> MissionSet:
         """Ask for plans of the test missions."""
         digests = [
-            self.ask(
+            self.add(
                 PlansJob(
                     scenario=self._text(scenario),
                     bandwidth=bandwidth,
@@ -85,12 +85,12 @@ class Requests:
 
     def references(self, scenario: Scenario, bandwidth: str = 'exact') -> dict[str, MissionSet]:
         """Ask for what learned policies stand beside, by label."""
-        ruled = {label: self.ruled(label, scenario, bandwidth) for label in RULES}
-        return {**ruled, PLAN: self.planned(scenario, bandwidth)}
+        ruled = {label: self.fly_rule(label, scenario, bandwidth) for label in RULES}
+        return {**ruled, PLAN: self.plan(scenario, bandwidth)}
 
-    def log(self, trained: TrainedPolicies, scenario: Scenario, mission_seed: int) -> str:
+    def log_mission(self, trained: TrainedPolicies, scenario: Scenario, mission_seed: int) -> str:
         """Ask for the log of one mission."""
-        return self.ask(
+        return self.add(
             _flights(
                 LEARNED[trained.label],
                 trained.digests,
@@ -104,7 +104,7 @@ class Requests:
         self, policy: str, trainings: Sequence[str], scenario: Scenario, bandwidth: str
     ) -> MissionSet:
         digests = [
-            self.ask(_flights(policy, trainings, self._text(scenario), bandwidth, seeds))
+            self.add(_flights(policy, trainings, self._text(scenario), bandwidth, seeds))
             for seeds in self._parts()
         ]
         return MissionSet(digests=tuple(digests), is_planned=False)

@@ -20,7 +20,7 @@ _Several = Field(min_length=2)
 
 
 class FieldConfig(Section):
-    """What stands for one of the paper's areas."""
+    """The scenario that stands for one of the paper's areas, and how long is trained on it."""
 
     scenario: Annotated[str, text(4096)]
     set: dict[str, Any]  # overrides of the scenario, by dotted path
@@ -56,14 +56,14 @@ class SeedsConfig(Section):
 
 
 class TrainingsConfig(Section):
-    """How policies learn."""
+    """The preset that policies are trained by."""
 
     preset: Annotated[str, text(4096)]
     set: dict[str, Any]  # overrides of the preset, by dotted path
 
 
 class TestsConfig(Section):
-    """How policies are tested."""
+    """How many missions test a policy, from which seed on, in how many jobs."""
 
     first_seed: Annotated[int, whole(0, 2**62)]
     missions: Annotated[int, whole(1, 100_000)]
@@ -72,7 +72,7 @@ class TestsConfig(Section):
 
 
 class ScaleConfig(Section):
-    """How large studies are."""
+    """Everything that makes studies large or small."""
 
     name: Annotated[str, text(100)]
     fields: FieldsConfig

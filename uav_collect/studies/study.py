@@ -28,7 +28,7 @@ class MissionSet:
 
 @dataclass(frozen=True, kw_only=True)
 class PanelMeasure:
-    """What a panel shows."""
+    """What the vertical axis of a panel shows."""
 
     key: str  # a column of the missions; the unit is its last word
     title: str
@@ -54,7 +54,7 @@ MEASURES = (EFFICIENCY, COMPLETION, COLLECTED, COLLECTING, REWARD)
 
 @dataclass(frozen=True, kw_only=True)
 class Line:
-    """One policy over what is varied."""
+    """The tests of one policy, one for each value of what is varied."""
 
     label: str
     policy: str  # one of the labels above
@@ -78,13 +78,13 @@ class LinesStudy:
     lines: tuple[Line, ...]
 
     def line(self, label: str) -> Line:
-        """The line of that name."""
+        """The line with that label."""
         return next(line for line in self.lines if line.label == label)
 
 
 @dataclass(frozen=True, kw_only=True)
 class CurvesPanel:
-    """The trainings on one scenario."""
+    """The trainings on one scenario, drawn in one panel."""
 
     label: str
     key: str  # in the CSV
@@ -92,7 +92,7 @@ class CurvesPanel:
     references: Mapping[str, MissionSet]  # by label
 
     def curve(self, label: str) -> TrainedPolicies:
-        """The trainings of that name."""
+        """The trainings with that label."""
         return next(curve for curve in self.curves if curve.label == label)
 
 

@@ -26,7 +26,7 @@ class RewardSettings(Section):
 
 
 class NetworkSettings(Section):
-    """The agent network."""
+    """Size of the agent network."""
 
     hidden_size: _Size
 
@@ -41,7 +41,7 @@ class MixerSettings(Section):
 
 
 class ExplorationSettings(Section):
-    """Random actions while learning."""
+    """How often actions are random while learning, and how that decays."""
 
     epsilon_first: _Share
     epsilon_last: _Share
@@ -50,7 +50,7 @@ class ExplorationSettings(Section):
 
 
 class TargetSettings(Section):
-    """What action values are learned towards."""
+    """How the targets of action values are made."""
 
     trace: _Share
     double_q: Annotated[bool, truth()]
@@ -58,7 +58,7 @@ class TargetSettings(Section):
 
 
 class OptimiserSettings(Section):
-    """How the weights follow the gradient."""
+    """Adam, its learning rate over the training, and gradient clipping."""
 
     learning_rate: Annotated[float, number(0, 1, above=True)]
     learning_rate_last: Annotated[float, number(0, 1, above=True)]
@@ -69,14 +69,14 @@ class OptimiserSettings(Section):
 
 
 class ReplaySettings(Section):
-    """What is learned from."""
+    """How many decisions the replay holds, and how many missions an update takes."""
 
     decisions: Annotated[int, whole(1000, 10**9)]
     missions_per_batch: Annotated[int, whole(1, 4096)]
 
 
 class RolloutSettings(Section):
-    """How experience is made."""
+    """How training missions are flown, and how often an update follows."""
 
     missions_at_once: Annotated[int, whole(1, 65536)]
     max_decisions_per_cell: Annotated[float, number(0, 1000, above=True)]
@@ -85,7 +85,7 @@ class RolloutSettings(Section):
 
 
 class ValidationSettings(Section):
-    """How the best policy is chosen."""
+    """How many missions validate a policy, and how often."""
 
     missions: Annotated[int, whole(1, 100_000)]
     every_updates: Annotated[int, whole(1, 10**9)]
@@ -108,12 +108,12 @@ class TrainingConfig(Section):
 
     @property
     def layout(self) -> Layout:
-        """Of the observations."""
+        """Layout of the observations."""
         return Layout[self.observation.upper()]
 
     @property
     def reward_kind(self) -> Reward:
-        """What the team is rewarded for."""
+        """Which of the rewards the team gets."""
         return Reward[self.reward.goal.upper()]
 
     def epsilon(self, share_done: float) -> float:

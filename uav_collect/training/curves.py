@@ -69,7 +69,7 @@ def learning_curves(
 
 
 def _kind(record: RunRecord) -> tuple[object, ...]:
-    """What all runs of a curve have in common."""
+    """Everything in which runs of one curve are the same: all but the seed."""
     return (
         record.algorithm, record.scenario_text, record.scenario_fingerprint, record.preset,
         record.overrides, record.training_fingerprint, record.initial, record.minutes,

@@ -34,12 +34,12 @@ TENSORBOARD = 'tensorboard'
 
 
 class TrainingFolder:
-    """Where one run is kept; open it by `opened`."""
+    """Writes the folder of one run; open it by `open_training_folder`."""
 
     def __init__(
         self, run: PlannedRun, validations: TextIO, progress: TextIO, events: 'ScalarWriter'
     ) -> None:
-        """Append to tables and to TensorBoard."""
+        """Append to open tables and an open TensorBoard file."""
         self.path = run.folder
         self._run = run
         self._validations = validations
@@ -48,7 +48,7 @@ class TrainingFolder:
 
     @property
     def checkpoint(self) -> Path:
-        """Where the trainer saves itself."""
+        """Folder of the checkpoint that the run is resumed from."""
         return self.path / CHECKPOINT
 
     def log(self, progress: 'Progress') -> None:

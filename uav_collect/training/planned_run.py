@@ -44,7 +44,7 @@ class PlannedRun:
 
     @property
     def scenario_files(self) -> tuple[Path, ...]:
-        """Where its scenarios are kept."""
+        """The files of its scenarios, in the folder."""
         return _scenario_files(self.folder, len(self.scenarios))
 
 
@@ -103,7 +103,7 @@ def stored_run(folder: Path, record: RunRecord) -> PlannedRun:
 
 
 def training_fingerprint(config: 'TrainingConfig') -> str:
-    """Hex digits that change with any setting."""
+    """16 hex digits that change with any setting."""
     return hashlib.sha256(config.to_yaml().encode()).hexdigest()[:16]
 
 

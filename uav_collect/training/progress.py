@@ -14,7 +14,7 @@ _N_RECENT = 100  # missions
 
 @dataclass(frozen=True, kw_only=True)
 class Budget:
-    """How long to train: one of the two."""
+    """How long to train: so many minutes, or so many decisions."""
 
     minutes: float | None = None
     decisions: int | None = None
@@ -37,7 +37,7 @@ class ValidationResult:
 
     @property
     def rank(self) -> tuple[float, float]:
-        """How good the policy is, to be compared."""
+        """How good the policy is: of two, the one of greater rank is kept."""
         return policy_rank(self.complete_share, self.safe_share, self.efficiency_kbit_per_j)
 
 
@@ -89,7 +89,7 @@ class RecentMissions:
         return [*self._metrics]
 
     def restore(self, state: list[tuple[float, float]]) -> None:
-        """Go on from where another one was."""
+        """Take over the state of another one."""
         self._metrics.extend(state)
 
 

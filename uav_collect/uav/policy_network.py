@@ -47,7 +47,7 @@ class Validation:
 
     @property
     def rank(self) -> tuple[float, float]:
-        """How good the policy is, to be compared."""
+        """How good the policy is: of two, the one of greater rank is kept."""
         return policy_rank(self.complete_share, self.safe_share, self.efficiency_kbit_per_j)
 
 

@@ -15,7 +15,7 @@ from uav_collect.studies.study import Study
 
 @dataclass(frozen=True, kw_only=True)
 class Claim:
-    """A statement of the paper."""
+    """A statement of the paper, and the function that measures it."""
 
     figure: int
     statement: str
@@ -25,7 +25,7 @@ class Claim:
 
 @dataclass(frozen=True, kw_only=True)
 class JudgedClaim:
-    """A statement and what was measured for it."""
+    """A claim, what was measured for it, and what follows from that."""
 
     claim: Claim
     evidence: tuple[Evidence, ...]

@@ -31,7 +31,7 @@ _Rule = Callable[[Estimate], tuple[bool, bool]]  # whether it holds, whether it 
 
 
 class ClaimStatus(StrEnum):
-    """What the measurements say of a statement."""
+    """Whether a statement holds, by what was measured."""
 
     HOLDS = 'holds'
     FAILS = 'does not hold'
@@ -59,7 +59,7 @@ class Samples:
     noun: str  # 'mission' or 'seed'
 
     def paired(self, other: 'Samples') -> tuple[Floats, Floats]:
-        """The values of both, where both are known."""
+        """The values of both, pair by pair, where both are known."""
         if self.noun != other.noun or len(self.value) != len(other.value):
             raise ValueError(
                 f'{len(self.value)} {self.noun}s and {len(other.value)} {other.noun}s'
@@ -70,38 +70,38 @@ class Samples:
 
 @dataclass(frozen=True)
 class StudyResults:
-    """The studies that were run, and what was found."""
+    """The studies that were run and their results, as claims ask for them."""
 
     studies: Mapping[str, Study]
     findings: Findings
 
     def lines(self, name: str) -> LinesStudy:
-        """A study of tests."""
+        """The study of that name, which must be one of tests."""
         study = self.studies[name]
         if not isinstance(study, LinesStudy):
             raise TypeError(f'{name} is no study of tests')
         return study
 
     def panels(self, name: str) -> tuple[CurvesPanel, ...]:
-        """The panels of a study of trainings."""
+        """The panels of the study of that name, which must be one of trainings."""
         study = self.studies[name]
         if not isinstance(study, CurvesStudy):
             raise TypeError(f'{name} is no study of trainings')
         return study.panels
 
     def trajectories(self, name: str) -> TrajectoriesStudy:
-        """A study of single missions."""
+        """The study of that name, which must be one of single missions."""
         study = self.studies[name]
         if not isinstance(study, TrajectoriesStudy):
             raise TypeError(f'{name} is no study of single missions')
         return study
 
     def tested(self, study: LinesStudy, label: str, index: int, measure: PanelMeasure) -> Samples:
-        """A measure by mission, of a line at the value of that index."""
+        """The values of a measure, mission by mission, at one value of what a line runs over."""
         return self.missions(study.line(label).tests[index], measure)
 
     def missions(self, tested: MissionSet, measure: PanelMeasure) -> Samples:
-        """A measure by mission."""
+        """The values of a measure, mission by mission."""
         column = self.findings.column(tested, measure)
         if column is None:
             raise ValueError(f'plans have no {measure.title}')
@@ -121,7 +121,7 @@ def is_above(what: str, unit: str, high: Samples, low: Samples) -> Evidence:
 
 
 def is_within(what: str, unit: str, samples: Samples, low: float, high: float) -> Evidence:
-    """Whether a mean lies in a span."""
+    """Whether a mean lies between two values."""
     values = samples.value[np.isfinite(samples.value)]
     return _judged(
         f'{what} (from {low:g} to {high:g})', unit, values, samples.noun,

@@ -40,7 +40,7 @@ _GET_S = 300.0  # for an event's bytes to come from where they are
 
 
 class RayEngine:
-    """An engine of Ray tasks, each on one core."""
+    """An engine that does each job as a Ray task, on one core of the cluster."""
 
     def __init__(self, address: str | None, n_slots: int | None) -> None:
         """Connect to a cluster.
@@ -72,7 +72,7 @@ class RayEngine:
         return self._n_slots or max(1, int(ray.cluster_resources().get('CPU', 1)))
 
     def start(self, task: WorkItem) -> None:
-        """Begin a job where there is a core."""
+        """Start a job wherever the cluster has a free core."""
         self._streams[self._perform.remote(task, sources_digest())] = task.digest
 
     def wait(self, timeout_s: float) -> Sequence[tuple[str, Report]]:

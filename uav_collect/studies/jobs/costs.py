@@ -20,7 +20,7 @@ _H_PER_S = 1.0 / 3600.0
 
 @dataclass
 class SpentCost:
-    """What finished jobs took."""
+    """What the jobs that are done took, in all."""
 
     n_jobs: Counter[str] = field(default_factory=Counter)  # by kind
     cpu_s: dict[str, float] = field(default_factory=lambda: defaultdict(float))
@@ -59,7 +59,7 @@ def _n_cells(scenario: str) -> int:
 
 
 def spent_cost(jobs: Mapping[str, Job], store: Store) -> SpentCost:
-    """What those of some jobs took that are done."""
+    """Add up what the jobs took that are done."""
     total = SpentCost()
     for digest, job in jobs.items():
         if store.has(digest):
@@ -74,7 +74,7 @@ def spent_cost(jobs: Mapping[str, Job], store: Store) -> SpentCost:
 
 @dataclass(frozen=True, kw_only=True)
 class Rates:
-    """What a unit of each kind of job takes."""
+    """What a unit of each kind of job takes, to estimate the cost of others."""
 
     cpu_s: Mapping[str, float]  # by kind; a kind that is missing counts as nothing
     source: str  # for people: where they are from

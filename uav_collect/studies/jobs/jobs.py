@@ -36,7 +36,7 @@ CURVE_COLUMNS = (
 
 @dataclass(frozen=True, kw_only=True)
 class TrainingJob:
-    """One policy, learned."""
+    """The training of one policy."""
 
     scenario: str  # YAML that stands alone
     settings: str  # YAML that stands alone
@@ -61,7 +61,7 @@ class FlightsJob:
 
 @dataclass(frozen=True, kw_only=True)
 class PlansJob:
-    """Missions planned with all demand known."""
+    """Clairvoyant plans of missions."""
 
     scenario: str
     bandwidth: str
@@ -74,7 +74,7 @@ Job = TrainingJob | FlightsJob | PlansJob
 
 
 def job_kind(job: Job) -> str:
-    """What is done."""
+    """The kind of a job, as messages and files name it."""
     match job:
         case TrainingJob():
             return 'training'
@@ -87,7 +87,7 @@ def job_kind(job: Job) -> str:
 def training_job(
     scenario: Scenario, config: TrainingConfig, algorithm: str, seed: int, decisions: int
 ) -> TrainingJob:
-    """The training of a policy."""
+    """The job of training a policy."""
     return TrainingJob(
         scenario=scenario.to_yaml(),
         settings=config.to_yaml(),
@@ -114,7 +114,7 @@ def job_inputs(job: Job) -> tuple[str, ...]:
 
 
 def to_json(job: Job) -> bytes:
-    """All that the job's result depends on."""
+    """The job as JSON: everything that its result depends on."""
     kind = job_kind(job)
     about = {'kind': kind, 'format': _FORMATS[kind], 'uav_collect': VERSION}
     return (json.dumps(about | asdict(job), sort_keys=True, indent=1) + '\n').encode()

@@ -45,7 +45,7 @@ class ProcessEngine:
         return self._n_slots
 
     def start(self, task: WorkItem) -> None:
-        """Begin a job in a process that has none."""
+        """Start a job in a process that is idle, or in a new one."""
         worker = next((it for it in self._workers if it.digest is None), None)
         if worker is None:
             worker = self._new_worker()
@@ -65,13 +65,13 @@ class ProcessEngine:
         return reports
 
     def stop(self) -> None:
-        """Ask all jobs to be left."""
+        """Ask all processes to save and leave their jobs."""
         for worker in self._workers:
             if worker.digest is not None:
                 _send(worker, _STOP)
 
     def close(self) -> None:
-        """End the processes."""
+        """End the processes, after a while by force."""
         for worker in self._workers:
             worker.connection.close()  # what waits for jobs ends by itself
         until_s = monotonic() + _END_S

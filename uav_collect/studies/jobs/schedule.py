@@ -30,7 +30,7 @@ class JobEngine(Protocol):
         """How many jobs it does at once."""
 
     def start(self, task: WorkItem) -> None:
-        """Begin a job."""
+        """Start a job."""
 
     def wait(self, timeout_s: float) -> Sequence[tuple[str, Report]]:
         """Reports that came meanwhile, each with the digest of its job; none if the time is up."""

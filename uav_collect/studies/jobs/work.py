@@ -90,7 +90,7 @@ def _in_turn(job: Job, events: Iterator[Event]) -> Iterator[Event]:
 
 @contextmanager
 def _turn() -> Iterator[None]:
-    """Hold the lock of this machine's kernels."""
+    """Hold this machine's lock for compiling kernels."""
     folder = cache_folder()
     folder.mkdir(parents=True, exist_ok=True)
     with (folder / 'studies.lock').open('w') as file:

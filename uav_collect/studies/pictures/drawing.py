@@ -68,7 +68,7 @@ def panels(
 
 
 def finish(axes: Axes, over: str, title: str, unit: str) -> None:
-    """Label a panel."""
+    """Give a panel its labels, grid and spines."""
     axes.set_xlabel(over, fontsize=9)
     axes.set_ylabel(f'{title} [{unit}]', fontsize=9)
     axes.tick_params(labelsize=8)
@@ -84,7 +84,7 @@ def count_label(label: str, numbers: Sequence[int], noun: str) -> str:
 
 
 def csv_of(header: Sequence[str], rows: Sequence[Sequence[object]]) -> bytes:
-    """A table, its units in the header."""
+    """A table as CSV, units in the header."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator='\n')
     writer.writerow(header)
