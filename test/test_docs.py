@@ -38,6 +38,13 @@ DOCUMENTS = [
 ]
 README = (ROOT / 'README.md').read_text()
 CONTRIBUTING = (ROOT / 'CONTRIBUTING.md').read_text()
+GLOSSARY = (ROOT / 'docs' / 'glossary.md').read_text()
+CODE = '\n'.join(
+    path.read_text()
+    for folder in ('uav_collect', 'msg_defs', 'setup.py')
+    for path in [ROOT / folder, *(ROOT / folder).rglob('*')]
+    if path.suffix in ('.py', '.msg', '.srv')
+)
 PAPER_MAP = (ROOT / 'docs' / 'paper_map.md').read_text()
 COMMANDS = {
     **{'curves': curves, 'evaluate': evaluate, 'mission': mission, 'report': report},
@@ -67,15 +74,53 @@ def command_lines() -> Iterator[list[str]]:
 
 
 def defined_names(path: Path) -> set[str]:
-    """Functions and classes of a source, methods with their class."""
-    names = set()
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.FunctionDef | ast.ClassDef):
-            names.add(node.name)
-        if isinstance(node, ast.ClassDef):
-            inside = [item for item in node.body if isinstance(item, ast.FunctionDef)]
-            names.update(f'{node.name}.{method.name}' for method in inside)
-    return names
+    """Functions, classes and constants of a source; methods and fields with their class."""
+    body = ast.parse(path.read_text()).body
+    inside = [(f'{node.name}.', node.body) for node in body if isinstance(node, ast.ClassDef)]
+    return {f'{owner}{name}' for owner, part in [('', body), *inside] for name in named_in(part)}
+
+
+def named_in(body: list[ast.stmt]) -> Iterator[str]:
+    for node in body:
+        match node:
+            case ast.FunctionDef(name=name) | ast.ClassDef(name=name):
+                yield name
+            case ast.AnnAssign(target=ast.Name(id=name)):
+                yield name
+            case ast.Assign(targets=targets):
+                yield from (it.id for it in targets if isinstance(it, ast.Name))
+
+
+def names_in_the_glossary() -> Iterator[str]:
+    """What the glossary says that words are called in the code."""
+    for table in re.findall(r'(?:^\|.*\n)+', GLOSSARY, re.MULTILINE):
+        titles, _, *rows = (line.split('|') for line in table.splitlines())
+        column = titles.index(' name in the code ')
+        for row in rows:
+            yield from re.findall(r'`([^`]+)`', row[column])
+
+
+def is_in_the_code(name: str) -> bool:
+    """Whether a dotted name is defined there, or a plain one occurs."""
+    if '.' not in name:
+        return re.search(rf'\b{name}\b', CODE) is not None
+    parts = name.split('.')
+    for length in range(len(parts), 0, -1):
+        module = ROOT / 'uav_collect' / f'{"/".join(parts[:length])}.py'
+        if module.is_file():
+            return length == len(parts) or '.'.join(parts[length:]) in defined_names(module)
+    return False
+
+
+def is_a_key(path: str) -> bool:
+    """Whether a dotted path leads to a value of a scenario."""
+    found = load('paper_10x10').model_dump()
+    found['fleet']['uavs'] = found['fleet']['uavs'][0]
+    for key in path.split('.'):
+        if key not in found:
+            return False
+        found = found[key]
+    return True
 
 
 def executables() -> set[str]:
@@ -101,14 +146,22 @@ def test_every_function_and_test_in_the_paper_map_is_there() -> None:
     assert missing == []
 
 
+def test_every_name_in_the_glossary_is_in_the_code() -> None:
+    names = [*names_in_the_glossary()]
+    assert len(names) > 150
+    assert [name for name in names if not (is_in_the_code(name) or is_a_key(name))] == []
+
+
+@pytest.mark.parametrize('name', ['uav.belief.Belief', 'world.sensor_field', 'energy_left_j'])
+def test_a_name_that_is_not_in_the_code_is_seen(name: str) -> None:
+    assert is_in_the_code(name)
+    assert not is_in_the_code(f'{name}x')
+
+
 def test_every_option_in_the_paper_map_is_a_key_of_a_scenario() -> None:
-    values = load('paper_10x10').model_dump()
-    values['fleet']['uavs'] = values['fleet']['uavs'][0]
-    for path in re.findall(rf'`((?:{"|".join(values)})\.[\w.]+)`', PAPER_MAP.replace('.py', '#')):
-        found = values
-        for key in path.split('.'):
-            assert key in found, path
-            found = found[key]
+    tops = '|'.join(load('paper_10x10').model_dump())
+    paths = re.findall(rf'`((?:{tops})\.[\w.]+)`', PAPER_MAP.replace('.py', '#'))
+    assert [path for path in paths if not is_a_key(path)] == []
 
 
 @pytest.mark.parametrize('words', [*command_lines()], ids=' '.join)
