@@ -101,7 +101,9 @@ def names_in_the_glossary() -> Iterator[str]:
 
 
 def is_in_the_code(name: str) -> bool:
-    """Whether a dotted name is defined there, or a plain one occurs."""
+    """Whether a dotted name is defined there, a plain one occurs, a path is a file."""
+    if '/' in name:
+        return (ROOT / name).is_file()
     if '.' not in name:
         return re.search(rf'\b{name}\b', CODE) is not None
     parts = name.split('.')

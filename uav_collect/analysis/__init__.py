@@ -1,1 +1,1 @@
-"""What mission logs say: metrics, statistics, tables and pictures."""
+"""What missions achieved: metrics from their logs, statistics, tables and pictures."""

@@ -1,1 +1,1 @@
-"""Learning, with torch: networks, replay, updates, and where missions come from."""
+"""Learning, with torch: networks, replay, updates, and where experience comes from."""

@@ -1,1 +1,1 @@
-"""Whole missions: many at once by kernels, one event by event, and what learners keep of them."""
+"""Whole missions, many by kernels or one event by event: what happens when a UAV decides."""

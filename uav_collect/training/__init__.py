@@ -1,1 +1,1 @@
-"""A training run on disk: its settings, folder, record and curves; without torch."""
+"""A training run on disk, without torch: its settings, folder, record and curves."""

@@ -1,1 +1,1 @@
-"""All that one UAV is, knows and decides by; it never sees the truth of `world`."""
+"""All that one UAV is, knows and decides by, on board; it never imports `world`."""

@@ -1,1 +1,1 @@
-"""The truth: sensors and their data, flight and energy in time, rewards."""
+"""The truth, which no UAV sees whole: sensors and their data, flight and energy, rewards."""

@@ -1,1 +1,1 @@
-"""The pictures of studies."""
+"""The pictures of studies, drawn from what their jobs found."""
