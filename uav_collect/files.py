@@ -1,7 +1,10 @@
-"""Files that a command writes: whole or not at all."""
+"""Files: written whole or not at all, and tables as CSV."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
+import csv
+import io
+import math
 import os
 from pathlib import Path
 
@@ -15,13 +18,13 @@ def check_writable(path: Path) -> None:
             pass
 
 
-def write_atomically(path: Path, content: bytes) -> None:
+def write_atomically(path: Path, content: bytes | memoryview) -> None:
     """Write a file such that a reader, a crash or a full disk never finds a part of it.
 
     A device or a pipe, as /dev/stdout, is written as it is: it must not be replaced by a file.
 
     Raises:
-        OSError: naming the file.
+        OSError: naming the file; what it held before is still there.
     """
     with naming(path):
         if _is_device(path):
@@ -34,6 +37,24 @@ def write_atomically(path: Path, content: bytes) -> None:
                 file.flush()
                 os.fsync(file.fileno())
             partial.replace(path.resolve())  # a link stays a link
+
+
+def drop_partial(folder: Path) -> None:
+    """Remove what writers that were killed left in a folder that nobody else writes into."""
+    for partial in folder.glob('.*.part'):
+        partial.unlink()
+
+
+def csv_of(rows: Iterable[Iterable[object]]) -> bytes:
+    """A table as a CSV file: the header, then a line for each row, as UTF-8."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator='\n').writerows(rows)
+    return text.getvalue().encode()
+
+
+def blank_if_nan(number: float) -> float | str:
+    """A cell of a table: empty where the number is not known."""
+    return '' if math.isnan(number) else number
 
 
 def _is_device(path: Path) -> bool:

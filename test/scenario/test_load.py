@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 import pytest
 from uav_collect.config import yaml_text
+from uav_collect.physics.radio import reference_gain
 from uav_collect.scenario.load import (
     DrawnSensors,
     fingerprint,
@@ -65,7 +66,7 @@ def test_the_default_scenario_holds_the_values_of_the_paper() -> None:
     assert scenario.radio.tx_power_w == pytest.approx(0.01, rel=1e-15)
     assert scenario.radio.noise_w_per_hz == pytest.approx(1e-18, rel=1e-15)
     # (4 pi 2e9 / 299792458)^-2, by hand
-    assert scenario.radio.reference_gain == pytest.approx(1.4228584e-4, rel=1e-7)
+    assert reference_gain(scenario.radio.carrier_hz) == pytest.approx(1.4228584e-4, rel=1e-7)
     # 0.5 x drag ratio x air density x solidity x disc, Zeng 2019
     drag = 0.5 * 0.6 * 1.225 * 0.05 * 0.503
     assert slow.propulsion.parasite_coefficient == pytest.approx(drag, rel=1e-12)

@@ -2,10 +2,7 @@
 
 import argparse
 from collections.abc import Mapping, Sequence
-import csv
-import io
 import json
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -146,16 +143,15 @@ def _csv(scenario: 'Scenario', bounds: '_Bounds') -> bytes:
     from uav_collect.analysis.plan_shares import bound_metrics
     from uav_collect.scenario.load import fingerprint
 
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator='\n')
+    table: list[tuple[object, ...]] = []
     fixed = (scenario.name, fingerprint(scenario))
     for bandwidth, some in bounds.items():
         for bound in some:
             numbers = bound_metrics(bound)
-            if not text.tell():
+            if not table:
                 heading = ('scenario', 'fingerprint', 'bandwidth', 'mission_seed', 'data_cells')
-                writer.writerow((*heading, 'total_mbit', *numbers))
-            cells = ['' if math.isnan(number) else number for number in numbers.values()]
+                table.append((*heading, 'total_mbit', *numbers))
+            cells = map(files.blank_if_nan, numbers.values())
             about = (bound.mission_seed, bound.n_data_cells, bound.total_bit / 1e6)
-            writer.writerow((*fixed, bandwidth, *about, *cells))
-    return text.getvalue().encode()
+            table.append((*fixed, bandwidth, *about, *cells))
+    return files.csv_of(table)

@@ -3,13 +3,10 @@
 import argparse
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-import csv
 from dataclasses import dataclass, replace
 from functools import partial
-import io
 from itertools import product
 import json
-import math
 from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING
@@ -288,15 +285,14 @@ def _csv(
     from uav_collect.analysis.plan_shares import plan_shares, SHARE_KEYS
 
     fixed = ('scenario', 'fingerprint', 'bandwidth', 'policy')
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator='\n')
-    writer.writerow((*fixed, *METRIC_COLUMNS, *(SHARE_KEYS if bounds else ())))
+    columns = (*fixed, *METRIC_COLUMNS, *(SHARE_KEYS if bounds else ()))
+    table: list[tuple[object, ...]] = [columns]
     for contender, missions in flown.items():
         heading = _heading(arguments, scenario, contender)
         for mission in missions:
             known = bounds.get(contender.bandwidth, {}).get(mission.mission_seed)
             reached = plan_shares(mission, known).values() if known else ()
-            cells = ['' if math.isnan(share) else share for share in reached]
+            cells = map(files.blank_if_nan, reached)
             row = metrics_row(mission).values()
-            writer.writerow((*(heading[name] for name in fixed), *row, *cells))
-    return text.getvalue().encode()
+            table.append((*(heading[name] for name in fixed), *row, *cells))
+    return files.csv_of(table)

@@ -12,6 +12,7 @@ from uav_collect.commands.ros_processes import Fleet, FleetProcess, ros_paramete
 from uav_collect.commands.terminal import INTERRUPTED, say
 from uav_collect.errors import FleetError, PolicyMismatchError
 from uav_collect.kernels.compile import interpret_kernels
+from uav_collect.recording.mission_folder import SCENARIO_FILE
 
 if TYPE_CHECKING:  # loaded when flying, so that --help answers at once
     from uav_collect.scenario.load import Scenario
@@ -124,7 +125,7 @@ def _compare(log: Path, scenario: 'Scenario', bandwidth: str) -> None:
 def _fly(
     fleet: Fleet, folder: Path, scenario: 'Scenario', policy: str, arguments: argparse.Namespace
 ) -> None:
-    scenario_file = folder / report.SCENARIO_FILE
+    scenario_file = folder / SCENARIO_FILE
     scenario_file.write_text(scenario.to_yaml(), encoding='utf-8')
     recorder = fleet.start(
         'recorder',

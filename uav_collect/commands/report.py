@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from uav_collect.commands import terminal
 from uav_collect.errors import MissionLogError
+from uav_collect.recording.mission_folder import SCENARIO_FILE
 from uav_collect.recording.mission_log import MissionHeader, MissionLog, read
 
 if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
@@ -21,7 +22,6 @@ Prints, for each mission found, data collected [Mbit], energy [kJ], completion t
 efficiency [kbit/J], decisions, messages and each UAV's part, and draws the trajectories into a PNG
 file beside it. PATH is a run folder, a mission log (.jsonl) or a bag; a bag needs nothing else.
 """
-SCENARIO_FILE = 'scenario.yaml'  # of a run folder, resolved
 _LOG_SUFFIX = '.jsonl'
 _BAG_SUFFIX = '.mcap'
 _MAX_DATA_CELLS = 200  # on average, up to which a mission's bound takes some seconds

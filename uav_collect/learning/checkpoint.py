@@ -1,14 +1,14 @@
 """The checkpoint of a training: written whole or not at all."""
 
 import io
-import os
 from pathlib import Path
 from typing import Any
 
 import torch
+from uav_collect import files
 from uav_collect.errors import CheckpointError
 
-_FILE = 'state.pt'
+STATE_FILE = 'state.pt'
 
 
 def write_checkpoint(folder: Path, state: dict[str, Any]) -> None:
@@ -20,15 +20,7 @@ def write_checkpoint(folder: Path, state: dict[str, Any]) -> None:
     written = io.BytesIO()  # torch hides what the disk says behind errors of its own
     torch.save(state, written)
     folder.mkdir(parents=True, exist_ok=True)
-    partial = folder / f'{_FILE}.part'
-    try:
-        with partial.open('wb') as file:
-            file.write(written.getbuffer())
-            file.flush()
-            os.fsync(file.fileno())
-        partial.replace(folder / _FILE)
-    finally:
-        partial.unlink(missing_ok=True)
+    files.write_atomically(folder / STATE_FILE, written.getbuffer())
 
 
 def read_checkpoint(folder: Path) -> dict[str, Any]:
@@ -37,7 +29,7 @@ def read_checkpoint(folder: Path) -> dict[str, Any]:
     Raises:
         CheckpointError: there is none, or it is broken.
     """
-    path = folder / _FILE
+    path = folder / STATE_FILE
     try:
         state: dict[str, Any] = torch.load(path, map_location='cpu', weights_only=False)
     except OSError as error:

@@ -49,11 +49,9 @@ def rician_factor(elevation_rad: float, rician_a1: float, rician_a2: float) -> f
     return rician_a1 * math.exp(min(rician_a2 * elevation_rad, _EXPONENT_LIMIT))
 
 
-@kernel
 def reference_gain(carrier_hz: float) -> float:
     """Free-space gain at 1 m, alpha_0 = (4 pi f_c / c)^-2."""
-    ratio = SPEED_OF_LIGHT_MPS / (4.0 * math.pi * carrier_hz)
-    return ratio * ratio
+    return (4.0 * math.pi * carrier_hz / SPEED_OF_LIGHT_MPS) ** -2
 
 
 @kernel

@@ -20,10 +20,10 @@ from dataclasses import asdict, dataclass
 from itertools import pairwise
 import json
 import math
-import os
 from pathlib import Path
 from typing import Any
 
+from uav_collect import files
 from uav_collect.kernels.compile import cache_folder
 from uav_collect.kernels.rows import row_of
 from uav_collect.planning.problem import Errands, errands_of
@@ -222,8 +222,6 @@ def _plan_of(values: dict[str, Any] | None) -> Plan | None:
 
 def _write(file: Path, bound: Bound) -> None:
     """Keep a bound, whole or not at all; where the disk does not take it, it is found again."""
-    partial = file.with_suffix(f'.{os.getpid()}.part')
     with suppress(OSError):
         file.parent.mkdir(parents=True, exist_ok=True)
-        partial.write_text(json.dumps(asdict(bound)), encoding='utf-8')
-        partial.replace(file)
+        files.write_atomically(file, json.dumps(asdict(bound)).encode())

@@ -15,6 +15,8 @@ from uav_collect.uav.actions import cell_at
 from uav_collect.uav.briefing import brief, Briefing
 from uav_collect.world.sensor_field import draw_demand, Ground, lay_out
 
+FAR = 1e300  # more than any time, energy or price
+
 # The largest normal number that `keyed_random.normal_pair` makes of 32 bits.
 _MAX_NORMAL = math.sqrt(64.0 * math.log(2.0))
 _ROUNDING = 1e-9  # relative; what a sum of energies may lose in the world

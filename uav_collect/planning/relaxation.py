@@ -16,13 +16,12 @@ from typing import NamedTuple
 from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.compile import kernel
 from uav_collect.kernels.rows import new_row, row_of
-from uav_collect.planning.problem import Errands
+from uav_collect.planning.problem import Errands, FAR
 
 _N_STEPS = 200  # prices tried
 _PATIENCE = 8  # steps without a better bound before steps get shorter
 _SHORTER = 0.7
 _ROUNDING = 1e-9  # relative; keeps the bound below what rounding may make of it
-_FAR = 1e300
 
 
 class Charge(NamedTuple):
@@ -144,7 +143,7 @@ def _bound(errands: Errands, charge: Charge, plan_cost: float) -> float:
 def climb(errands: Errands, charge: Charge, prices: _Prices, plan_cost: float) -> float:
     """The highest bound that is found; the prices start at 0."""
     _write_costs(errands, charge, prices)
-    highest, stride, n_idle = -_FAR, 1.0, 0
+    highest, stride, n_idle = -FAR, 1.0, 0
     for _ in range(_N_STEPS):
         bound, n_routes = relaxed_cost(errands, charge, prices)
         n_idle += 1
@@ -172,9 +171,9 @@ def _write_costs(errands: Errands, charge: Charge, prices: _Prices) -> None:
     n_points = n_cells + 2 * n_uavs
     for cell in range(n_cells):
         half_s = 0.5 * errands.least_hover_s[cell]
-        prices.first[cell], prices.last[cell] = _FAR, _FAR
+        prices.first[cell], prices.last[cell] = FAR, FAR
         for other in range(n_cells):
-            prices.pair[cell * n_cells + other] = _FAR
+            prices.pair[cell * n_cells + other] = FAR
         for uav in range(n_uavs):
             per_m = charge.flight[uav] / errands.speed_mps[uav]
             row = cell * n_points
@@ -203,7 +202,7 @@ def relaxed_cost(errands: Errands, charge: Charge, prices: _Prices) -> tuple[flo
     _sort(prices, prices.by_edge, prices.edge, 0.0)
     _sort(prices, prices.by_first, prices.first, 1.0)
     _sort(prices, prices.by_last, prices.last, 1.0)
-    least, best = _FAR, 1
+    least, best = FAR, 1
     for n_routes in range(1, min(errands.n_uavs, n_cells) + 1):
         first, last = prices.by_first[n_routes - 1], prices.by_last[n_routes - 1]
         total += prices.first[first] + prices.price[first]
@@ -222,13 +221,13 @@ def _grow(n_cells: int, prices: _Prices) -> float:
     """Write the cheapest spanning tree with prices (Prim); its cost."""
     price, pair, edge = prices.price, prices.pair, prices.edge
     for cell in range(n_cells):
-        edge[cell] = _FAR
+        edge[cell] = FAR
         prices.parent[cell] = -1
         prices.n_ways[cell] = 0  # for now: 1 once it is in the tree
     tree, newest = 0.0, 0
     prices.n_ways[0] = 1
     for _ in range(n_cells - 1):
-        least, nearest = _FAR, 0
+        least, nearest = FAR, 0
         row = newest * n_cells
         for cell in range(n_cells):
             if prices.n_ways[cell] == 0:
@@ -241,7 +240,7 @@ def _grow(n_cells: int, prices: _Prices) -> float:
         newest = nearest
         prices.n_ways[newest] = 1
         tree += least
-    edge[0] = -_FAR
+    edge[0] = -FAR
     return tree
 
 

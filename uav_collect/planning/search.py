@@ -13,7 +13,7 @@ from typing import NamedTuple
 from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.compile import kernel
 from uav_collect.kernels.rows import new_row
-from uav_collect.planning.problem import Errands
+from uav_collect.planning.problem import Errands, FAR
 
 _MEAN_REMOVED = 8.0  # points taken out at once, on average
 _LONGEST_STRING = 10  # points of one route taken out at once
@@ -24,7 +24,6 @@ _FIRST_TEMPERATURE = 6.0  # times the first plan's mean cost of a point
 _LAST_TEMPERATURE = 0.01  # of the first one
 _OVERSPENT = 1e3  # cost of a joule beyond a UAV's allowance, above any time or energy saved
 _DONE = -1  # as a route's mark: it has already lost a string
-_FAR = 1e300
 
 
 class Aim(NamedTuple):
@@ -249,7 +248,7 @@ def _put_back(
     n_cells = errands.n_cells
     for index in range(n_loose):
         point = loose.point[index]
-        least, taker, place, longer_m = _FAR, 0, n_cells, 0.0
+        least, taker, place, longer_m = FAR, 0, n_cells, 0.0
         # Two points may belong with a UAV that neither would go to by itself.
         draw = _draw(state) if errands.n_uavs > 1 else 1.0
         overlooked = int(draw / _OVERLOOK * errands.n_uavs)

@@ -6,6 +6,8 @@ from pathlib import Path
 
 from uav_collect.recording.mission_log import Events, LogWriter, MissionHeader
 
+SCENARIO_FILE = 'scenario.yaml'  # resolved
+
 
 class RunFolder:
     """Writes them as long as the disk takes them; a mission goes on without.
@@ -31,7 +33,7 @@ class RunFolder:
         if self._folder is None:
             return None
         try:
-            (self._folder / 'scenario.yaml').write_text(text, encoding='utf-8')
+            (self._folder / SCENARIO_FILE).write_text(text, encoding='utf-8')
         except OSError as error:
             return f'the scenario cannot be written: {error}'
         return None

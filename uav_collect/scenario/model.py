@@ -12,7 +12,6 @@ from uav_collect.config.rules import number, pair, Section, text, whole
 from uav_collect.limits import MAX_UAVS
 from uav_collect.scenario import sensor_files
 
-_LIGHT_SPEED_MPS = 299792458.0
 _MAX_CELLS_PER_SIDE = 64
 _MAX_LENGTH_M = 10_000.0
 _MAX_SIDE_M = _MAX_CELLS_PER_SIDE * _MAX_LENGTH_M
@@ -122,11 +121,6 @@ class RadioConfig(Section):
     def system_bandwidth_hz(self) -> float:
         """Bandwidth of the whole fleet [Hz]."""
         return self.system_bandwidth_mhz * 1e6
-
-    @property
-    def reference_gain(self) -> float:
-        """Free-space power gain at 1 m, alpha_0 of the paper [linear]."""
-        return (4.0 * math.pi * self.carrier_hz / _LIGHT_SPEED_MPS) ** -2
 
 
 class RewardConfig(Section):

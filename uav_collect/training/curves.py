@@ -6,9 +6,7 @@ of them reach.
 """
 
 from collections.abc import Mapping, Sequence
-import csv
 from dataclasses import dataclass
-import io
 from pathlib import Path
 import textwrap
 from typing import BinaryIO
@@ -18,6 +16,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter
 import numpy as np
+from uav_collect import files
 from uav_collect.analysis.trajectories import COLOURS, DPI
 from uav_collect.errors import TrainingRunError
 from uav_collect.kernels.arrays import Floats
@@ -157,18 +156,15 @@ def _line(folder: Path, measure: CurveMeasure, axis: CurveAxis) -> tuple[Floats,
 
 def to_csv(curves: Sequence[LearningCurve], measure: CurveMeasure, axis: CurveAxis) -> bytes:
     """One row per curve and moment; the deviation of a single seed is left empty."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator='\n')
-    writer.writerow(
-        ('curve', 'n_seeds', axis.key, f'mean_{measure.key}', f'deviation_{measure.key}')
-    )
+    heading = ('curve', 'n_seeds', axis.key, f'mean_{measure.key}', f'deviation_{measure.key}')
+    table: list[tuple[object, ...]] = [heading]
     for curve in curves:
         n_seeds = len(curve.seeds)
         rows = zip(curve.over.tolist(), curve.mean.tolist(), curve.deviation.tolist(), strict=True)
         for over, mean, deviation in rows:
             spread = deviation if n_seeds > 1 else ''
-            writer.writerow((curve.label, n_seeds, f'{over:.10g}', mean, spread))
-    return text.getvalue().encode()
+            table.append((curve.label, n_seeds, f'{over:.10g}', mean, spread))
+    return files.csv_of(table)
 
 
 def draw(

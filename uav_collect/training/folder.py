@@ -2,10 +2,8 @@
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, ExitStack, suppress
-import csv
 from dataclasses import asdict, replace
 import fcntl
-import io
 import os
 from pathlib import Path
 from typing import Any, TextIO, TYPE_CHECKING
@@ -69,7 +67,7 @@ class TrainingFolder:
 
     def _append(self, file: TextIO, columns: tuple[str, ...], row: Mapping[str, Any]) -> None:
         with files.naming(Path(file.name)):
-            file.write(_csv_line([row[column] for column in columns]))
+            file.write(files.csv_of([[row[column] for column in columns]]).decode())
             file.flush()
 
     def _log_scalars(
@@ -109,8 +107,8 @@ def open_training_folder(run: PlannedRun, n_decisions: int) -> Iterator[Training
     run.folder.mkdir(parents=True, exist_ok=True)
     with ExitStack() as stack:
         stack.enter_context(_locked(run.folder))
-        for stale in run.folder.glob('.*.part'):  # of a process that was killed
-            stale.unlink()
+        for folder in (run.folder, run.folder / CHECKPOINT):
+            files.drop_partial(folder)
         for path, scenario in zip(run.scenario_files, run.scenarios, strict=True):
             files.write_atomically(path, scenario.to_yaml().encode())
         files.write_atomically(run.folder / CONFIG_FILE, run.config.to_yaml().encode())
@@ -131,8 +129,7 @@ def _save_policy(policy: 'FrozenPolicy | None', path: Path) -> None:
     from uav_collect.uav.policy_file import save_policy
 
     if policy is not None:
-        with files.naming(path):
-            save_policy(path, policy)
+        save_policy(path, policy)
 
 
 @contextmanager
@@ -159,13 +156,6 @@ def _table(path: Path, columns: tuple[str, ...], n_decisions: int) -> Iterator[T
     with suppress(FileNotFoundError):
         rows = path.read_text(encoding='utf-8').splitlines(keepends=True)[1:]
     kept = [row for row in rows if row.endswith('\n') and int(row.split(',')[0]) <= n_decisions]
-    text = _csv_line(columns) + ''.join(kept)
-    files.write_atomically(path, text.encode())
+    files.write_atomically(path, files.csv_of([columns]) + ''.join(kept).encode())
     with path.open('a', encoding='utf-8', newline='') as file:
         yield file
-
-
-def _csv_line(cells: 'list[object] | tuple[str, ...]') -> str:
-    text = io.StringIO()
-    csv.writer(text, lineterminator='\n').writerow(cells)
-    return text.getvalue()

@@ -3,13 +3,13 @@
 from collections.abc import Mapping
 from dataclasses import asdict, fields
 import json
-import os
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
+from uav_collect import files
 from uav_collect.errors import PolicyMismatchError
 from uav_collect.uav.observation import Layout
 from uav_collect.uav.policy_network import FrozenPolicy, PolicyHeader, Validation, Weights
@@ -56,17 +56,9 @@ def save_policy(path: Path, policy: FrozenPolicy) -> None:
     """Write a policy's file: whole or not at all.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: naming the file.
     """
-    partial = path.with_name(f'.{path.name}.{os.getpid()}.part')
-    try:
-        with partial.open('wb') as file:
-            file.write(policy_bytes(policy))
-            file.flush()
-            os.fsync(file.fileno())
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
+    files.write_atomically(path, policy_bytes(policy))
 
 
 def load_policy(path: Path) -> FrozenPolicy:

@@ -50,6 +50,7 @@ def lay_out(site: Site) -> Ground:
     altitude_m = scenario.area.altitude_m
     elevation_rad = [radio.elevation_rad(away_m, altitude_m) for away_m in horizontal_m]
     distance_m = [math.sqrt(away_m * away_m + altitude_m * altitude_m) for away_m in horizontal_m]
+    reference_gain = radio.reference_gain(config.carrier_hz)
     low_mbit, high_mbit = _drawn_range_mbit(scenario)
     return Ground(
         first_sensor=row_of(site.first_sensor.tolist()),
@@ -61,7 +62,7 @@ def lay_out(site: Site) -> Ground:
         ),
         path_gain=row_of(
             [
-                radio.path_gain(away_m, config.reference_gain, config.path_loss_exponent)
+                radio.path_gain(away_m, reference_gain, config.path_loss_exponent)
                 for away_m in distance_m
             ]
         ),

@@ -2,14 +2,12 @@
 
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
-import csv
 from dataclasses import asdict, replace
 from functools import partial
-import io
 import json
-import math
 
 import numpy as np
+from uav_collect import files
 from uav_collect.analysis.metrics import metrics_row, mission_metrics, MissionMetrics
 from uav_collect.analysis.plan_shares import bound_metrics
 from uav_collect.analysis.statistics import estimates, mission_seeds
@@ -137,8 +135,4 @@ def _summary(
 
 
 def _csv(columns: Sequence[str], rows: Sequence[Sequence[float]]) -> bytes:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator='\n')
-    writer.writerow(columns)
-    writer.writerows(['' if math.isnan(cell) else cell for cell in row] for row in rows)
-    return text.getvalue().encode()
+    return files.csv_of([columns, *(map(files.blank_if_nan, row) for row in rows)])

@@ -1,18 +1,17 @@
 """Does a training job: a policy, and how it came to be; and measures what one takes."""
 
 from collections.abc import Callable, Iterator, Mapping
-import csv
 from dataclasses import asdict, replace
-import io
 import json
-import math
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import monotonic, process_time
 from typing import Any
 
 import torch
+from uav_collect import files
 from uav_collect.errors import DivergedError, PolicyMismatchError
+from uav_collect.learning.checkpoint import STATE_FILE
 from uav_collect.learning.learner import keep_freed_memory
 from uav_collect.learning.trainer import Trainer
 from uav_collect.revision import UNKNOWN
@@ -30,7 +29,6 @@ from uav_collect.training.progress import Budget, Progress
 from uav_collect.uav.policy_file import policy_bytes
 from uav_collect.uav.policy_network import FrozenPolicy
 
-_STATE = 'state.pt'
 _NEVER = 10**9  # updates
 _SETTLED_SHARE = 0.3  # of the time: until then there may be nothing to learn from
 
@@ -80,14 +78,14 @@ def _begun(job: TrainingJob) -> tuple[Trainer, list[list[float]]]:
 
 def _resumed(saved: bytes, rows: list[list[float]]) -> tuple[Trainer, list[list[float]]]:
     with TemporaryDirectory() as folder:
-        (Path(folder) / _STATE).write_bytes(saved)
+        (Path(folder) / STATE_FILE).write_bytes(saved)
         return Trainer.resume(Path(folder)), rows
 
 
 def _saved(trainer: Trainer) -> bytes:
     with TemporaryDirectory() as folder:
         trainer.save(Path(folder))
-        return (Path(folder) / _STATE).read_bytes()
+        return (Path(folder) / STATE_FILE).read_bytes()
 
 
 def _rows(progress: Progress) -> list[list[float]]:
@@ -128,11 +126,7 @@ def _results(
 
 
 def _csv(rows: list[list[float]]) -> bytes:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator='\n')
-    writer.writerow(CURVE_COLUMNS)
-    writer.writerows(['' if math.isnan(cell) else cell for cell in row] for row in rows)
-    return text.getvalue().encode()
+    return files.csv_of([CURVE_COLUMNS, *(map(files.blank_if_nan, row) for row in rows)])
 
 
 def measure_rates(job: TrainingJob, duration_s: float) -> Rates:

@@ -2,12 +2,12 @@
 
 from matplotlib.axes import Axes
 from matplotlib.ticker import EngFormatter
+from uav_collect import files
 from uav_collect.analysis.trajectories import COLOURS
 from uav_collect.studies.findings import estimate_column, Findings
 from uav_collect.studies.pictures.drawing import (
     COLOUR,
     count_label,
-    csv_of,
     Drawing,
     finish,
     panels,
@@ -58,7 +58,7 @@ def draw(study: CurvesStudy, findings: Findings) -> Drawing:
             )
     header = ('panel', 'line', 'measure', 'unit', 'n_seeds', 'n_missions', 'n_decisions', 'mean',
               'deviation', 'low', 'high')  # fmt: skip
-    return Drawing(figure=figure, table=csv_of(header, rows))
+    return Drawing(figure=figure, table=files.csv_of([header, *rows]))
 
 
 def _draw_curve(axes: Axes, curve: LearningCurve, colour: str) -> None:

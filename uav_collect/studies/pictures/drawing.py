@@ -1,7 +1,6 @@
 """What all figures of studies have in common: colours, panels, legends, files."""
 
 from collections.abc import Sequence
-import csv
 from dataclasses import dataclass
 import io
 import textwrap
@@ -81,12 +80,3 @@ def count_label(label: str, numbers: Sequence[int], noun: str) -> str:
     least, most = min(numbers), max(numbers)
     count = f'{least}' if least == most else f'{least} to {most}'
     return f'{label} ({count} {noun}{"" if most == 1 else "s"})'
-
-
-def csv_of(header: Sequence[str], rows: Sequence[Sequence[object]]) -> bytes:
-    """A table as CSV, units in the header."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator='\n')
-    writer.writerow(header)
-    writer.writerows(rows)
-    return text.getvalue().encode()

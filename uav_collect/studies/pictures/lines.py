@@ -2,12 +2,12 @@
 
 from matplotlib.axes import Axes
 import numpy as np
+from uav_collect import files
 from uav_collect.analysis.statistics import CONFIDENCE_LEVEL, Estimate
 from uav_collect.studies.findings import estimate_column, Findings
 from uav_collect.studies.pictures.drawing import (
     COLOUR,
     count_label,
-    csv_of,
     Drawing,
     finish,
     panels,
@@ -48,7 +48,7 @@ def draw(study: LinesStudy, findings: Findings) -> Drawing:
         'measure', 'line', study.column, 'n_missions', 'first_seed', 'last_seed', 'mean', 'low',
         'high', 'unit',
     )  # fmt: skip
-    return Drawing(figure=figure, table=csv_of(header, rows))
+    return Drawing(figure=figure, table=files.csv_of([header, *rows]))
 
 
 def _points(line: Line, measure: PanelMeasure, findings: Findings) -> _Points | None:

@@ -1,13 +1,14 @@
 """Draws fields and missions: the sensors with a mission's data, and the ways of policies."""
 
 import numpy as np
+from uav_collect import files
 from uav_collect.analysis.metrics import mission_metrics
 from uav_collect.analysis.trajectories import draw_mission
 from uav_collect.recording.mission_log import from_jsonl, MissionLog
 from uav_collect.scenario.site import build_site
 from uav_collect.studies.findings import Findings
 from uav_collect.studies.jobs.flights import log_name
-from uav_collect.studies.pictures.drawing import csv_of, Drawing, finish, panels
+from uav_collect.studies.pictures.drawing import Drawing, finish, panels
 from uav_collect.studies.study import TopologyStudy, TrajectoriesStudy
 from uav_collect.uav.action_codes import ACTION_NAMES
 from uav_collect.world.sensor_field import demand_of
@@ -46,7 +47,9 @@ def draw_topology(study: TopologyStudy) -> Drawing:
     )
     cells = zip(site.sensor_ids, east_m.tolist(), north_m.tolist(), demand_mbit, strict=True)
     rows = [[name, x_m, y_m, float(data)] for name, x_m, y_m, data in cells]
-    return Drawing(figure=figure, table=csv_of(('sensor', 'x_m', 'y_m', 'data_mbit'), rows))
+    return Drawing(
+        figure=figure, table=files.csv_of([('sensor', 'x_m', 'y_m', 'data_mbit'), *rows])
+    )
 
 
 def draw_trajectories(study: TrajectoriesStudy, findings: Findings) -> Drawing:
@@ -69,7 +72,7 @@ def draw_trajectories(study: TrajectoriesStudy, findings: Findings) -> Drawing:
             fontsize=7.5, ncols=2,
         )  # fmt: skip
         rows += _rows(label, log)
-    return Drawing(figure=figure, table=csv_of(('policy', 'uav', *_LOG_COLUMNS), rows))
+    return Drawing(figure=figure, table=files.csv_of([('policy', 'uav', *_LOG_COLUMNS), *rows]))
 
 
 def _merits(label: str, log: MissionLog) -> str:
