@@ -10,6 +10,7 @@ import struct
 from bags import HandMadeBag
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mcap.writer import CompressionType, Writer
 import pytest
 from rosbags.highlevel import AnyReader
 from uav_collect.errors import BagError, RecordingError
@@ -183,6 +184,24 @@ def test_everything_before_a_damage_is_recovered(
         file.write(struct.pack('<BQ', 5, 2**40))
     assert repair(bag).n_messages == 2 * PER_CHUNK
     assert sequences(bag) == list(range(2 * PER_CHUNK))
+
+
+@pytest.mark.parametrize('compression', list(CompressionType))
+def test_a_damaged_chunk_ends_what_is_recovered_however_it_is_compressed(
+    tmp_path: Path, compression: CompressionType
+) -> None:
+    (tmp_path / 'bag').mkdir()
+    with (tmp_path / 'bag' / 'bag.mcap').open('wb+') as file:
+        writer = Writer(file, chunk_size=1, compression=compression)  # a chunk for each message
+        writer.start()
+        schema = writer.register_schema('std_msgs/msg/Int32', 'ros2msg', b'int32 data\n')
+        channel = writer.register_channel('/number', 'cdr', schema)
+        for number in range(3):
+            chunk_start = file.tell()
+            writer.add_message(channel, number, struct.pack('<Ii', 0x100, number), number)
+        file.seek(chunk_start + 9 + 40 + 4)  # within its content, however compressed
+        file.write(b'\xff' * 6)
+    assert repair(tmp_path / 'bag').n_messages == 2
 
 
 @pytest.mark.parametrize('n_steps', [0, 1, 2])

@@ -12,20 +12,27 @@ import os
 from pathlib import Path
 import shutil
 import struct
-from typing import BinaryIO, NamedTuple
+from typing import BinaryIO
 
+from mcap.exceptions import McapError
+from mcap.records import Channel, Message, Schema
+from mcap.stream_reader import StreamReader
+from mcap.writer import MCAP0_MAGIC
 from rosbags.highlevel import AnyReader, AnyReaderError
 from rosbags.interfaces import Connection
-from rosbags.rosbag2 import ReaderError, StoragePlugin, Writer
+from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.rosbag2.metadata import parse_qos
-from rosbags.rosbag2.storage_mcap import decompress
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 from uav_collect.errors import BagError
 from uav_collect.recording.bag_writer import RESERVE
+from zstandard import ZstdError
 
-_MAGIC = b'\x89MCAP0\r\n'
-_FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK = 0x02, 0x03, 0x04, 0x05, 0x06
-_HEAD = struct.Struct('<BQ')  # operation and length of a record
+# What reading raises where a file ends or is damaged. Lengths that make no sense are memory errors
+# and overflows, wrong checksums and broken text are ValueErrors; RuntimeError is from lz4.
+_DAMAGE = (
+    *(KeyError, McapError, MemoryError, OverflowError, RuntimeError, struct.error, ValueError),
+    ZstdError,
+)
 _CLOCK = 'rosgraph_msgs/msg/Clock'
 _OWN_TYPES = 'uav_collect_msgs/'
 _SCENARIO = 'uav_collect_msgs/msg/Scenario'
@@ -41,19 +48,6 @@ class Repair:
     last_sim_time_s: float | None  # latest simulated time in it, None without any
     broken_file: Path | None  # where the broken file is kept; None if the bag was whole
     n_cut_byte: int  # at the end of the broken file, in no whole chunk
-
-
-class _Channel(NamedTuple):
-    topic: str
-    type_name: str
-    definition: str
-    qos: str
-
-
-class _Message(NamedTuple):
-    channel: _Channel
-    received_ns: int
-    content: bytes
 
 
 class _Tally:
@@ -110,65 +104,33 @@ class _TornFile:
             raise BagError(f'{folder}: is still being recorded, stop the recorder first') from None
         except OSError:
             pass  # a file system without locks cannot tell
-        if file.read(len(_MAGIC)) != _MAGIC:
+        if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
             raise BagError(f'{folder}: {Path(file.name).name} is not an MCAP file')
         self.good_end = file.tell()  # behind the last whole record
         self._file = file
-        self._size = os.fstat(file.fileno()).st_size
-        self._schemas: dict[int, tuple[str, str]] = {}  # name and text by id
-        self._channels: dict[int, _Channel] = {}
 
-    def messages(self) -> Iterator[_Message]:
+    def messages(self) -> Iterator[tuple[Schema, Channel, Message]]:
         """All messages of whole chunks, up to the first damage."""
-        while record := self._next_record():
-            operation, body = record
-            try:
-                if operation == _CHUNK:
-                    yield from self._messages_of_chunk(body)
-                else:
-                    yield from self._take(operation, body)
-            except (KeyError, struct.error, ReaderError, UnicodeDecodeError):
-                return
-            self.good_end = self._file.tell()
-
-    def _next_record(self) -> tuple[int, bytes] | None:
-        head = self._file.read(_HEAD.size)
-        if len(head) < _HEAD.size:
-            return None
-        operation, length = _HEAD.unpack(head)
-        if operation == _FOOTER:
-            self.good_end = self._size
-            return None
-        # Zeros are what a file system leaves when the power fails.
-        if operation == 0 or length > self._size - self._file.tell():
-            return None
-        return operation, self._file.read(length)
-
-    def _messages_of_chunk(self, body: bytes) -> Iterator[_Message]:
-        _, _, size, crc, name_length = struct.unpack_from('<QQQII', body)
-        start = 32 + name_length
-        records = decompress(body[start + 8 :], body[32:start].decode(), size, crc)
-        position = 0
-        while position < len(records):
-            operation, length = _HEAD.unpack_from(records, position)
-            position += _HEAD.size
-            yield from self._take(operation, records[position : position + length])
-            position += length
-
-    def _take(self, operation: int, body: bytes) -> Iterator[_Message]:
-        if operation == _MESSAGE:
-            channel, _, received_ns, _ = struct.unpack_from('<HIQQ', body)
-            yield _Message(self._channels[channel], received_ns, body[22:])
-        elif operation == _SCHEMA:
-            (schema,) = struct.unpack_from('<H', body)
-            name, _, text = _strings(body[2:])
-            self._schemas[schema] = (name.decode(), text.decode())
-        elif operation == _CHANNEL:
-            channel, schema = struct.unpack_from('<HH', body)
-            topic, _, metadata = _strings(body[4:])
-            self._channels[channel] = _Channel(
-                topic.decode(), *self._schemas[schema], _qos(metadata)
-            )
+        schemas: dict[int, Schema] = {}
+        channels: dict[int, Channel] = {}
+        size = os.fstat(self._file.fileno()).st_size
+        reader = StreamReader(
+            self._file, skip_magic=True, validate_crcs=True, record_size_limit=size
+        )
+        try:
+            for record in reader.records:
+                match record:
+                    case Schema():
+                        schemas[record.id] = record
+                    case Channel():
+                        channels[record.id] = record
+                    case Message():
+                        channel = channels[record.channel_id]
+                        yield schemas[channel.schema_id], channel, record
+                self.good_end = self._file.tell()
+            self.good_end = size
+        except _DAMAGE:
+            return
 
 
 def _look_at(folder: Path) -> Repair | None:
@@ -204,20 +166,23 @@ def _copy(torn: _TornFile, bag: Path) -> _Tally:
     """Write all messages to a new bag."""
     tally = _Tally()
     types = get_typestore(Stores.EMPTY)
-    topics: dict[_Channel, Connection] = {}
+    topics: dict[int, Connection] = {}  # by channel
     with Writer(bag, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        for channel, received_ns, content in torn.messages():
-            if channel not in topics:
-                types.register(get_types_from_msg(channel.definition, channel.type_name))
-                topics[channel] = writer.add_connection(
+        for schema, channel, message in torn.messages():
+            if channel.id not in topics:
+                definition = schema.data.decode()
+                types.register(get_types_from_msg(definition, schema.name))
+                topics[channel.id] = writer.add_connection(
                     channel.topic,
-                    channel.type_name,
-                    msgdef=channel.definition,
-                    rihs01=types.hash_rihs01(channel.type_name),
-                    offered_qos_profiles=parse_qos(channel.qos),
+                    schema.name,
+                    msgdef=definition,
+                    rihs01=types.hash_rihs01(schema.name),
+                    offered_qos_profiles=parse_qos(
+                        channel.metadata.get('offered_qos_profiles', '')
+                    ),
                 )
-            writer.write(topics[channel], received_ns, content)
-            tally.take(channel.type_name, content)
+            writer.write(topics[channel.id], message.log_time, message.data)
+            tally.take(schema.name, message.data)
     return tally
 
 
@@ -239,22 +204,3 @@ def _swap(source: Path, work: Path) -> Path:
     (folder / RESERVE).unlink(missing_ok=True)
     shutil.rmtree(folder / _WORK)
     return kept
-
-
-def _strings(body: bytes) -> list[bytes]:
-    """Length-prefixed strings; the maps of MCAP are such strings with one length in front."""
-    strings = []
-    position = 0
-    while position < len(body):
-        (length,) = struct.unpack_from('<I', body, position)
-        position += 4
-        strings.append(body[position : position + length])
-        position += length
-    return strings
-
-
-def _qos(metadata: bytes) -> str:
-    pairs = _strings(metadata)
-    return (
-        dict(zip(pairs[::2], pairs[1::2], strict=True)).get(b'offered_qos_profiles', b'').decode()
-    )
