@@ -1,5 +1,7 @@
 """What colcon, pip and a reader of the messages rely on, and the walls between rooms."""
 
+import ast
+from collections.abc import Callable
 from importlib.metadata import packages_distributions
 from pathlib import Path
 import re
@@ -85,6 +87,16 @@ def importers_of(rooms: set[str], room: str, sources: Sources) -> set[str]:
     }
 
 
+def classes_of_one_name(sources: Sources) -> dict[str, list[str]]:
+    """Public classes that share their name, with where they stand."""
+    paths: dict[str, list[str]] = {}
+    for path, source in sources.items():
+        for node in ast.parse(source).body:
+            if isinstance(node, ast.ClassDef) and not node.name.startswith('_'):
+                paths.setdefault(node.name, []).append(path)
+    return {name: found for name, found in paths.items() if len(found) > 1}
+
+
 def needing_ros(tests: Sources) -> set[str]:
     """Sources of tests that run only where ROS is."""
     marks = ('pytest.mark.ros', 'importorskip')
@@ -155,6 +167,30 @@ def test_floors_are_the_longest_chain_of_imports() -> None:
     graph['d'] = {'e'}
     graph['e'] = set()
     assert structure.longest_chain(graph) == ('a', 'b', 'd', 'e')
+
+
+def test_the_files_of_a_decision_are_those_that_run_from_one_to_the_next(tmp_path: Path) -> None:
+    functions: dict[str, Callable[[], None]] = {}
+    for module, name in (('a', 'start'), ('b', 'look'), ('batch_kernels', 'carry_out')):
+        code = compile(f'def {name}(): pass', str(tmp_path / f'{module}.py'), 'exec')
+        exec(code, functions)
+
+    def fly() -> None:
+        for name in ('start', 'carry_out', 'look', 'carry_out', 'look', 'carry_out', 'start'):
+            functions[name]()
+
+    assert structure.Tracer(tmp_path).trace(fly) == ('b', 'batch_kernels')
+
+
+def test_no_public_class_name_is_there_twice() -> None:
+    assert classes_of_one_name(SOURCES) == {}
+
+
+def test_a_public_class_name_that_is_there_twice_is_seen() -> None:
+    sources = {'uav/plan.py': 'class Plan: ...', 'planning/bound.py': 'class Plan: ...'}
+    assert classes_of_one_name(sources) == {'Plan': ['uav/plan.py', 'planning/bound.py']}
+    private = {path: source.replace('Plan', '_Plan') for path, source in sources.items()}
+    assert classes_of_one_name(private) == {}
 
 
 @pytest.mark.parametrize('wall', WALLS.values(), ids=WALLS)

@@ -9,6 +9,7 @@ import argparse
 import ast
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import cache
 import os
 from pathlib import Path
 import sys
@@ -64,7 +65,8 @@ def module_of(path: str) -> str:
     return path.removesuffix('.py').removesuffix('/__init__').replace('/', '.')
 
 
-def imported(source: str) -> set[str]:
+@cache
+def imported(source: str) -> frozenset[str]:
     """All that a source imports anywhere, dotted; what is taken out of a module with its name."""
     found = set()
     for node in ast.walk(ast.parse(source)):
@@ -72,7 +74,7 @@ def imported(source: str) -> set[str]:
             found.update(alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
             found.update(f'{node.module}.{alias.name}' for alias in node.names)
-    return found
+    return frozenset(found)
 
 
 def module_graph(sources: Sources) -> Graph:
@@ -179,7 +181,7 @@ def import_rows(sources: Sources) -> list[Row]:
     ]
 
 
-class _Tracer:
+class Tracer:
     """Notes the files that run from the end of one decision to the end of the next.
 
     All decisions of a flight count but the first; what runs after the last one does not.
@@ -244,7 +246,7 @@ def flight_rows(package: Path) -> list[Row]:
 
     rows = []
     for title, flight in flown.items():
-        names = _Tracer(package).trace(flight)
+        names = Tracer(package).trace(flight)
         rows.append(Row(title=title, value=len(names), limit=MAX_DECISION_FILES, names=names))
     return rows
 
