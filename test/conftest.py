@@ -37,3 +37,12 @@ def processes(ros_domain: int, tmp_path: Path) -> Iterator[Processes]:
     started = Processes(tmp_path, {'ROS_DOMAIN_ID': str(ros_domain)})
     yield started
     started.close()
+
+
+@pytest.fixture
+def bound_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Where the test's clairvoyant bounds are kept, away from those found before."""
+    from uav_collect.planning import bound
+
+    monkeypatch.setattr(bound, 'cache_folder', lambda: tmp_path / 'cache')
+    return tmp_path / 'cache'

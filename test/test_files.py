@@ -1,27 +1,55 @@
+"""Files are written whole or not at all; tables as CSV."""
+
 import errno
 import math
 import os
 from pathlib import Path
+import subprocess
 
 import pytest
 from uav_collect import files
 
 
-def test_a_disk_that_gets_full_leaves_what_the_file_held_and_names_it(
+def test_a_file_is_written_whole(tmp_path: Path) -> None:
+    path = tmp_path / 'file'
+    path.write_bytes(b'old and longer')
+    files.write_atomically(path, b'new')
+    assert path.read_bytes() == b'new'
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_failed_write_leaves_the_old_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    path = tmp_path / 'policy'
-    files.write_atomically(path, b'old')
+    path = tmp_path / 'file'
+    path.write_bytes(b'old')
 
-    def is_full(_: int) -> None:
+    def fail(descriptor: int) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(os, 'fsync', is_full)
-    with pytest.raises(OSError, match='No space left') as raised:
+    monkeypatch.setattr(os, 'fsync', fail)
+    with pytest.raises(OSError, match=f'No space left on device: .{path}.') as raised:
         files.write_atomically(path, b'new')
     assert raised.value.filename == str(path)
     assert path.read_bytes() == b'old'
-    assert [*tmp_path.iterdir()] == [path]
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_pipe_is_written_not_replaced(tmp_path: Path) -> None:
+    pipe = tmp_path / 'pipe'
+    os.mkfifo(pipe)
+    with subprocess.Popen(['cat', pipe], stdout=subprocess.PIPE) as reader:
+        files.check_writable(pipe)
+        files.write_atomically(pipe, b'through')
+        assert reader.communicate()[0] == b'through'
+    assert pipe.is_fifo()
+
+
+def test_new_files_have_the_permissions_of_the_user(tmp_path: Path) -> None:
+    mine, theirs = tmp_path / 'mine', tmp_path / 'theirs'
+    mine.touch()
+    files.write_atomically(theirs, b'')
+    assert mine.stat().st_mode == theirs.stat().st_mode
 
 
 def test_a_link_stays_one_when_what_it_points_to_is_written(tmp_path: Path) -> None:

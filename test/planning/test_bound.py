@@ -1,68 +1,31 @@
 """The clairvoyant bound: the world flies its plans, and no plan and no policy beats its limits."""
 
-import csv
 from functools import cache
 from itertools import permutations
-import json
 import math
 from pathlib import Path
 
+from bounds import bound, flown, plans
 from interpreted import interpreted
 import numpy as np
 import pytest
-from tiny_world import CELL_A, CELL_B, fly_scripts, HOVER_W, MOVE_10_J, rate_bps, tiny, uav
-from uav_collect.__main__ import main
-from uav_collect.analysis.metrics import check_log, mission_metrics, MissionMetrics
-from uav_collect.analysis.plan_shares import (
-    bound_metrics,
-    efficiency_share,
-    mean_estimates,
-    plan_shares,
-    time_share,
-)
-from uav_collect.analysis.tables import comparison_table, mission_tables
+from tiny_world import CELL_A, CELL_B, HOVER_W, MOVE_10_J, rate_bps, tiny, uav
+from uav_collect.analysis.metrics import mission_metrics
+from uav_collect.analysis.plan_shares import bound_metrics, mean_estimates
 from uav_collect.missions.rollout import fly
 from uav_collect.physics.radio import channel_draw
 from uav_collect.planning import bound as bound_module
-from uav_collect.planning.bound import (
-    Bound,
-    bound_of,
-    flight_actions,
-    Plan,
-)
+from uav_collect.planning.bound import Bound, bound_of
 from uav_collect.planning.problem import Errands, errands_of
 from uav_collect.planning.relaxation import least_completion_s, least_energy_j
 from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.world.sensor_field import lay_out
 
+pytestmark = pytest.mark.usefixtures('bound_cache')
 # Fading as it is: channels differ between UAVs.
 FADING = {'radio__rician_a1': 1.0, 'radio__rician_a2': 4.39, 'radio__los_b': 0.14}
 CELL_M = 50.0
-
-
-@pytest.fixture(autouse=True)
-def cache_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setattr(bound_module, 'cache_folder', lambda: tmp_path / 'cache')
-    return tmp_path / 'cache'
-
-
-def bound(scenario: Scenario, seed: int = 0, allocator: str = 'exact') -> Bound:
-    return bound_of(build_site(scenario), seed, allocator)
-
-
-def plans(found: Bound) -> tuple[Plan, Plan]:
-    assert found.shortest is not None
-    assert found.thriftiest is not None
-    return found.shortest, found.thriftiest
-
-
-def flown(
-    scenario: Scenario, plan: Plan, seed: int = 0, allocator: str = 'exact'
-) -> MissionMetrics:
-    log = fly_scripts(scenario, *flight_actions(scenario, plan), seed=seed, allocator=allocator)
-    check_log(log)
-    return mission_metrics(log)
 
 
 def check_flies(scenario: Scenario, seed: int = 0, allocator: str = 'exact') -> None:
@@ -366,10 +329,10 @@ def test_a_bound_is_searched_once(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize('text', ['', '{', '[]', '{"mission_seed": 5}', '{"shortest": 3}', '\xff'])
 def test_a_broken_file_is_searched_again(
-    text: str, cache_folder: Path, monkeypatch: pytest.MonkeyPatch
+    text: str, bound_cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     first = bound(tiny(), 5)
-    [file] = cache_folder.rglob('5.json')
+    [file] = bound_cache.rglob('5.json')
     file.write_text(text, encoding='latin-1')
     seeds = searched(monkeypatch)
     assert bound(tiny(), 5) == bound(tiny(), 5) == first
@@ -377,172 +340,9 @@ def test_a_broken_file_is_searched_again(
 
 
 def test_without_room_on_the_disk_the_bound_is_found_all_the_same(
-    cache_folder: Path, monkeypatch: pytest.MonkeyPatch
+    bound_cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    cache_folder.write_text('no folder')
+    bound_cache.write_text('no folder')
     seeds = searched(monkeypatch)
     assert bound(tiny(), 5) == bound(tiny(), 5)
     assert seeds == [5, 5]
-
-
-# Shares of it
-
-
-def test_a_share_is_1_where_a_mission_is_as_good_as_the_plan() -> None:
-    scenario = load('paper_8x8')
-    found = bound(scenario, 2)
-    shortest, thriftiest = plans(found)
-    assert time_share(flown(scenario, shortest, 2), found) == pytest.approx(1.0)
-    assert efficiency_share(flown(scenario, thriftiest, 2), found) == pytest.approx(1.0)
-    reached = plan_shares(flown(scenario, shortest, 2), found)
-    assert reached['efficiency_share_of_shortest'] == pytest.approx(1.0)
-    least_j = thriftiest.total_energy_j
-    assert reached['efficiency_share'] == pytest.approx(least_j / shortest.total_energy_j)
-
-
-def test_a_mission_that_left_data_behind_has_no_share() -> None:
-    scenario = tiny()
-    left = mission_metrics(fly_scripts(scenario, [], []))
-    assert not left.is_complete
-    assert all(map(math.isnan, plan_shares(left, bound(scenario)).values()))
-
-
-def shown(table: object) -> str:
-    from io import StringIO
-
-    from rich.console import Console
-
-    text = StringIO()
-    Console(file=text, width=100).print(table)
-    return text.getvalue()
-
-
-def test_tables_of_a_mission_tell_how_near_it_came() -> None:
-    scenario = load('paper_8x8')
-    [log] = fly(build_site(scenario), [4], 'sweep')
-    mission, found = mission_metrics(log), bound(scenario, 4)
-    lines = shown(mission_tables(log.header, mission, None, found)).splitlines()
-    for name, share in (
-        ('completion time', time_share(mission, found)),
-        ('energy efficiency', efficiency_share(mission, found)),
-    ):
-        [line] = [line for line in lines if name in line]
-        assert f'{math.floor(1000 * share) / 10:.1f} % of the clairvoyant plan' in line
-    assert 'clairvoyant' not in shown(mission_tables(log.header, mission))
-    rows = shown(comparison_table({'sweep': mission}, found))
-    for name, plan in zip(('shortest', 'thriftiest'), plans(found), strict=True):
-        [line] = [line for line in rows.splitlines() if f'{name} plan' in line]
-        assert f'{plan.completion_s:.1f}' in line
-        assert f'{plan.total_energy_j / 1e3:.2f}' in line
-
-
-# The commands
-
-FEW = ('--scenario', 'paper_8x8', '--missions', '6', '--seed', '5')
-
-
-def test_the_command_writes_what_it_shows(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    files = tmp_path / 'bound.json', tmp_path / 'bound.csv'
-    written = ['--json', str(files[0]), '--csv', str(files[1])]
-    assert main(['bound', *FEW, '--bandwidth', 'equal', 'exact', *written]) == 0
-    printed = capsys.readouterr().out
-    for words in (
-        'shortest plan',
-        'thriftiest plan',
-        'no flight beyond',
-        'kbit/J',
-        '% of the time',
-    ):
-        assert words in printed
-    document = json.loads(files[0].read_text())
-    assert [*document] == ['equal', 'exact']
-    assert document['equal']['missions'] == document['equal']['missions_with_plans'] == 6
-    with files[1].open(newline='') as lines:
-        rows = list(csv.DictReader(lines))
-    assert [int(row['mission_seed']) for row in rows] == [*range(5, 11)] * 2
-    for allocator, some in (('equal', rows[:6]), ('exact', rows[6:])):
-        for key in ('shortest_completion_s', 'thriftiest_energy_kj', 'limit_energy_kj'):
-            mean = np.mean([float(row[key]) for row in some])
-            assert document[allocator][key]['mean'] == pytest.approx(mean)
-    found = bound(load('paper_8x8'), 5, 'equal')
-    assert float(rows[0]['shortest_completion_s']) == plans(found)[0].completion_s
-
-
-def test_more_rounds_find_no_worse_plans_on_average(tmp_path: Path) -> None:
-    means = []
-    for rounds in ('0', '300', '6000'):
-        file = tmp_path / f'{rounds}.json'
-        assert main(['bound', *FEW, '--rounds', rounds, '--json', str(file)]) == 0
-        means.append(json.loads(file.read_text())['exact']['shortest_completion_s']['mean'])
-    assert means[0] > means[1] >= means[2]
-
-
-def test_the_command_says_where_there_is_no_plan(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    file = tmp_path / 'bound.csv'
-    budget = ['--set', 'fleet.default.energy_budget_kj=8']
-    assert main(['bound', *FEW, *budget, '--csv', str(file)]) == 0
-    assert 'no plan within the energy budgets was found in 6 missions' in capsys.readouterr().out
-    with file.open(newline='') as lines:
-        rows = list(csv.DictReader(lines))
-    assert {row['shortest_completion_s'] for row in rows} == {''}
-    assert all(float(row['limit_energy_kj']) > 0 for row in rows)
-
-
-def test_evaluate_shows_how_near_policies_come_to_the_plans(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    files = tmp_path / 'figures.json', tmp_path / 'missions.csv'
-    written = ['--json', str(files[0]), '--csv', str(files[1])]
-    policies = ['--policy', 'sweep', 'hert', '--bandwidth', 'equal']
-    assert main(['evaluate', *FEW, *policies, '--bound', *written]) == 0
-    assert '% of the clairvoyant plan' in capsys.readouterr().out
-    document = json.loads(files[0].read_text())
-    scenario = load('paper_8x8')
-    logs = fly(build_site(scenario), range(5, 11), 'hert', 'equal')
-    reached = [
-        time_share(mission_metrics(log), bound(scenario, log.header.mission_seed, 'equal'))
-        for log in logs
-    ]
-    assert document['hert']['bound']['missions'] == 6
-    assert document['hert']['bound']['time_share']['mean'] == pytest.approx(np.mean(reached))
-    with files[1].open(newline='') as lines:
-        rows = [row for row in csv.DictReader(lines) if row['policy'] == 'hert']
-    assert [float(row['time_share']) for row in rows] == pytest.approx(reached)
-
-
-def test_evaluate_leaves_the_bound_out_unless_it_is_asked_for(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    file = tmp_path / 'missions.csv'
-    assert main(['evaluate', *FEW, '--policy', 'hert', '--csv', str(file)]) == 0
-    assert 'clairvoyant' not in capsys.readouterr().out
-    assert 'time_share' not in file.read_text()
-
-
-def test_report_tells_how_near_a_mission_came(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    scenario = load('paper_8x8')
-    [log] = fly(build_site(scenario), [4], 'sweep', 'equal')
-    (tmp_path / 'mission.jsonl').write_bytes(log.to_jsonl())
-    assert main(['report', str(tmp_path)]) == 0
-    share = time_share(mission_metrics(log), bound(scenario, 4, 'equal'))
-    wanted = f'{math.floor(1000 * share) / 10:.1f} % of the clairvoyant plan'
-    assert wanted in capsys.readouterr().out
-
-
-def test_report_is_silent_where_a_bound_takes_too_long(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    from uav_collect.commands import report
-
-    monkeypatch.setattr(report, '_MAX_DATA_CELLS', 19)  # 0.3 of 64 is more
-    site = build_site(load('paper_8x8'))
-    [log] = fly(site, [4], 'sweep')
-    (tmp_path / 'mission.jsonl').write_bytes(log.to_jsonl())
-    assert main(['report', str(tmp_path)]) == 0
-    assert 'clairvoyant' not in capsys.readouterr().out

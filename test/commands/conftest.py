@@ -1,0 +1,41 @@
+"""Tiny trainings that several modules look at."""
+
+import os
+import subprocess
+
+from processes import Processes, RunningProcess
+import pytest
+from tiny_world import tiny
+from train_command import DECISIONS, ENVIRONMENT, Finished, PRESET, ROOT, Start, TRAIN
+
+
+@pytest.fixture(scope='session')
+def settings(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    """The options that make a training tiny."""
+    folder = tmp_path_factory.mktemp('settings')
+    (folder / 'field.yaml').write_text(tiny(name='field').to_yaml())
+    (folder / 'quick.yaml').write_text(PRESET)
+    files = ['--scenario', str(folder / 'field.yaml'), '--preset', str(folder / 'quick.yaml')]
+    return [*files, '--decisions', str(DECISIONS)]
+
+
+@pytest.fixture(scope='session')
+def finished(settings: list[str], tmp_path_factory: pytest.TempPathFactory) -> Finished:
+    """A run that nothing interrupted, and what it said."""
+    folder = tmp_path_factory.mktemp('finished') / 'run'
+    done = subprocess.run(
+        [*TRAIN, *settings, '--output', str(folder)], env={**os.environ, **ENVIRONMENT},
+        capture_output=True, text=True, check=False, cwd=ROOT,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return folder, done
+
+
+@pytest.fixture
+def start(processes: Processes) -> Start:
+    """Starts a train command in the test's folder."""
+
+    def begin(*arguments: str) -> RunningProcess:
+        return processes.run('train', *TRAIN, *arguments, **ENVIRONMENT)
+
+    return begin

@@ -1,0 +1,73 @@
+"""What all commands have in common: help, misuse, and a stdout that fails."""
+
+import os
+from pathlib import Path
+import subprocess
+import sys
+
+import pytest
+from uav_collect.__main__ import main, SUMMARIES
+
+
+def run(*arguments: str, **options: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, '-m', 'uav_collect', *arguments],
+        text=True,
+        check=False,
+        cwd=Path(__file__).parents[2],
+        env={key: value for key, value in os.environ.items() if key != 'PYTHONUNBUFFERED'},
+        stderr=subprocess.PIPE,
+        **options,
+    )
+
+
+def test_help_lists_the_commands_without_loading_them() -> None:
+    program = (
+        'import sys; from uav_collect.__main__ import main\n'
+        'try: main(["--help"])\n'
+        'except SystemExit: pass\n'
+        'heavy = {"numpy", "numba", "pydantic", "rich", "rclpy"} & set(sys.modules)\n'
+        'assert not heavy, heavy'
+    )
+    done = subprocess.run(
+        [sys.executable, '-c', program],
+        text=True,
+        capture_output=True,
+        check=True,
+        cwd=Path(__file__).parents[2],
+    )
+    assert all(f'  {name} ' in done.stdout for name in SUMMARIES)
+
+
+@pytest.mark.parametrize('command', ['evaluate', 'report', 'doctor'])
+def test_each_command_has_help(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as raised:
+        main([command, '--help'])
+    assert raised.value.code == 0
+    assert f'usage: python -m uav_collect {command}' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize('arguments', [[], ['fly'], ['--speed']])
+def test_no_or_an_unknown_command_is_a_misuse(
+    arguments: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as raised:
+        main(arguments)
+    assert raised.value.code == 2
+    assert capsys.readouterr().err.startswith('error: ')
+
+
+def test_a_full_disk_under_stdout_is_said_in_one_line() -> None:
+    with Path('/dev/full').open('w') as full:
+        done = run('doctor', stdout=full)
+    assert done.returncode == 2
+    assert done.stderr == 'error: No space left on device\n'
+
+
+def test_a_reader_that_leaves_causes_no_traceback() -> None:
+    reading, writing = os.pipe()
+    os.close(reading)
+    done = run('doctor', stdout=writing)
+    os.close(writing)
+    assert done.returncode != 0
+    assert done.stderr == ''

@@ -1,0 +1,181 @@
+"""The command report, of logs, folders and bags."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+import math
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from uav_collect.__main__ import main
+from uav_collect.analysis.metrics import mission_metrics
+from uav_collect.analysis.plan_shares import time_share
+from uav_collect.missions import rollout
+from uav_collect.planning.bound import bound_of
+from uav_collect.recording import bag_reader
+from uav_collect.recording.bag_reader import RecordedMission
+from uav_collect.recording.mission_log import MissionLog, read
+from uav_collect.scenario.load import load, Scenario
+from uav_collect.scenario.site import build_site
+
+
+@pytest.fixture(scope='module')
+def small() -> Scenario:
+    return load('paper_8x8')
+
+
+@pytest.fixture(scope='module')
+def run_folder(small: Scenario, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp('run')
+    (log,) = rollout.fly(build_site(small), [4], 'sweep', 'exact')
+    (folder / 'mission.jsonl').write_bytes(log.to_jsonl())
+    (folder / 'scenario.yaml').write_text(small.to_yaml())
+    return folder
+
+
+@pytest.fixture
+def report_folder(run_folder: Path, tmp_path: Path) -> Iterator[Path]:
+    for file in ('mission.jsonl', 'scenario.yaml'):
+        (tmp_path / file).write_bytes((run_folder / file).read_bytes())
+    return tmp_path
+
+
+@pytest.mark.parametrize('name', ['', 'mission.jsonl'])
+def test_report_of_a_folder_or_a_log_prints_and_draws(
+    report_folder: Path, name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(['report', str(report_folder / name)]) == 0
+    shown = capsys.readouterr().out
+    for words in (
+        'paper_8x8, mission seed 4',
+        'Mbit',
+        'kJ',
+        'kbit/J',
+        'decisions',
+        'map complete',
+    ):
+        assert words in shown
+    assert 'warning' not in shown
+    assert (report_folder / 'mission.png').read_bytes().startswith(b'\x89PNG')
+
+
+def test_report_draws_where_it_is_told(
+    report_folder: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    elsewhere = tmp_path_factory.mktemp('pictures')
+    assert main(['report', str(report_folder), '--pictures', str(elsewhere)]) == 0
+    assert [file.name for file in elsewhere.iterdir()] == ['mission.png']
+
+
+def test_report_finds_a_shipped_scenario_by_itself(report_folder: Path) -> None:
+    (report_folder / 'scenario.yaml').unlink()
+    assert main(['report', str(report_folder)]) == 0
+
+
+def test_report_refuses_another_scenario(
+    report_folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (report_folder / 'scenario.yaml').write_text(load('paper_10x10').to_yaml())
+    assert main(['report', str(report_folder)]) == 2
+    assert 'must be the scenario of the log, paper_8x8' in capsys.readouterr().err
+
+
+def test_report_refuses_a_log_that_does_not_add_up(
+    report_folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = report_folder / 'mission.jsonl'
+    lines = path.read_text().splitlines(keepends=True)
+    path.write_text(''.join(lines[:3] + lines[4:]))
+    assert main(['report', str(report_folder)]) == 2
+    assert capsys.readouterr().err == 'error: record 2 says event 3\n'
+
+
+@pytest.mark.parametrize(
+    ('name', 'words'), [('nothing', 'no such file'), ('empty', 'holds no mission log')]
+)
+def test_report_says_where_there_is_no_mission(
+    tmp_path: Path, name: str, words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / 'empty').mkdir()
+    assert main(['report', str(tmp_path / name)]) == 2
+    assert words in capsys.readouterr().err
+
+
+def recorded(scenario: Scenario, log: MissionLog, *, is_complete: bool) -> RecordedMission:
+    site = build_site(scenario)
+    return RecordedMission(
+        log=log,
+        site=site,
+        demand_bit=np.zeros(site.n_sensors),
+        n_radio_messages=31,
+        is_complete=is_complete,
+    )
+
+
+@pytest.mark.parametrize('inside', ['', '..'])
+def test_report_of_a_bag_or_the_folder_around_it_tells_the_messages(
+    run_folder: Path, small: Scenario, inside: str, tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    (tmp_path / 'bag').mkdir()
+    (tmp_path / 'bag' / 'bag_0.mcap').touch()
+    log = read(run_folder / 'mission.jsonl')
+    flown = recorded(small, log, is_complete=True)
+    monkeypatch.setattr(
+        bag_reader, 'read_missions', lambda path: [flown] if path.name == 'bag' else []
+    )
+    assert main(['report', os.path.normpath(tmp_path / 'bag' / inside)]) == 0
+    assert 'radio messages' in capsys.readouterr().out
+    assert (tmp_path / 'trajectories_seed_4.png').exists()
+
+
+def test_report_of_a_recording_with_a_gap_says_so(
+    run_folder: Path, small: Scenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    (tmp_path / 'bag_0.mcap').touch()
+    log = read(run_folder / 'mission.jsonl')
+    gappy = replace(log, events=np.delete(log.events, 3))
+    flown = recorded(small, gappy, is_complete=False)
+    monkeypatch.setattr(bag_reader, 'read_missions', lambda _: [flown])
+    assert main(['report', str(tmp_path)]) == 0
+    assert 'warning: not all of the mission was recorded' in capsys.readouterr().out
+
+
+def test_report_of_a_broken_bag_says_what_to_do(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / 'bag_0.mcap').touch()
+    assert main(['report', str(tmp_path)]) == 2
+    shown = capsys.readouterr().err
+    assert shown.startswith('error: ')
+    assert shown.count('\n') == 1
+    assert 'recorder --repair' in shown
+
+
+@pytest.mark.usefixtures('bound_cache')
+def test_report_tells_how_near_a_mission_came(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scenario = load('paper_8x8')
+    [log] = rollout.fly(build_site(scenario), [4], 'sweep', 'equal')
+    (tmp_path / 'mission.jsonl').write_bytes(log.to_jsonl())
+    assert main(['report', str(tmp_path)]) == 0
+    share = time_share(mission_metrics(log), bound_of(build_site(scenario), 4, 'equal'))
+    wanted = f'{math.floor(1000 * share) / 10:.1f} % of the clairvoyant plan'
+    assert wanted in capsys.readouterr().out
+
+
+@pytest.mark.usefixtures('bound_cache')
+def test_report_is_silent_where_a_bound_takes_too_long(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from uav_collect.commands import report
+
+    monkeypatch.setattr(report, '_MAX_DATA_CELLS', 19)  # 0.3 of 64 is more
+    site = build_site(load('paper_8x8'))
+    [log] = rollout.fly(site, [4], 'sweep')
+    (tmp_path / 'mission.jsonl').write_bytes(log.to_jsonl())
+    assert main(['report', str(tmp_path)]) == 0
+    assert 'clairvoyant' not in capsys.readouterr().out

@@ -1,0 +1,126 @@
+"""A training that is interrupted or killed goes on as if nothing had happened."""
+
+from pathlib import Path
+import shutil
+import signal
+
+import numpy as np
+from processes import Processes
+import pytest
+from train_command import (
+    columns,
+    COMPILING_S,
+    copied,
+    DECISIONS,
+    ENVIRONMENT,
+    events,
+    Finished,
+    learned,
+    resume_command,
+    said,
+    Start,
+)
+from uav_collect.__main__ import main
+from uav_collect.training.run_record import read_run
+
+pytest.importorskip('torch', reason='training needs torch')
+
+EFFICIENCY = 'efficiency_kbit_per_j'
+
+
+@pytest.mark.parametrize(('number', 'status'), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_saves_and_what_it_says_goes_on_as_if_nothing_had_happened(
+    number: signal.Signals,
+    status: int,
+    finished: Finished,
+    settings: list[str],
+    start: Start,
+    processes: Processes,
+    tmp_path: Path,
+) -> None:
+    stopped = start(*settings, '--output', 'run')
+    stopped.wait_for('validated', COMPILING_S)
+    stopped.send(number)
+    stopped.wait_for('interrupted after .* saved')
+    command = resume_command(stopped)
+    assert stopped.wait_for_exit(COMPILING_S) == status
+    assert int(columns(tmp_path / 'run' / 'progress.csv')['n_decisions'][-1]) < DECISIONS
+    resumed = processes.run('resumed', *command, **ENVIRONMENT)
+    assert resumed.wait_for_exit(COMPILING_S) == 0, resumed.output
+    assert learned(tmp_path / 'run') == learned(finished[0])
+
+
+def test_rows_that_a_killed_run_wrote_after_its_checkpoint_do_not_come_twice(
+    finished: Finished,
+    settings: list[str],
+    start: Start,
+    tmp_path: Path,
+) -> None:
+    # The first look at the training saves it, the later ones come too soon to.
+    options = [*settings, '--output', 'run', '--checkpoint-minutes']
+    killed = start(*options, '0.001')
+    killed.wait_for('validated', COMPILING_S)
+    killed.wait_for('validated', COMPILING_S)
+    killed.kill()
+    run = tmp_path / 'run'
+    with (run / 'validation.csv').open('a') as file:
+        file.write('1160,29,9.9,9.9,9.9,9.9,9.9,9.9,9.9,9.9\n1180,30,9')
+    assert start('--resume', 'run').wait_for_exit(COMPILING_S) == 0
+    assert learned(run) == learned(finished[0])
+    steps = [step for step, _ in events(run, 'validation/completion_s')]
+    assert steps == [int(text) for text in columns(run / 'validation.csv')['n_decisions']]
+
+
+def test_a_run_that_was_killed_before_its_first_checkpoint_begins_again(
+    finished: Finished, tmp_path: Path
+) -> None:
+    run = copied(finished[0], tmp_path / 'run')
+    shutil.rmtree(run / 'checkpoint')
+    assert main(['train', '--resume', str(run)]) == 0
+    assert learned(run) == learned(finished[0])
+
+
+def test_a_run_that_was_killed_right_after_its_end_is_done(
+    finished: Finished, tmp_path: Path
+) -> None:
+    run = copied(finished[0], tmp_path / 'run')
+    (run / 'last.safetensors').unlink()
+    assert main(['train', '--resume', str(run)]) == 0
+    assert read_run(run).is_done
+    assert learned(run) == learned(finished[0])
+
+
+def test_several_seeds_go_on_together_and_end_in_one_curve(
+    settings: list[str], start: Start, processes: Processes, tmp_path: Path
+) -> None:
+    stopped = start(*settings, '--seed', '3', '4', '--output', 'runs/pair')
+    stopped.wait_for('seed 3')
+    stopped.wait_for('validated', COMPILING_S)
+    stopped.send(signal.SIGINT)
+    command = resume_command(stopped)
+    assert stopped.wait_for_exit(COMPILING_S) == 130
+    assert not (tmp_path / 'runs' / 'pair_s4').exists()
+    resumed = processes.run('resumed', *command, **ENVIRONMENT)
+    resumed.wait_for('curve of 2 seeds: runs/pair.png, runs/pair.csv')
+    assert resumed.wait_for_exit(COMPILING_S) == 0
+    assert (tmp_path / 'runs' / 'pair.png').read_bytes().startswith(b'\x89PNG')
+    curve = columns(tmp_path / 'runs' / 'pair.csv')
+    last = [
+        float(columns(tmp_path / 'runs' / f'pair_s{seed}' / 'validation.csv')[EFFICIENCY][-1])
+        for seed in (3, 4)
+    ]
+    assert curve['n_seeds'][-1] == '2'
+    assert float(curve[f'mean_{EFFICIENCY}'][-1]) == pytest.approx(np.mean(last))
+    assert float(curve[f'deviation_{EFFICIENCY}'][-1]) == pytest.approx(np.std(last, ddof=1))
+
+
+def test_a_run_that_is_done_goes_on_only_if_it_gets_more(
+    finished: Finished, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = tmp_path / 'run'
+    shutil.copytree(finished[0], run)
+    assert main(['train', '--resume', str(run)]) == 2
+    assert f'error: {run}: has had its 1,200 decisions: give it more' in said(capsys)
+    assert main(['train', '--resume', str(run), '--decisions', '1600']) == 0
+    assert columns(run / 'validation.csv')['n_decisions'][-1] == '1600'
+    assert read_run(run).decisions == 1600

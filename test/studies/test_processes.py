@@ -1,0 +1,86 @@
+"""Processes do jobs: interrupted, killed or not, they give the same bytes."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from episodes import single_threaded_torch
+import pytest
+from study_jobs import (
+    by_digest,
+    done_by,
+    flights,
+    kept,
+    needs_compiled_kernels,
+    Saboteur,
+    training,
+)
+from uav_collect.studies.jobs.jobs import digest_of, FlightsJob, Job
+from uav_collect.studies.jobs.processes import ProcessEngine
+from uav_collect.studies.jobs.store import Store
+from uav_collect.studies.jobs.worker_messages import Advanced, Report
+
+
+@pytest.fixture(scope='module')
+def alone(tmp_path_factory: pytest.TempPathFactory) -> Store:
+    """Two trainings and missions of the best of them, done by one process after another."""
+    single_threaded_torch()
+    store = Store(tmp_path_factory.mktemp('alone'))
+    standing = done_by(ProcessEngine(1), some_jobs(), store)
+    assert (standing.failures, standing.done) == ({}, 4)
+    return store
+
+
+def some_jobs() -> dict[str, Job]:
+    trainings = training(seed=0), training(seed=1)
+    return by_digest(flights(*trainings), *trainings, flights())
+
+
+@needs_compiled_kernels
+def test_results_do_not_depend_on_how_many_work_nor_on_the_order(
+    alone: Store, tmp_path: Path
+) -> None:
+    store = Store(tmp_path)
+    done_by(ProcessEngine(2), dict(reversed(some_jobs().items())), store)
+    assert kept(store) == kept(alone)
+
+
+@needs_compiled_kernels
+def test_a_process_that_is_killed_costs_no_more_than_what_followed_its_last_state(
+    alone: Store, tmp_path: Path
+) -> None:
+    store, engine = Store(tmp_path), Saboteur(ProcessEngine(2))
+    standing = done_by(engine, some_jobs(), store, checkpoint_s=0.0)
+    assert standing.n_lost == 1
+    assert store.cost(engine.killed[0]).n_interruptions == 1
+    assert kept(store) == kept(alone)
+
+
+@needs_compiled_kernels
+def test_a_call_that_is_interrupted_saves_what_runs_and_the_next_one_goes_on(
+    alone: Store, tmp_path: Path
+) -> None:
+    store, engine = Store(tmp_path), ProcessEngine(1)
+    begun: list[str] = []
+    told = engine.wait
+
+    def wait(timeout_s: float) -> Sequence[tuple[str, Report]]:
+        reports = told(timeout_s)
+        begun.extend(digest for digest, report in reports if isinstance(report, Advanced))
+        return reports
+
+    engine.wait = wait  # type: ignore[method-assign]
+    trainings = {it: job for it, job in some_jobs().items() if not isinstance(job, FlightsJob)}
+    standing = done_by(engine, trainings, store, is_stopping=lambda: bool(begun))
+    assert standing.done == 0
+    assert store.state(begun[0]) is not None
+    done_by(ProcessEngine(1), some_jobs(), store)
+    assert store.cost(begun[0]).n_interruptions == 1
+    assert kept(store) == kept(alone)
+
+
+def test_a_job_that_cannot_be_done_says_why(tmp_path: Path) -> None:
+    job = flights(policy='nobody')
+    store = Store(tmp_path)
+    standing = done_by(ProcessEngine(1), by_digest(job), store)
+    assert 'nobody' in standing.failures[digest_of(job)]
+    assert 'Traceback' in (tmp_path / 'failures' / f'{digest_of(job)}.txt').read_text()

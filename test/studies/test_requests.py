@@ -1,0 +1,31 @@
+"""The jobs that studies ask for."""
+
+import pytest
+from uav_collect.scenario.load import load, with_uavs
+from uav_collect.studies import catalogue
+from uav_collect.studies.jobs.jobs import FlightsJob, PlansJob
+from uav_collect.studies.requests import Requests
+from uav_collect.studies.scale import load_scale, scale_names
+
+
+@pytest.mark.parametrize('name', scale_names())
+def test_every_study_of_every_scale_can_be_asked_for(name: str) -> None:
+    requests = Requests(load_scale(name))
+    studies = [catalogue.study(it, requests) for it in catalogue.names()]
+    assert [study.figure for study in studies] == [*range(3, 14)]
+    assert all(set(job.trainings) <= set(requests.jobs) for job in requests.jobs.values()
+               if isinstance(job, FlightsJob))  # fmt: skip
+
+
+def test_what_several_studies_need_is_asked_for_once() -> None:
+    requests = Requests(load_scale('laptop'))
+    catalogue.study('energy', requests)
+    trainings = {it for it, job in requests.jobs.items() if not isinstance(job, FlightsJob)}
+    catalogue.study('density', requests)
+    again = {it for it, job in requests.jobs.items() if not isinstance(job, FlightsJob | PlansJob)}
+    assert again <= trainings
+
+
+def test_a_fleet_beyond_the_scenario_repeats_its_uavs() -> None:
+    speeds = [it.speed_mps for it in with_uavs(load('paper_10x10'), 4).uavs]
+    assert speeds == [5.0, 10.0, 5.0, 10.0]

@@ -1,0 +1,109 @@
+"""Which job is done when, and what becomes of lost and failed ones."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from study_jobs import by_digest, done_by, flights, training
+from uav_collect.studies.jobs.jobs import digest_of, POLICY
+from uav_collect.studies.jobs.store import Store
+from uav_collect.studies.jobs.worker_messages import (
+    Advanced,
+    Cost,
+    Failed,
+    Finished,
+    Lost,
+    Report,
+    Saved,
+    Stopped,
+    WorkItem,
+)
+
+
+@dataclass
+class Scripted:
+    """An engine that answers each task as a script says, one report at a time."""
+
+    script: Mapping[str, Sequence[Sequence[Report]]]  # by digest, for each time it is begun
+    n_slots: int = 1
+    begun: list[WorkItem] = field(default_factory=list)
+    told: list[tuple[str, Report]] = field(default_factory=list)
+    is_closed: bool = False
+
+    def start(self, task: WorkItem) -> None:
+        times = sum(it.digest == task.digest for it in self.begun)
+        self.begun.append(task)
+        self.told += [(task.digest, report) for report in self.script[task.digest][times]]
+
+    def wait(self, timeout_s: float) -> Sequence[tuple[str, Report]]:
+        del timeout_s
+        return [self.told.pop(0)] if self.told else []
+
+    def stop(self) -> None:
+        running = {digest for digest, _ in self.told}
+        self.told = [(digest, Stopped()) for digest in running]
+
+    def close(self) -> None:
+        self.is_closed = True
+
+
+FOUND = Finished(results={POLICY: b'weights'}, cost=Cost(cpu_s=2.0))
+
+
+def test_a_job_waits_for_what_it_needs_and_gets_it(tmp_path: Path) -> None:
+    learn, fly = training(), flights(training())
+    engine = Scripted({digest_of(learn): [[FOUND]], digest_of(fly): [[FOUND]]}, n_slots=2)
+    standing = done_by(engine, by_digest(fly, learn), Store(tmp_path))
+    assert [task.job for task in engine.begun] == [learn, fly]
+    assert engine.begun[1].inputs == {digest_of(learn): b'weights'}
+    assert (standing.done, standing.total, engine.is_closed) == (2, 2, True)
+
+
+def test_what_is_done_is_not_done_again(tmp_path: Path) -> None:
+    store, job = Store(tmp_path), flights()
+    store.keep(job, FOUND.results, FOUND.cost)
+    engine = Scripted({})
+    assert done_by(engine, by_digest(job), store).done == 1
+    assert engine.begun == []
+
+
+def test_a_lost_job_goes_on_from_its_last_state(tmp_path: Path) -> None:
+    job = training()
+    saved = Saved(state=b'half', share_done=0.5)
+    engine = Scripted({digest_of(job): [[saved, Lost(why='gone')], [FOUND]]})
+    store = Store(tmp_path)
+    standing = done_by(engine, by_digest(job), store)
+    assert [task.state for task in engine.begun] == [None, b'half']
+    assert (standing.done, standing.n_lost) == (1, 1)
+    assert store.state(digest_of(job)) is None
+
+
+def test_a_job_that_is_lost_again_and_again_fails(tmp_path: Path) -> None:
+    job = training()
+    engine = Scripted({digest_of(job): [[Lost(why='gone')]] * 9})
+    standing = done_by(engine, by_digest(job), Store(tmp_path))
+    assert standing.failures == {digest_of(job): 'lost 6 times: gone'}
+
+
+def test_what_fails_blocks_what_needs_it_and_nothing_else(tmp_path: Path) -> None:
+    learn, fly, other = training(), flights(training()), flights()
+    failed = Failed(why='too small', trace='where')
+    engine = Scripted({digest_of(learn): [[failed]], digest_of(other): [[FOUND]]})
+    store = Store(tmp_path)
+    standing = done_by(engine, by_digest(learn, fly, other), store)
+    assert standing.failures == {digest_of(learn): 'too small'}
+    assert standing.blocked == {digest_of(fly)}
+    assert store.has(digest_of(other))
+    assert (tmp_path / 'failures' / f'{digest_of(learn)}.txt').read_text() == 'where'
+
+
+def test_jobs_that_are_left_are_not_begun_again(tmp_path: Path) -> None:
+    first, second = training(seed=0), training(seed=1)
+    reports = [Advanced(share_done=0.1), Advanced(share_done=0.2), FOUND]
+    engine = Scripted({digest_of(it): [reports] for it in (first, second)})
+    looks: Iterator[bool] = iter([False, False, True])
+    standing = done_by(
+        engine, by_digest(first, second), Store(tmp_path), is_stopping=lambda: next(looks)
+    )
+    assert len(engine.begun) == 1
+    assert (standing.done, standing.running) == (0, {})
