@@ -105,18 +105,18 @@ def test_a_mission_leaves_the_log_of_a_rollout_to_the_byte(rule: str, allocator:
 
 def test_what_a_uav_sees_and_may_do_is_what_a_learned_policy_gets() -> None:
     scenario = fleet()
-    env = VectorEnv(build_site(scenario), [SEED], VectorEnvConfig(allocator='exact'))
+    vector_env = VectorEnv(build_site(scenario), [SEED], VectorEnvConfig(allocator='exact'))
     world = env(scenario)
     world.reset(seed=SEED)
     for action in sweep(scenario):
         seen, _, _, _, info = world.last()
-        decisions = env.decisions
+        decisions = vector_env.decisions
         assert seen.tolist() == decisions.observation[0].astype(np.float32).tolist()
         assert info['action_mask'].tolist() == decisions.legal[0].tolist()
-        assert world.state().tolist() == env.global_state(0).astype(np.float32).tolist()
+        assert world.state().tolist() == vector_env.global_state(0).astype(np.float32).tolist()
         assert world.state() in world.state_space
         world.step(action)
-        env.step(np.array([action]))
+        vector_env.step(np.array([action]))
 
 
 def test_a_uav_that_flies_sees_what_it_saw_when_it_decided() -> None:
@@ -137,13 +137,13 @@ def test_each_uav_earns_what_the_team_earns_between_its_decisions(reward: str) -
     scenario = fleet()
     actions, gamma = sweep(scenario), scenario.reward.discount_per_s
     how = VectorEnvConfig(allocator='exact', reward=Reward[reward.upper()])
-    env = VectorEnv(build_site(scenario), [SEED], how)
+    vector_env = VectorEnv(build_site(scenario), [SEED], how)
     uavs, times_s, rewards = [], [], []
     for action in actions:
-        uavs.append(int(env.decisions.uav[0]))
-        times_s.append(float(env.decisions.time_s[0]))
-        rewards.append(float(env.step(np.array([action])).reward[0]))
-    assert env.decisions.uav[0] == NONE
+        uavs.append(int(vector_env.decisions.uav[0]))
+        times_s.append(float(vector_env.decisions.time_s[0]))
+        rewards.append(float(vector_env.step(np.array([action])).reward[0]))
+    assert vector_env.decisions.uav[0] == NONE
     told = flown(env(scenario, reward=reward), actions)
     assert {*uavs[:-25]} == {0, 1, 2} != {*uavs[-25:]}  # one turns home early
     for uav_index in range(3):
