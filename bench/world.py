@@ -29,7 +29,7 @@ from uav_collect.scenario.site import build_site
 from uav_collect.uav.action_codes import NONE
 from uav_collect.uav.heuristics import Heuristic
 from uav_collect.uav.observation import Layout
-from uav_collect.world.sensor_field import Ground, lay_out
+from uav_collect.world.sensor_field import lay_out, SensorField
 
 WORLDS = (1, 64, 300, 1000)
 CAPACITY = 512  # events of a mission that is measured
@@ -109,10 +109,10 @@ def copy_once(layout: Layout, n_worlds: int) -> float:
 
 
 @kernel
-def draw_channels(ground: Ground, n_draws: int) -> float:
+def draw_channels(sensor_field: SensorField, n_draws: int) -> float:
     """Draw channels as hovers do."""
     total = 0.0
-    n_sensors = len(ground.path_gain)
+    n_sensors = len(sensor_field.path_gain)
     for draw in range(n_draws):
         sensor = draw % n_sensors
         gain, _ = channel_draw(
@@ -120,11 +120,11 @@ def draw_channels(ground: Ground, n_draws: int) -> float:
             draw & 1,
             sensor,
             draw // n_sensors,
-            ground.n_antennas,
-            ground.los_probability[sensor],
-            ground.path_gain[sensor],
-            ground.nlos_attenuation,
-            ground.rician_factor[sensor],
+            sensor_field.n_antennas,
+            sensor_field.los_probability[sensor],
+            sensor_field.path_gain[sensor],
+            sensor_field.nlos_attenuation,
+            sensor_field.rician_factor[sensor],
         )
         total += gain
     return total

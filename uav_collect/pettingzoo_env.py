@@ -39,7 +39,7 @@ from uav_collect.scenario.site import build_site
 from uav_collect.uav.action_codes import N_ACTIONS, NONE
 from uav_collect.uav.observation import Layout, observation_bound
 from uav_collect.world.reward import Reward
-from uav_collect.world.sensor_field import demand_of, Ground, lay_out
+from uav_collect.world.sensor_field import demand_of, lay_out, SensorField
 
 _RGB_ARRAY = 'rgb_array'
 
@@ -110,13 +110,13 @@ class MissionEnv(AECEnv):
             raise ValueError('config.layout is None: agents must observe something')
         self.render_mode = render_mode
         self._site = build_site(scenario)
-        self._ground = lay_out(self._site)
+        self._sensor_field = lay_out(self._site)
         self._discount_per_s = scenario.reward.discount_per_s
         self._max_decisions = max_decisions
         self._seed = -1  # of the mission in flight
         self._env = VectorEnv(self._site, [0], config)
         self.possible_agents = [f'uav_{uav + 1}' for uav in range(scenario.n_uavs)]
-        briefing, most_bit = self._env.briefing, _most_bit(self._ground)
+        briefing, most_bit = self._env.briefing, _most_bit(self._sensor_field)
         bound = observation_bound(config.layout, briefing, most_bit)
         shape = self._env.decisions.observation.shape[1:]
         # Each agent has spaces of its own: they are seeded one by one.
@@ -251,10 +251,10 @@ def _one_of(argument: str, value: str, kinds: type[Layout] | type[Reward]) -> st
     return value.upper()
 
 
-def _most_bit(ground: Ground) -> float:
+def _most_bit(sensor_field: SensorField) -> float:
     """The most data that a cell can hold."""
-    given_bit = np.asarray(ground.given_bit)
-    amounts_bit = np.where(np.isnan(given_bit), ground.high_bit, given_bit)
+    given_bit = np.asarray(sensor_field.given_bit)
+    amounts_bit = np.where(np.isnan(given_bit), sensor_field.high_bit, given_bit)
     return max(
-        float(amounts_bit[first:stop].sum()) for first, stop in pairwise(ground.first_sensor)
+        float(amounts_bit[first:stop].sum()) for first, stop in pairwise(sensor_field.first_sensor)
     )

@@ -59,7 +59,7 @@ def points(marker: Marker) -> list[tuple[float, float, float]]:
     return [(point.x, point.y, point.z) for point in marker.points]
 
 
-def ground(marker: Marker) -> list[tuple[float, float]]:
+def sensor_field(marker: Marker) -> list[tuple[float, float]]:
     return [(x_m, y_m) for x_m, y_m, _ in points(marker)]
 
 
@@ -124,7 +124,7 @@ def test_the_messages_are_valid_to_ros() -> None:
 
 
 def test_the_cells_are_lines_across_the_area() -> None:
-    lines = ground(alone().marker('cells'))
+    lines = sensor_field(alone().marker('cells'))
     assert len(lines) == 2 * 2 * 5
     assert {(0.0, 50.0), (200.0, 50.0), (150.0, 0.0), (150.0, 200.0)} <= set(lines)
     assert {value for place in lines for value in place} == {0.0, 50.0, 100.0, 150.0, 200.0}
@@ -182,19 +182,19 @@ def test_a_uav_is_shown_between_two_cells_while_it_flies() -> None:
 
 def test_a_path_runs_through_its_turns_to_where_the_uav_is() -> None:
     watched = alone().fly(FORWARD, FORWARD, RIGHT)
-    path = ground(watched.marker('paths', 1, time_s=11.0))
+    path = sensor_field(watched.marker('paths', 1, time_s=11.0))
     assert path == near([(25.0, 25.0), (25.0, 125.0), (35.0, 125.0)])
 
 
 def test_a_path_keeps_the_place_where_it_turned_back() -> None:
     watched = alone().fly(RIGHT, HOVER, LEFT, FORWARD)
-    path = ground(watched.marker('paths', 1))
+    path = sensor_field(watched.marker('paths', 1))
     assert path == near([(25.0, 25.0), (75.0, 25.0), (25.0, 25.0), (25.0, 25.0)])
 
 
 def test_a_path_ends_with_the_straight_way_home() -> None:
     watched = alone().fly(RIGHT, FORWARD, RIGHT, HOME)
-    path = ground(watched.marker('paths', 1, time_s=watched.simulation.end_s))
+    path = sensor_field(watched.marker('paths', 1, time_s=watched.simulation.end_s))
     assert path == near([(25.0, 25.0), (75.0, 25.0), (75.0, 75.0), (125.0, 75.0), (25.0, 25.0)])
 
 
@@ -207,8 +207,8 @@ def test_looking_twice_adds_nothing_to_paths_and_hover_points() -> None:
 
 def test_each_uav_has_its_own_path() -> None:
     watched = Watched(tiny()).fly(RIGHT, FORWARD)
-    assert ground(watched.marker('paths', 1, time_s=5.0))[-1] == pytest.approx((50.0, 25.0))
-    assert ground(watched.marker('paths', 2, time_s=5.0))[-1] == pytest.approx((25.0, 75.0))
+    assert sensor_field(watched.marker('paths', 1, time_s=5.0))[-1] == pytest.approx((50.0, 25.0))
+    assert sensor_field(watched.marker('paths', 2, time_s=5.0))[-1] == pytest.approx((25.0, 75.0))
 
 
 def test_hover_points_are_where_uavs_hovered() -> None:

@@ -270,11 +270,11 @@ def test_limits_hold_whatever_steps_are_made_to() -> None:
 def test_no_visit_of_any_uav_draws_a_shorter_hover_than_the_limit_counts_with() -> None:
     scenario = tiny(sensors=[(60.0, 40.0, 1.0)], **FADING)
     errands = errands_of(build_site(scenario), 0, 'exact')
-    ground = lay_out(build_site(scenario))
+    sensor_field = lay_out(build_site(scenario))
     best = max(
         channel_draw(
-            0, index, 0, visit, 1, ground.los_probability[0], ground.path_gain[0],
-            ground.nlos_attenuation, ground.rician_factor[0],
+            0, index, 0, visit, 1, sensor_field.los_probability[0], sensor_field.path_gain[0],
+            sensor_field.nlos_attenuation, sensor_field.rician_factor[0],
         )[0]
         for index in range(2)
         for visit in range(2000)

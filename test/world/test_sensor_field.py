@@ -29,10 +29,10 @@ def everywhere(cell_share: float, **overrides: object) -> Scenario:
 
 def demands(scenario: Scenario, n_missions: int = N_MISSIONS) -> Iterator[Floats]:
     site = build_site(scenario)
-    ground = lay_out(site)
+    sensor_field = lay_out(site)
     demand_bit = new_row(site.n_sensors, math.nan)
     for mission_seed in range(n_missions):
-        draw_demand(ground, mission_seed, demand_bit)
+        draw_demand(sensor_field, mission_seed, demand_bit)
         yield np.array(demand_bit)
 
 

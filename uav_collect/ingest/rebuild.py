@@ -49,7 +49,7 @@ from uav_collect.world.reward import (
     Reward,
     start_earning,
 )
-from uav_collect.world.sensor_field import demand_by_cell, Ground, lay_out
+from uav_collect.world.sensor_field import demand_by_cell, lay_out, SensorField
 
 _ENERGY = int(Reward.ENERGY)
 
@@ -103,8 +103,8 @@ class EpisodeBuilder:
         self._layout, self._reward = layout, reward
         self._first_sensor = site.first_sensor.tolist()
         self._briefing = brief(scenario)
-        self._ground = lay_out(site.with_discount(discount_per_s))
-        self._mission = mission_of(new_missions(self._briefing, self._ground, [0]), 0)
+        self._sensor_field = lay_out(site.with_discount(discount_per_s))
+        self._mission = mission_of(new_missions(self._briefing, self._sensor_field, [0]), 0)
         self._earnings = new_earnings(1)
         self._union: Any = np.zeros(scenario.n_cells, dtype=np.uint8)
 
@@ -163,7 +163,7 @@ class EpisodeBuilder:
         _sum_rewards(
             int(self._reward),
             self._briefing,
-            self._ground,
+            self._sensor_field,
             self._mission,
             events,
             is_whole,
@@ -282,7 +282,7 @@ def _columns(events: Sequence[EventReport], n_uavs: int, n_cells: int) -> _Event
 def _sum_rewards(
     goal: int,
     briefing: Briefing,
-    ground: Ground,
+    sensor_field: SensorField,
     mission: Mission,
     events: _Events,
     is_whole: bool,
@@ -300,7 +300,7 @@ def _sum_rewards(
         reward_out: written, one for each decision; where a mission is cut off, not for the last.
         duration_out: the same.
     """
-    restart_mission(briefing, ground, mission)
+    restart_mission(briefing, sensor_field, mission)
     start_earning(earnings, 0, 0.0)
     n_events = len(events.uav)
     row = -1
@@ -311,10 +311,10 @@ def _sum_rewards(
         stop_s = events.time_s[event] if event < n_events else end_s(mission)
         reward = events.reward[event - 1] if event > 0 else 0.0
         if goal == _ENERGY:
-            reward = energy_reward(briefing, ground, mission, start_s, stop_s)
-        earn_interval(earnings, 0, ground, reward, stop_s)
+            reward = energy_reward(briefing, sensor_field, mission, start_s, stop_s)
+        earn_interval(earnings, 0, sensor_field, reward, stop_s)
         if event < n_events and goal == _ENERGY:
-            earn(earnings, 0, ground, news_reward(events.known[event], union))
+            earn(earnings, 0, sensor_field, news_reward(events.known[event], union))
         if event == n_events or events.action[event] != HOME:
             if row >= 0:
                 reward_out[row] = earnings.reward[0]

@@ -47,7 +47,7 @@ from uav_collect.world.reward import (
     Reward,
     start_earning,
 )
-from uav_collect.world.sensor_field import Ground, lay_out, most_sensors
+from uav_collect.world.sensor_field import lay_out, most_sensors, SensorField
 
 IN_FLIGHT = -2  # a mission that waits for nobody and is not over: it is to be flown on
 _PAPER = int(Reward.PAPER)
@@ -84,7 +84,7 @@ class Batch(NamedTuple):
 
     settings: Settings
     briefing: Briefing
-    ground: Ground
+    sensor_field: SensorField
     missions: Missions
     beliefs: Beliefs  # by mission, then UAV: (W * U, ...)
     memory: Row[Row[int]]  # of the rules, the same
@@ -109,15 +109,15 @@ def new_batch(
     Raises:
         ConfigError: the layout has no room for the fleet.
     """
-    briefing, ground = brief(site.scenario), lay_out(site)
+    briefing, sensor_field = brief(site.scenario), lay_out(site)
     n_worlds, n_uavs = len(mission_seeds), briefing.n_uavs
     n_cells = briefing.cells_per_side * briefing.cells_per_side
-    max_sensors, is_news_wanted = most_sensors(ground), settings.reward == _ENERGY
+    max_sensors, is_news_wanted = most_sensors(sensor_field), settings.reward == _ENERGY
     return Batch(
         settings=settings,
         briefing=briefing,
-        ground=ground,
-        missions=new_missions(briefing, ground, mission_seeds),
+        sensor_field=sensor_field,
+        missions=new_missions(briefing, sensor_field, mission_seeds),
         beliefs=new_beliefs(briefing, n_worlds * n_uavs),
         memory=new_table(n_worlds * n_uavs, MEMORY_SIZE, 0),
         complete=new_map_table(n_worlds if is_news_wanted else 1, n_cells),
@@ -151,7 +151,7 @@ def _new_waiting(layout: int, briefing: Briefing, n_worlds: int) -> Waiting:
 def restart(batch: Batch, world: int) -> None:
     """Put a mission back to its start, by its own seed."""
     n_uavs = batch.briefing.n_uavs
-    restart_mission(batch.briefing, batch.ground, mission_of(batch.missions, world))
+    restart_mission(batch.briefing, batch.sensor_field, mission_of(batch.missions, world))
     for place in range(world * n_uavs, (world + 1) * n_uavs):
         forget(belief_of(batch.beliefs, place))
         for index in range(MEMORY_SIZE):
@@ -214,14 +214,14 @@ def fly_on(batch: Batch, world: int) -> None:
             return
         place = world * briefing.n_uavs + uav
         belief = belief_of(batch.beliefs, place)
-        view = look(briefing, batch.ground, mission, uav, batch.view_rows)
+        view = look(briefing, batch.sensor_field, mission, uav, batch.view_rows)
         observe(belief, briefing, view)
         heard = contacts(briefing, mission, uav, view.time_s)
         hear_all(batch, world, uav, heard, view.time_s)
         be_heard(batch, world, uav, heard, view.time_s)
         if settings.reward == _ENERGY:
             news = news_reward(belief.complete, batch.complete[world])
-            earn(batch.earnings, world, batch.ground, news)
+            earn(batch.earnings, world, batch.sensor_field, news)
         hover_s = allocate(settings.allocator, briefing, view, batch.workspace)
         legal, action = batch.workspace.legal, HOME
         reason = must_go_home(briefing, uav, belief.n_complete[0], view, hover_s, legal)
@@ -239,7 +239,7 @@ def answer(batch: Batch, world: int, uav: int, action: int) -> None:
     """Carry out what was chosen for the UAV that a mission waits for."""
     mission, waiting = mission_of(batch.missions, world), batch.waiting
     # A second look shows the same channels as the first.
-    view = look(batch.briefing, batch.ground, mission, uav, batch.view_rows)
+    view = look(batch.briefing, batch.sensor_field, mission, uav, batch.view_rows)
     if action == HOVER:
         allocate(batch.settings.allocator, batch.briefing, view, batch.workspace)
     if waiting.n_records[world] > 0:
@@ -298,17 +298,17 @@ def end_interval(batch: Batch, world: int, stop_s: float) -> None:
     last = batch.n_events[world] - 1
     if last < 0:
         return
-    settings, briefing, ground = batch.settings, batch.briefing, batch.ground
+    settings, briefing, sensor_field = batch.settings, batch.briefing, batch.sensor_field
     mission, start_s = mission_of(batch.missions, world), batch.earnings.until_s[world]
     reward = 0.0
     if settings.is_logged == 1 or settings.reward == _PAPER:
-        reward = paper_reward(briefing, ground, mission, start_s, stop_s)
+        reward = paper_reward(briefing, sensor_field, mission, start_s, stop_s)
     if settings.is_logged == 1:
         batch.log.interval_s[world][last] = stop_s - start_s
         batch.log.reward[world][last] = reward
     if settings.reward == _ENERGY:
-        reward = energy_reward(briefing, ground, mission, start_s, stop_s)
-    earn_interval(batch.earnings, world, ground, reward, stop_s)
+        reward = energy_reward(briefing, sensor_field, mission, start_s, stop_s)
+    earn_interval(batch.earnings, world, sensor_field, reward, stop_s)
 
 
 @kernel

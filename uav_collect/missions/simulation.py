@@ -86,7 +86,7 @@ class Simulation:
             return None
         batch, time_s = self._batch, self._mission.leg_end_s[uav]
         end_interval(batch, 0, time_s)
-        view = look(self.briefing, batch.ground, self._mission, uav, batch.view_rows)
+        view = look(self.briefing, batch.sensor_field, self._mission, uav, batch.view_rows)
         return Event(
             index=self.n_events,
             uav=uav,

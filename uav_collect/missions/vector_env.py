@@ -166,7 +166,7 @@ class VectorEnv:
                 uav = int(batch.waiting.uav[world])
                 place, legal = world * n_uavs + uav, batch.waiting.legal[world]
                 mission = mission_of(batch.missions, world)
-                view = look(batch.briefing, batch.ground, mission, uav, batch.view_rows)
+                view = look(batch.briefing, batch.sensor_field, mission, uav, batch.view_rows)
                 belief = belief_of(batch.beliefs, place)
                 action = policies[place].choose(belief, view, legal)
                 if action != HOME and not (0 <= action < N_ACTIONS and legal[action] == 1):
@@ -197,7 +197,9 @@ class VectorEnv:
         tables: list[Any] = [np.array(table[rows]) for table in self._batch.records]
         return Episode(
             mission_seed=int(missions.seed[world][0]),
-            demand_bit=demand_by_cell(self._batch.ground.first_sensor, missions.demand_bit[world]),
+            demand_bit=demand_by_cell(
+                self._batch.sensor_field.first_sensor, missions.demand_bit[world]
+            ),
             records=Records(*tables),
             is_whole=self._batch.waiting.uav[world] == NONE,
         )

@@ -13,7 +13,7 @@ from uav_collect.physics.radio import channel_draw
 from uav_collect.scenario.site import Site
 from uav_collect.uav.actions import cell_at
 from uav_collect.uav.briefing import brief, Briefing
-from uav_collect.world.sensor_field import draw_demand, Ground, lay_out
+from uav_collect.world.sensor_field import draw_demand, lay_out, SensorField
 
 FAR = 1e300  # more than any time, energy or price
 
@@ -63,10 +63,10 @@ def errands_of(site: Site, mission_seed: int, allocator: str) -> Errands:
     Args:
         allocator: how bandwidth is shared, one of `limits.ALLOCATOR_NAMES`; cvxpy counts as exact.
     """
-    briefing, ground = brief(site.scenario), lay_out(site)
+    briefing, sensor_field = brief(site.scenario), lay_out(site)
     demand_bit = new_row(site.n_sensors, 0.0)
-    draw_demand(ground, mission_seed, demand_bit)
-    first = ground.first_sensor
+    draw_demand(sensor_field, mission_seed, demand_bit)
+    first = sensor_field.first_sensor
     cells = [
         cell
         for cell in range(site.scenario.n_cells)
@@ -91,7 +91,9 @@ def errands_of(site: Site, mission_seed: int, allocator: str) -> Errands:
         allowance_j=_allowances_j(briefing),
     )
     share = EQUAL if allocator == 'equal' else EXACT
-    write_hovers(share, briefing, ground, mission_seed, demand_bit, errands, _new_desk(ground))
+    write_hovers(
+        share, briefing, sensor_field, mission_seed, demand_bit, errands, _new_desk(sensor_field)
+    )
     return errands
 
 
@@ -131,8 +133,8 @@ def _ways_m(briefing: Briefing, cells: Ints) -> Floats:
     return np.maximum(way_m, way_m.T)
 
 
-def _new_desk(ground: Ground) -> _Desk:
-    first = ground.first_sensor
+def _new_desk(sensor_field: SensorField) -> _Desk:
+    first = sensor_field.first_sensor
     size = max(1, *(first[cell + 1] - first[cell] for cell in range(len(first) - 1)))
     return _Desk(
         demand_bit=new_row(size, 0.0),
@@ -146,7 +148,7 @@ def _new_desk(ground: Ground) -> _Desk:
 def write_hovers(
     allocator: int,
     briefing: Briefing,
-    ground: Ground,
+    sensor_field: SensorField,
     mission_seed: int,
     demand_bit: Row[float],
     errands: Errands,
@@ -158,17 +160,19 @@ def write_hovers(
         for uav in range(errands.n_uavs):
             # A UAV that starts in the cell hovers there before it ever came to it.
             visit = 0 if cell == errands.start_cell[uav] else 1
-            n_sensors = _listen(briefing, ground, mission_seed, demand_bit, uav, cell, visit, desk)
+            n_sensors = _listen(
+                briefing, sensor_field, mission_seed, demand_bit, uav, cell, visit, desk
+            )
             hover_s = _hover_s(allocator, briefing, desk, n_sensors)
             errands.hover_s[uav * errands.n_cells + index] = hover_s
-        hover_s = _least_hover_s(allocator, briefing, ground, demand_bit, cell, desk)
+        hover_s = _least_hover_s(allocator, briefing, sensor_field, demand_bit, cell, desk)
         errands.least_hover_s[index] = hover_s
 
 
 @kernel
 def _listen(
     briefing: Briefing,
-    ground: Ground,
+    sensor_field: SensorField,
     mission_seed: int,
     demand_bit: Row[float],
     uav: int,
@@ -178,20 +182,20 @@ def _listen(
 ) -> int:
     """Draw the channels of a visit onto the desk; how many sensors there have data."""
     n_sensors = 0
-    for sensor in range(ground.first_sensor[cell], ground.first_sensor[cell + 1]):
+    for sensor in range(sensor_field.first_sensor[cell], sensor_field.first_sensor[cell + 1]):
         if demand_bit[sensor] > 0.0:
             gain, path_gain = channel_draw(
                 mission_seed,
                 uav,
                 sensor,
                 visit,
-                ground.n_antennas,
-                ground.los_probability[sensor],
-                ground.path_gain[sensor],
-                ground.nlos_attenuation,
-                ground.rician_factor[sensor],
+                sensor_field.n_antennas,
+                sensor_field.los_probability[sensor],
+                sensor_field.path_gain[sensor],
+                sensor_field.nlos_attenuation,
+                sensor_field.rician_factor[sensor],
             )
-            error_gain = path_gain * ground.csi_error_variance
+            error_gain = path_gain * sensor_field.csi_error_variance
             desk.demand_bit[n_sensors] = demand_bit[sensor]
             desk.signal_w[n_sensors] = briefing.tx_power_w * gain
             desk.error_w[n_sensors] = briefing.tx_power_w * error_gain
@@ -203,7 +207,7 @@ def _listen(
 def _least_hover_s(
     allocator: int,
     briefing: Briefing,
-    ground: Ground,
+    sensor_field: SensorField,
     demand_bit: Row[float],
     cell: int,
     desk: _Desk,
@@ -214,15 +218,15 @@ def _least_hover_s(
     too.
     """
     n_sensors = 0
-    for sensor in range(ground.first_sensor[cell], ground.first_sensor[cell + 1]):
+    for sensor in range(sensor_field.first_sensor[cell], sensor_field.first_sensor[cell + 1]):
         if demand_bit[sensor] > 0.0:
-            factor = ground.rician_factor[sensor]
+            factor = sensor_field.rician_factor[sensor]
             steady = math.sqrt(factor / (factor + 1.0))
             amplitude = steady + _MAX_NORMAL * math.sqrt(0.5 / (factor + 1.0))
-            path_w = briefing.tx_power_w * ground.path_gain[sensor]
+            path_w = briefing.tx_power_w * sensor_field.path_gain[sensor]
             desk.demand_bit[n_sensors] = demand_bit[sensor]
-            desk.signal_w[n_sensors] = path_w * ground.n_antennas * amplitude * amplitude
-            desk.error_w[n_sensors] = path_w * ground.csi_error_variance
+            desk.signal_w[n_sensors] = path_w * sensor_field.n_antennas * amplitude * amplitude
+            desk.error_w[n_sensors] = path_w * sensor_field.csi_error_variance
             n_sensors += 1
     return _hover_s(allocator, briefing, desk, n_sensors) * (1.0 - _ROUNDING)
 

@@ -17,7 +17,7 @@ from uav_collect.uav import actions
 from uav_collect.uav.action_codes import COLUMN_STEP, HOME, HOVER, NONE, ROW_STEP
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.view import LocalView, VIEW_CELLS, ViewRows
-from uav_collect.world.sensor_field import draw_demand, Ground
+from uav_collect.world.sensor_field import draw_demand, SensorField
 
 # Phases of a UAV.
 ACTIVE = 0
@@ -59,10 +59,12 @@ Mission = MissionRecord[Row[int], Row[float]]
 Missions = MissionRecord[Row[Row[int]], Row[Row[float]]]
 
 
-def new_missions(briefing: Briefing, ground: Ground, mission_seeds: Sequence[int]) -> Missions:
+def new_missions(
+    briefing: Briefing, sensor_field: SensorField, mission_seeds: Sequence[int]
+) -> Missions:
     """Missions at their start: fully charged UAVs at their starts, demand drawn."""
     n_worlds, n_uavs = len(mission_seeds), briefing.n_uavs
-    n_cells, n_sensors = len(ground.first_sensor) - 1, len(ground.path_gain)
+    n_cells, n_sensors = len(sensor_field.first_sensor) - 1, len(sensor_field.path_gain)
     sizes = {
         'seed': 1, 'clock_s': 1, 'collected_bit': 1, 'n_visits': n_uavs * n_cells,
         'cell_bit': n_cells,
@@ -77,7 +79,7 @@ def new_missions(briefing: Briefing, ground: Ground, mission_seeds: Sequence[int
     missions: Missions = MissionRecord(**tables)
     for world, seed in enumerate(mission_seeds):
         missions.seed[world][0] = seed
-    restart(briefing, ground, missions, n_worlds)
+    restart(briefing, sensor_field, missions, n_worlds)
     return missions
 
 
@@ -112,14 +114,16 @@ def mission_of(missions: Missions, world: int) -> Mission:
 
 
 @kernel
-def restart(briefing: Briefing, ground: Ground, missions: Missions, n_worlds: int) -> None:
+def restart(
+    briefing: Briefing, sensor_field: SensorField, missions: Missions, n_worlds: int
+) -> None:
     """Put the first missions of a batch back to their start, each by its own seed."""
     for world in range(n_worlds):
-        restart_mission(briefing, ground, mission_of(missions, world))
+        restart_mission(briefing, sensor_field, mission_of(missions, world))
 
 
 @kernel
-def restart_mission(briefing: Briefing, ground: Ground, mission: Mission) -> None:
+def restart_mission(briefing: Briefing, sensor_field: SensorField, mission: Mission) -> None:
     """Put one mission back to its start, by its own seed."""
     mission.clock_s[0] = 0.0
     mission.collected_bit[0] = 0.0
@@ -138,10 +142,10 @@ def restart_mission(briefing: Briefing, ground: Ground, mission: Mission) -> Non
         mission.energy_left_j[uav] = briefing.energy_budget_j[uav]
     for index in range(len(mission.n_visits)):
         mission.n_visits[index] = 0
-    draw_demand(ground, mission.seed[0], mission.demand_bit)
+    draw_demand(sensor_field, mission.seed[0], mission.demand_bit)
     for cell in range(len(mission.cell_bit)):
         mission.cell_bit[cell] = 0.0
-        for sensor in range(ground.first_sensor[cell], ground.first_sensor[cell + 1]):
+        for sensor in range(sensor_field.first_sensor[cell], sensor_field.first_sensor[cell + 1]):
             mission.waiting_bit[sensor] = mission.demand_bit[sensor]
             mission.cell_bit[cell] += mission.demand_bit[sensor]
             mission.rate_bps[sensor] = 0.0
@@ -230,7 +234,7 @@ def in_contact(briefing: Briefing, mission: Mission, uav: int, other: int, time_
 
 @kernel
 def look(
-    briefing: Briefing, ground: Ground, mission: Mission, uav: int, rows: ViewRows
+    briefing: Briefing, sensor_field: SensorField, mission: Mission, uav: int, rows: ViewRows
 ) -> LocalView:
     """What the deciding UAV sees as its action ends; its channels are drawn here.
 
@@ -246,9 +250,9 @@ def look(
     n_sensors = 0
     if mission.cell_bit[cell] > 0.0:
         visit = mission.n_visits[uav * len(mission.cell_bit) + cell]
-        for sensor in range(ground.first_sensor[cell], ground.first_sensor[cell + 1]):
+        for sensor in range(sensor_field.first_sensor[cell], sensor_field.first_sensor[cell + 1]):
             if mission.waiting_bit[sensor] > 0.0:
-                _draw_channel(ground, mission, uav, sensor, visit)
+                _draw_channel(sensor_field, mission, uav, sensor, visit)
                 rows.sensor[n_sensors] = sensor
                 rows.sensor_bit[n_sensors] = mission.waiting_bit[sensor]
                 rows.sensor_gain[n_sensors] = mission.gain[sensor]
@@ -271,20 +275,22 @@ def look(
 
 
 @kernel
-def _draw_channel(ground: Ground, mission: Mission, uav: int, sensor: int, visit: int) -> None:
+def _draw_channel(
+    sensor_field: SensorField, mission: Mission, uav: int, sensor: int, visit: int
+) -> None:
     gain, path_gain = channel_draw(
         mission.seed[0],
         uav,
         sensor,
         visit,
-        ground.n_antennas,
-        ground.los_probability[sensor],
-        ground.path_gain[sensor],
-        ground.nlos_attenuation,
-        ground.rician_factor[sensor],
+        sensor_field.n_antennas,
+        sensor_field.los_probability[sensor],
+        sensor_field.path_gain[sensor],
+        sensor_field.nlos_attenuation,
+        sensor_field.rician_factor[sensor],
     )
     mission.gain[sensor] = gain
-    mission.error_gain[sensor] = path_gain * ground.csi_error_variance
+    mission.error_gain[sensor] = path_gain * sensor_field.csi_error_variance
 
 
 @kernel

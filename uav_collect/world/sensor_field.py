@@ -20,7 +20,7 @@ from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import Site
 
 
-class Ground(NamedTuple):
+class SensorField(NamedTuple):
     """The site as kernels read it; rows are indexed by sensor unless said otherwise."""
 
     first_sensor: Row[int]  # by cell, and one past the last
@@ -41,8 +41,8 @@ class Ground(NamedTuple):
     bonus_j: float  # alpha of the terminal reward: the largest energy budget
 
 
-def lay_out(site: Site) -> Ground:
-    """The ground of a site under its scenario's radio, demand and reward."""
+def lay_out(site: Site) -> SensorField:
+    """The sensor field of a site under its scenario's radio, demand and reward."""
     scenario = site.scenario
     config = scenario.radio
     centre_m = _cell_centres_m(scenario)[site.cell]
@@ -52,7 +52,7 @@ def lay_out(site: Site) -> Ground:
     distance_m = [math.sqrt(away_m * away_m + altitude_m * altitude_m) for away_m in horizontal_m]
     reference_gain = radio.reference_gain(config.carrier_hz)
     low_mbit, high_mbit = _drawn_range_mbit(scenario)
-    return Ground(
+    return SensorField(
         first_sensor=row_of(site.first_sensor.tolist()),
         los_probability=row_of(
             [
@@ -87,9 +87,9 @@ def lay_out(site: Site) -> Ground:
     )
 
 
-def most_sensors(ground: Ground) -> int:
+def most_sensors(sensor_field: SensorField) -> int:
     """How many sensors the fullest cell has, 1 at least."""
-    first = ground.first_sensor
+    first = sensor_field.first_sensor
     return max(1, *(first[cell + 1] - first[cell] for cell in range(len(first) - 1)))
 
 
@@ -109,7 +109,7 @@ def demand_of(site: Site, mission_seed: int) -> Floats:
 
 
 @kernel
-def draw_demand(ground: Ground, mission_seed: int, demand_bit: Row[float]) -> None:
+def draw_demand(sensor_field: SensorField, mission_seed: int, demand_bit: Row[float]) -> None:
     """Draw the data that waits at the start of a mission.
 
     Args:
@@ -117,31 +117,31 @@ def draw_demand(ground: Ground, mission_seed: int, demand_bit: Row[float]) -> No
 
     Source: paper, section VII-A; data cells among those that have sensors.
     """
-    n_cells = len(ground.first_sensor) - 1
+    n_cells = len(sensor_field.first_sensor) - 1
     n_candidates = 0
     for cell in range(n_cells):
-        for sensor in range(ground.first_sensor[cell], ground.first_sensor[cell + 1]):
+        for sensor in range(sensor_field.first_sensor[cell], sensor_field.first_sensor[cell + 1]):
             demand_bit[sensor] = 0.0
-        if ground.first_sensor[cell + 1] > ground.first_sensor[cell]:
-            ground.candidates[n_candidates] = cell
+        if sensor_field.first_sensor[cell + 1] > sensor_field.first_sensor[cell]:
+            sensor_field.candidates[n_candidates] = cell
             n_candidates += 1
     n_data_cells = n_candidates
-    if ground.mean_data_cells >= 0.0:
-        drawn = draw_poisson(ground.mean_data_cells, mission_seed, DATA_CELL_COUNT, 0)
+    if sensor_field.mean_data_cells >= 0.0:
+        drawn = draw_poisson(sensor_field.mean_data_cells, mission_seed, DATA_CELL_COUNT, 0)
         n_data_cells = min(max(drawn, 1), n_candidates)
-        shuffle_first(ground.candidates, n_candidates, n_data_cells, mission_seed, DATA_CELL)
+        shuffle_first(sensor_field.candidates, n_candidates, n_data_cells, mission_seed, DATA_CELL)
     for index in range(n_data_cells):
-        cell = ground.candidates[index]
-        for sensor in range(ground.first_sensor[cell], ground.first_sensor[cell + 1]):
-            demand_bit[sensor] = _amount_bit(ground, mission_seed, sensor)
+        cell = sensor_field.candidates[index]
+        for sensor in range(sensor_field.first_sensor[cell], sensor_field.first_sensor[cell + 1]):
+            demand_bit[sensor] = _amount_bit(sensor_field, mission_seed, sensor)
 
 
 @kernel
-def _amount_bit(ground: Ground, mission_seed: int, sensor: int) -> float:
-    if not math.isnan(ground.given_bit[sensor]):
-        return ground.given_bit[sensor]
+def _amount_bit(sensor_field: SensorField, mission_seed: int, sensor: int) -> float:
+    if not math.isnan(sensor_field.given_bit[sensor]):
+        return sensor_field.given_bit[sensor]
     share = draw_uniform(mission_seed, DATA_AMOUNT, sensor, 0, 0)
-    return ground.low_bit + (ground.high_bit - ground.low_bit) * share
+    return sensor_field.low_bit + (sensor_field.high_bit - sensor_field.low_bit) * share
 
 
 def _cell_centres_m(scenario: Scenario) -> Floats:
