@@ -16,9 +16,8 @@ from typing import NamedTuple
 import numpy as np
 from rich.console import Console
 from rich.table import Table
-from uav_collect.kernels.arrays import Bools, Ints
+from uav_collect.kernels.arrays import Bools, Ints, new_row
 from uav_collect.kernels.compile import kernel
-from uav_collect.kernels.rows import new_row
 from uav_collect.missions.batch_kernels import fly_batch, new_batch, Settings
 from uav_collect.missions.rollout import fly
 from uav_collect.missions.vector_env import VectorEnv, VectorEnvConfig

@@ -23,8 +23,7 @@ from uav_collect.ingest.reports import (
     report_spec,
     TransitionReport,
 )
-from uav_collect.kernels.arrays import Row
-from uav_collect.kernels.rows import new_row
+from uav_collect.kernels.arrays import new_row, Row
 from uav_collect.missions.experience import Episode
 from uav_collect.missions.simulation import Event, Simulation
 from uav_collect.missions.vector_env import VectorEnv, VectorEnvConfig

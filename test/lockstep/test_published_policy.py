@@ -6,7 +6,7 @@ from typing import Any
 from policy_publisher import HOVER_SHARE, policy_fields
 import pytest
 from random_policies import header, random_policy
-from uav_collect.kernels.rows import row_of
+from uav_collect.kernels.arrays import row_of
 from uav_collect.lockstep.published_policy import PolicyStore, TopicPolicy
 from uav_collect.scenario.load import load
 from uav_collect.uav.briefing import brief, Briefing

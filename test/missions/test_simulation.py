@@ -7,8 +7,7 @@ import pytest
 from tiny_world import Flight, fly_scripts, MOVE_5_J, tiny, uav
 from uav_collect.analysis.metrics import check_log, mission_metrics
 from uav_collect.errors import ConfigError
-from uav_collect.kernels.arrays import Row
-from uav_collect.kernels.rows import row_of
+from uav_collect.kernels.arrays import Row, row_of
 from uav_collect.missions.rollout import fly
 from uav_collect.missions.simulation import Simulation
 from uav_collect.recording.mission_log import from_jsonl

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from tiny_world import tiny, TOTAL_BIT, uav
 from uav_collect.errors import AllocationError, ConfigError
-from uav_collect.kernels.arrays import Floats, Ints, Row
-from uav_collect.kernels.rows import new_row
+from uav_collect.kernels.arrays import Floats, Ints, new_row, Row
 from uav_collect.missions.rollout import fly
 from uav_collect.missions.vector_env import Decisions, VectorEnv, VectorEnvConfig
 from uav_collect.recording.mission_log import MissionLog

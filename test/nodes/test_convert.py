@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 from tiny_world import tiny, uav
-from uav_collect.kernels.rows import row_of
+from uav_collect.kernels.arrays import row_of
 from uav_collect.lockstep.inbox import Inbox
 from uav_collect.lockstep.roster import Pilot
 from uav_collect.missions.simulation import Event

@@ -7,7 +7,7 @@ from fleets import Fleet, listener, Pilots, scenario_of
 import numpy as np
 from processes import Processes
 import pytest
-from uav_collect.kernels.rows import new_row
+from uav_collect.kernels.arrays import new_row
 from uav_collect.scenario.load import fingerprint, Scenario
 from uav_collect.uav.observation import encode, Layout, observation_size
 

@@ -8,8 +8,7 @@ from interpreted import interpreted
 import numpy as np
 import pytest
 from uav_collect.errors import AllocationError
-from uav_collect.kernels.arrays import Floats
-from uav_collect.kernels.rows import new_row, row_of
+from uav_collect.kernels.arrays import Floats, new_row, row_of
 from uav_collect.limits import ALLOCATOR_NAMES
 from uav_collect.physics import bandwidth, bandwidth_convex
 from uav_collect.physics.bandwidth import (

@@ -1,6 +1,6 @@
 import pytest
 from tiny_world import HOVER_W, MOVE_5_J, MOVE_10_J, tiny, uav
-from uav_collect.kernels.rows import new_row
+from uav_collect.kernels.arrays import new_row
 from uav_collect.uav import action_codes, actions
 from uav_collect.uav.action_codes import BACKWARD, FORWARD, HOVER, LEFT, NONE, RIGHT
 from uav_collect.uav.briefing import brief, Briefing

@@ -3,8 +3,7 @@ from dataclasses import dataclass, field
 import pytest
 from tiny_world import fly_scripts, MOVE_5_J, rate_bps, tiny, uav
 from uav_collect.errors import AllocationError, PolicyMismatchError
-from uav_collect.kernels.arrays import Row
-from uav_collect.kernels.rows import row_of
+from uav_collect.kernels.arrays import Row, row_of
 from uav_collect.limits import ALLOCATOR_NAMES
 from uav_collect.missions.simulation import Simulation
 from uav_collect.scenario.load import Scenario

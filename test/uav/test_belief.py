@@ -1,7 +1,7 @@
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tiny_world import tiny, uav
-from uav_collect.kernels.rows import new_row, row_of
+from uav_collect.kernels.arrays import new_row, row_of
 from uav_collect.uav.action_codes import NONE
 from uav_collect.uav.belief import (
     Belief,

@@ -5,7 +5,7 @@ from collections import Counter
 import numpy as np
 import pytest
 from tiny_world import tiny, uav
-from uav_collect.kernels.rows import row_of
+from uav_collect.kernels.arrays import row_of
 from uav_collect.missions.vector_env import VectorEnv, VectorEnvConfig
 from uav_collect.scenario.site import build_site
 from uav_collect.uav.action_codes import BACKWARD, FORWARD, HOVER, LEFT, N_ACTIONS, NONE, RIGHT

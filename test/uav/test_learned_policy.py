@@ -13,8 +13,7 @@ from random_policies import header, random_policy, saved
 from tiny_world import tiny
 from uav_collect.analysis.metrics import check_log, mission_metrics
 from uav_collect.errors import PolicyMismatchError
-from uav_collect.kernels.arrays import Row
-from uav_collect.kernels.rows import row_of
+from uav_collect.kernels.arrays import Row, row_of
 from uav_collect.missions.rollout import fly
 from uav_collect.missions.simulation import Simulation
 from uav_collect.scenario.load import load, Scenario

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from tiny_world import Flight, tiny, uav
 from uav_collect.errors import ConfigError
-from uav_collect.kernels.arrays import Floats
-from uav_collect.kernels.rows import new_row, row_of
+from uav_collect.kernels.arrays import Floats, new_row, row_of
 from uav_collect.scenario.load import Scenario
 from uav_collect.uav.action_codes import FORWARD, HOVER, N_ACTIONS, RIGHT
 from uav_collect.uav.agent import must_go_home

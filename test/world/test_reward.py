@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tiny_world import fly_scripts, HOVER_W, MOVE_10_J, rate_bps, tiny, uav
 from uav_collect.analysis.metrics import mission_metrics
-from uav_collect.kernels.rows import row_of
+from uav_collect.kernels.arrays import row_of
 from uav_collect.missions.rollout import fly
 from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.load import load, Scenario

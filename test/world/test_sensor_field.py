@@ -5,8 +5,7 @@ import math
 import numpy as np
 import pytest
 from tiny_world import tiny, uav
-from uav_collect.kernels.arrays import Floats
-from uav_collect.kernels.rows import new_row
+from uav_collect.kernels.arrays import Floats, new_row
 from uav_collect.missions.simulation import Simulation
 from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import build_site

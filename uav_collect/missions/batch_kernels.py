@@ -7,9 +7,8 @@ asked from outside: a mission then waits, and `fly_batch` carries it on once it 
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from uav_collect.kernels.arrays import Row
+from uav_collect.kernels.arrays import new_map_table, new_row, new_table, Row
 from uav_collect.kernels.compile import kernel
-from uav_collect.kernels.rows import new_map_table, new_row, new_table
 from uav_collect.missions.event_log import EventLog, new_log
 from uav_collect.missions.experience import new_records, record, Records
 from uav_collect.scenario.site import Site

@@ -5,8 +5,7 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from uav_collect.kernels.arrays import Row
-from uav_collect.kernels.rows import grow_table, new_table
+from uav_collect.kernels.arrays import grow_table, new_table, Row
 from uav_collect.recording.mission_log import EVENT_DTYPE, Events, MissionHeader, UavHeader
 from uav_collect.scenario.load import fingerprint, Scenario
 

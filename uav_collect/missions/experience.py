@@ -11,9 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from uav_collect.kernels.arrays import Floats, Row
+from uav_collect.kernels.arrays import Floats, new_row, Row
 from uav_collect.kernels.compile import kernel
-from uav_collect.kernels.rows import new_row
 from uav_collect.uav import actions
 from uav_collect.uav.action_codes import N_ACTIONS, NONE
 from uav_collect.uav.belief import Belief, belief_of, Beliefs, new_beliefs

@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from uav_collect.errors import AllocationError, PolicyMismatchError
-from uav_collect.kernels.arrays import Bools, check_shape, Floats, Ints
+from uav_collect.kernels.arrays import Bools, check_shape, Floats, Ints, new_row
 from uav_collect.kernels.compile import kernels_are_compiled
-from uav_collect.kernels.rows import new_row
 from uav_collect.missions.batch_kernels import (
     explore_batch,
     fly_batch,

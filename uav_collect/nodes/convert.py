@@ -6,8 +6,7 @@ from typing import Any
 
 from builtin_interfaces.msg import Time
 import numpy as np
-from uav_collect.kernels.arrays import Row
-from uav_collect.kernels.rows import row_of
+from uav_collect.kernels.arrays import Row, row_of
 from uav_collect.lockstep.roster import Pilot
 from uav_collect.missions.simulation import Event
 from uav_collect.recording.mission_log import Events

@@ -14,9 +14,8 @@ from typing import cast
 
 import numpy as np
 from uav_collect.errors import AllocationError
-from uav_collect.kernels.arrays import Bools, check_shape, Floats, Row
+from uav_collect.kernels.arrays import Bools, check_shape, Floats, new_row, Row
 from uav_collect.kernels.compile import kernel, kernels_are_compiled
-from uav_collect.kernels.rows import new_row
 from uav_collect.physics.bandwidth_newton import certified_gap, solve
 from uav_collect.physics.radio import uplink_rate_bps
 

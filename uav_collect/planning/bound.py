@@ -24,8 +24,8 @@ from pathlib import Path
 from typing import Any
 
 from uav_collect import files
+from uav_collect.kernels.arrays import row_of
 from uav_collect.kernels.compile import cache_folder
-from uav_collect.kernels.rows import row_of
 from uav_collect.planning.problem import Errands, errands_of
 from uav_collect.planning.relaxation import climb, least_completion_s, least_energy_j
 from uav_collect.planning.search import Aim, best_routes, Routes, search

@@ -5,9 +5,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from uav_collect.kernels.arrays import Floats, Ints, Row
+from uav_collect.kernels.arrays import Floats, Ints, new_row, Row, row_of
 from uav_collect.kernels.compile import kernel
-from uav_collect.kernels.rows import new_row, row_of
 from uav_collect.physics.bandwidth import EQUAL, EXACT, share_bandwidth
 from uav_collect.physics.radio import channel_draw
 from uav_collect.scenario.site import Site

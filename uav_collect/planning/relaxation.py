@@ -13,9 +13,8 @@ Research 18 (6), 1970; Polyak's step sizes.
 
 from typing import NamedTuple
 
-from uav_collect.kernels.arrays import Row
+from uav_collect.kernels.arrays import new_row, Row, row_of
 from uav_collect.kernels.compile import kernel
-from uav_collect.kernels.rows import new_row, row_of
 from uav_collect.planning.problem import Errands, FAR
 
 _N_STEPS = 200  # prices tried

@@ -10,9 +10,8 @@ Problems", Transportation Science 54 (2), 2020.
 import math
 from typing import NamedTuple
 
-from uav_collect.kernels.arrays import Row
+from uav_collect.kernels.arrays import new_row, Row
 from uav_collect.kernels.compile import kernel
-from uav_collect.kernels.rows import new_row
 from uav_collect.planning.problem import Errands, FAR
 
 _MEAN_REMOVED = 8.0  # points taken out at once, on average

@@ -10,9 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 from uav_collect.errors import AllocationError
-from uav_collect.kernels.arrays import Row
+from uav_collect.kernels.arrays import new_row, Row
 from uav_collect.kernels.compile import kernel
-from uav_collect.kernels.rows import new_row
 from uav_collect.limits import ALLOCATOR_NAMES
 from uav_collect.physics.bandwidth import allocate_cvxpy, EQUAL, EXACT, share_bandwidth
 from uav_collect.uav import action_codes, actions

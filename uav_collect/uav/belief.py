@@ -6,9 +6,8 @@ what a UAV knows but never make it wrong.
 
 from typing import Generic, NamedTuple, TypeVar
 
-from uav_collect.kernels.arrays import Row
+from uav_collect.kernels.arrays import new_map_table, new_table, Row
 from uav_collect.kernels.compile import kernel, row_kernel
-from uav_collect.kernels.rows import new_map_table, new_table
 from uav_collect.uav import actions
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.view import LocalView, VIEW_CELLS

@@ -2,8 +2,7 @@
 
 from typing import NamedTuple
 
-from uav_collect.kernels.arrays import Row
-from uav_collect.kernels.rows import row_of
+from uav_collect.kernels.arrays import Row, row_of
 from uav_collect.physics.energy import propulsion_power_w
 from uav_collect.scenario.load import Scenario
 

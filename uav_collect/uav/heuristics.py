@@ -8,10 +8,9 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 import math
 
-from uav_collect.kernels.arrays import Row
+from uav_collect.kernels.arrays import new_row, Row
 from uav_collect.kernels.compile import kernel
 from uav_collect.kernels.keyed_random import draw_uniform, EXPLORATION
-from uav_collect.kernels.rows import new_row
 from uav_collect.uav import actions
 from uav_collect.uav.action_codes import COLUMN_STEP, FORWARD, HOME, HOVER, N_ACTIONS, ROW_STEP
 from uav_collect.uav.belief import Belief

@@ -17,8 +17,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 from uav_collect.errors import PolicyMismatchError
-from uav_collect.kernels.arrays import Bools, Floats, Ints, Row
-from uav_collect.kernels.rows import new_row
+from uav_collect.kernels.arrays import Bools, Floats, Ints, new_row, Row
 from uav_collect.limits import EGOCENTRIC_MAX_UAVS, MAX_UAVS
 from uav_collect.uav.action_codes import N_ACTIONS, NONE
 from uav_collect.uav.belief import Belief

@@ -2,8 +2,7 @@
 
 from typing import NamedTuple
 
-from uav_collect.kernels.arrays import Row
-from uav_collect.kernels.rows import new_row
+from uav_collect.kernels.arrays import new_row, Row
 
 VIEW_CELLS = 9  # the 3 x 3 region a UAV sees
 

@@ -9,9 +9,8 @@ from collections.abc import Sequence
 import math
 from typing import Any, Generic, NamedTuple, TypeVar
 
-from uav_collect.kernels.arrays import Row
+from uav_collect.kernels.arrays import new_table, Row
 from uav_collect.kernels.compile import kernel, row_kernel
-from uav_collect.kernels.rows import new_table
 from uav_collect.physics.radio import channel_draw, uplink_rate_bps
 from uav_collect.uav import actions
 from uav_collect.uav.action_codes import COLUMN_STEP, HOME, HOVER, NONE, ROW_STEP

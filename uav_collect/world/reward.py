@@ -8,9 +8,8 @@ from enum import IntEnum
 import math
 from typing import NamedTuple
 
-from uav_collect.kernels.arrays import Row
+from uav_collect.kernels.arrays import new_row, Row
 from uav_collect.kernels.compile import kernel
-from uav_collect.kernels.rows import new_row
 from uav_collect.uav.action_codes import HOVER, NONE
 from uav_collect.uav.actions import cell_at
 from uav_collect.uav.briefing import Briefing

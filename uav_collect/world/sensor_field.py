@@ -4,7 +4,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from uav_collect.kernels.arrays import Floats, Row
+from uav_collect.kernels.arrays import Floats, new_row, Row, row_of
 from uav_collect.kernels.compile import kernel
 from uav_collect.kernels.keyed_random import (
     DATA_AMOUNT,
@@ -14,7 +14,6 @@ from uav_collect.kernels.keyed_random import (
     draw_uniform,
     shuffle_first,
 )
-from uav_collect.kernels.rows import new_row, row_of
 from uav_collect.physics import radio
 from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import Site

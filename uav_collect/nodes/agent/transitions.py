@@ -2,8 +2,7 @@
 
 from typing import Any
 
-from uav_collect.kernels.arrays import Row
-from uav_collect.kernels.rows import new_row
+from uav_collect.kernels.arrays import new_row, Row
 from uav_collect.lockstep.published_policy import TopicPolicy
 from uav_collect.nodes import convert
 from uav_collect.uav.action_codes import BY_POLICY

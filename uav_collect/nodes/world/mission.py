@@ -8,8 +8,7 @@ import math
 from typing import Any
 
 from uav_collect.analysis.metrics import mission_metrics, MissionMetrics
-from uav_collect.kernels.arrays import Row
-from uav_collect.kernels.rows import row_of
+from uav_collect.kernels.arrays import Row, row_of
 from uav_collect.lockstep.published_policy import PublishedPolicy
 from uav_collect.lockstep.roster import Pilot
 from uav_collect.missions.event_log import mission_header
