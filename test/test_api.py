@@ -82,8 +82,8 @@ def test_type_checkers_and_programs_get_the_same_names_from_the_same_modules() -
 
 
 def test_a_name_that_is_not_there_is_an_attribute_error() -> None:
-    with pytest.raises(AttributeError, match="'uav_collect' has no attribute 'cockpit'"):
-        _ = uav_collect.cockpit
+    with pytest.raises(AttributeError, match="'uav_collect' has no attribute 'land'"):
+        _ = uav_collect.land
 
 
 def test_a_mission_has_a_log_metrics_tables_and_a_picture(tmp_path: Path) -> None:
@@ -160,6 +160,10 @@ def test_a_bound_is_beyond_what_is_flown() -> None:
         ),
         (
             partial(uav_collect.fly, 'paper_8x8', 'sweep', bandwidth='most'),
+            "allocator 'most' is unknown",
+        ),
+        (
+            partial(uav_collect.bound, 'paper_8x8', bandwidth='most'),
             "allocator 'most' is unknown",
         ),
         (

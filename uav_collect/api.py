@@ -30,6 +30,7 @@ from uav_collect.planning.bound import Bound, bound_of
 from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site, Site
+from uav_collect.uav.agent import allocator_named
 from uav_collect.uav.policy import NamedPolicy, policy_for
 from uav_collect.uav.user_policy import policy_of
 from uav_collect.world.sensor_field import demand_of
@@ -162,10 +163,11 @@ def bound(scenario: AnyScenario, *, seed: int = 0, bandwidth: str = 'exact') -> 
     """What is possible in a mission for a fleet that knows all demand: plans, and their limits.
 
     Raises:
-        UavCollectError: the scenario is not valid.
+        UavCollectError: the scenario is not valid, or there is no such bandwidth.
         ValueError: the seed is out of range.
     """
     _check_range('seed', seed, 0, MAX_SEED)
+    allocator_named(bandwidth)  # raises where there is none
     return bound_of(build_site(_loaded(scenario)), seed, bandwidth)
 
 
@@ -215,4 +217,4 @@ def _text(table: RenderableType) -> str:
     console = Console(file=StringIO(), width=_COLUMNS)
     with console.capture() as shown:
         console.print(table)
-    return shown.get().rstrip('\n')
+    return '\n'.join(line.rstrip() for line in shown.get().splitlines()).rstrip()
