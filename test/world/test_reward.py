@@ -15,8 +15,8 @@ from uav_collect.uav.action_codes import BACKWARD, FORWARD, HOVER, LEFT, RIGHT
 from uav_collect.uav.briefing import brief, Briefing
 from uav_collect.uav.view import new_view_rows
 from uav_collect.world.dynamics import look, Mission, mission_of, new_missions, start_action
-from uav_collect.world.reward import interval_reward
-from uav_collect.world.sensor_field import lay_out, most_sensors, SensorField
+from uav_collect.world.reward import interval_reward, reward_terms, RewardTerms
+from uav_collect.world.sensor_field import lay_out, most_sensors
 
 PENALTY = 0.01
 LOG_GAMMA = math.log(0.99)
@@ -161,7 +161,7 @@ def test_imperfect_knowledge_of_the_channel_is_rewarded_by_the_rate_it_allows() 
     assert log.events['duration_s'][0] > plain.events['duration_s'][0]
 
 
-def in_flight() -> tuple[Briefing, SensorField, Mission]:
+def in_flight() -> tuple[Briefing, RewardTerms, Mission]:
     """One UAV hovers over A for 0.94 s, the other one flies east for 10 s."""
     scenario = tiny(uav(5.0, start=(0, 1)), uav(5.0), sensors=[(75.0, 25.0, 2.0)])
     site = build_site(scenario)
@@ -171,27 +171,27 @@ def in_flight() -> tuple[Briefing, SensorField, Mission]:
     for unit, action in enumerate((HOVER, FORWARD)):
         view = look(briefing, sensor_field, mission, unit, rows)
         start_action(briefing, mission, unit, view, action, row_of([briefing.bandwidth_hz]))
-    return briefing, sensor_field, mission
+    return briefing, reward_terms(site), mission
 
 
 @settings(deadline=None, derandomize=True, database=None, max_examples=50)
 @given(st.tuples(*[st.floats(0.0, 12.0)] * 3).map(sorted))
 def test_two_intervals_are_worth_what_the_whole_is_worth(times_s: list[float]) -> None:
     start_s, middle_s, stop_s = times_s
-    briefing, sensor_field, mission = in_flight()
+    briefing, terms, mission = in_flight()
 
     def worth(from_s: float, to_s: float) -> float:
-        return interval_reward(briefing, sensor_field, mission, from_s, to_s)
+        return interval_reward(briefing, terms, mission, from_s, to_s)
 
     later = 0.99 ** (middle_s - start_s) * worth(middle_s, stop_s)
     assert worth(start_s, middle_s) + later == pytest.approx(worth(start_s, stop_s), abs=1e-12)
 
 
 def test_an_empty_interval_is_worth_nothing() -> None:
-    briefing, sensor_field, mission = in_flight()
-    assert interval_reward(briefing, sensor_field, mission, 0.5, 0.5) == 0.0
+    briefing, terms, mission = in_flight()
+    assert interval_reward(briefing, terms, mission, 0.5, 0.5) == 0.0
 
 
 def test_after_every_action_has_ended_nothing_is_earned_or_fined() -> None:
-    briefing, sensor_field, mission = in_flight()
-    assert interval_reward(briefing, sensor_field, mission, 10.0, 20.0) == 0.0
+    briefing, terms, mission = in_flight()
+    assert interval_reward(briefing, terms, mission, 10.0, 20.0) == 0.0

@@ -47,9 +47,11 @@ from uav_collect.world.reward import (
     new_earnings,
     news_reward,
     Reward,
+    reward_terms,
+    RewardTerms,
     start_earning,
 )
-from uav_collect.world.sensor_field import demand_by_cell, lay_out, SensorField
+from uav_collect.world.sensor_field import demand_by_cell, lay_out
 
 _ENERGY = int(Reward.ENERGY)
 
@@ -103,7 +105,8 @@ class EpisodeBuilder:
         self._layout, self._reward = layout, reward
         self._first_sensor = site.first_sensor.tolist()
         self._briefing = brief(scenario)
-        self._sensor_field = lay_out(site.with_discount(discount_per_s))
+        self._sensor_field = lay_out(site)
+        self._terms = reward_terms(site.with_discount(discount_per_s))
         self._mission = mission_of(new_missions(self._briefing, self._sensor_field, [0]), 0)
         self._earnings = new_earnings(1)
         self._union: Any = np.zeros(scenario.n_cells, dtype=np.uint8)
@@ -160,10 +163,11 @@ class EpisodeBuilder:
     def _write_rewards(self, events: _Events, records: Records, *, is_whole: bool) -> None:
         """Write what each decision earned until the next one, and how long that took."""
         self._union[:] = 0
+        restart_mission(self._briefing, self._sensor_field, self._mission)
         _sum_rewards(
             int(self._reward),
             self._briefing,
-            self._sensor_field,
+            self._terms,
             self._mission,
             events,
             is_whole,
@@ -282,7 +286,7 @@ def _columns(events: Sequence[EventReport], n_uavs: int, n_cells: int) -> _Event
 def _sum_rewards(
     goal: int,
     briefing: Briefing,
-    sensor_field: SensorField,
+    terms: RewardTerms,
     mission: Mission,
     events: _Events,
     is_whole: bool,
@@ -294,13 +298,12 @@ def _sum_rewards(
     """Sum up what each decision brought until the next one, as `batch_kernels.fly_on` does.
 
     Args:
-        mission: scratch.
+        mission: at its start; its legs are flown.
         earnings: scratch, of one mission.
         union: of the maps before the first event, (C,): zeros; written.
         reward_out: written, one for each decision; where a mission is cut off, not for the last.
         duration_out: the same.
     """
-    restart_mission(briefing, sensor_field, mission)
     start_earning(earnings, 0, 0.0)
     n_events = len(events.uav)
     row = -1
@@ -311,10 +314,10 @@ def _sum_rewards(
         stop_s = events.time_s[event] if event < n_events else end_s(mission)
         reward = events.reward[event - 1] if event > 0 else 0.0
         if goal == _ENERGY:
-            reward = energy_reward(briefing, sensor_field, mission, start_s, stop_s)
-        earn_interval(earnings, 0, sensor_field, reward, stop_s)
+            reward = energy_reward(briefing, terms, mission, start_s, stop_s)
+        earn_interval(earnings, 0, terms, reward, stop_s)
         if event < n_events and goal == _ENERGY:
-            earn(earnings, 0, sensor_field, news_reward(events.known[event], union))
+            earn(earnings, 0, terms, news_reward(events.known[event], union))
         if event == n_events or events.action[event] != HOME:
             if row >= 0:
                 reward_out[row] = earnings.reward[0]

@@ -44,6 +44,8 @@ from uav_collect.world.reward import (
     news_reward,
     paper_reward,
     Reward,
+    reward_terms,
+    RewardTerms,
     start_earning,
 )
 from uav_collect.world.sensor_field import lay_out, most_sensors, SensorField
@@ -84,6 +86,7 @@ class Batch(NamedTuple):
     settings: Settings
     briefing: Briefing
     sensor_field: SensorField
+    terms: RewardTerms  # of rewards
     missions: Missions
     beliefs: Beliefs  # by mission, then UAV: (W * U, ...)
     memory: Row[Row[int]]  # of the rules, the same
@@ -116,6 +119,7 @@ def new_batch(
         settings=settings,
         briefing=briefing,
         sensor_field=sensor_field,
+        terms=reward_terms(site),
         missions=new_missions(briefing, sensor_field, mission_seeds),
         beliefs=new_beliefs(briefing, n_worlds * n_uavs),
         memory=new_table(n_worlds * n_uavs, MEMORY_SIZE, 0),
@@ -220,7 +224,7 @@ def fly_on(batch: Batch, world: int) -> None:
         be_heard(batch, world, uav, heard, view.time_s)
         if settings.reward == _ENERGY:
             news = news_reward(belief.complete, batch.complete[world])
-            earn(batch.earnings, world, batch.sensor_field, news)
+            earn(batch.earnings, world, batch.terms, news)
         hover_s = allocate(settings.allocator, briefing, view, batch.workspace)
         legal, action = batch.workspace.legal, HOME
         reason = must_go_home(briefing, uav, belief.n_complete[0], view, hover_s, legal)
@@ -297,17 +301,17 @@ def end_interval(batch: Batch, world: int, stop_s: float) -> None:
     last = batch.n_events[world] - 1
     if last < 0:
         return
-    settings, briefing, sensor_field = batch.settings, batch.briefing, batch.sensor_field
+    settings, briefing, terms = batch.settings, batch.briefing, batch.terms
     mission, start_s = mission_of(batch.missions, world), batch.earnings.until_s[world]
     reward = 0.0
     if settings.is_logged == 1 or settings.reward == _PAPER:
-        reward = paper_reward(briefing, sensor_field, mission, start_s, stop_s)
+        reward = paper_reward(briefing, terms, mission, start_s, stop_s)
     if settings.is_logged == 1:
         batch.log.interval_s[world][last] = stop_s - start_s
         batch.log.reward[world][last] = reward
     if settings.reward == _ENERGY:
-        reward = energy_reward(briefing, sensor_field, mission, start_s, stop_s)
-    earn_interval(batch.earnings, world, sensor_field, reward, stop_s)
+        reward = energy_reward(briefing, terms, mission, start_s, stop_s)
+    earn_interval(batch.earnings, world, terms, reward, stop_s)
 
 
 @kernel

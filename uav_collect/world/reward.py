@@ -8,13 +8,13 @@ from enum import IntEnum
 import math
 from typing import NamedTuple
 
-from uav_collect.kernels.arrays import new_row, Row
+from uav_collect.kernels.arrays import new_row, Row, row_of
 from uav_collect.kernels.compile import kernel
+from uav_collect.scenario.site import Site
 from uav_collect.uav.action_codes import HOVER, NONE
 from uav_collect.uav.actions import cell_at
 from uav_collect.uav.briefing import Briefing
 from uav_collect.world.dynamics import end_s, Mission, next_uav
-from uav_collect.world.sensor_field import SensorField
 
 _KJ_PER_J = 1e-3
 
@@ -24,6 +24,28 @@ class Reward(IntEnum):
 
     PAPER = 0
     ENERGY = 1
+
+
+class RewardTerms(NamedTuple):
+    """What rewards are computed from, beside the mission."""
+
+    discount_per_s: float
+    move_penalty_per_s: float
+    scale_bit: float  # that is worth one
+    bonus_j: float  # alpha of the terminal reward: the largest energy budget
+    first_sensor: Row[int]  # by cell, and one past the last
+
+
+def reward_terms(site: Site) -> RewardTerms:
+    """The terms of a site's scenario."""
+    scenario = site.scenario
+    return RewardTerms(
+        discount_per_s=scenario.reward.discount_per_s,
+        move_penalty_per_s=scenario.reward.move_penalty_per_s,
+        scale_bit=scenario.reward.scale_mbit * 1e6,
+        bonus_j=max(uav.energy_budget_j for uav in scenario.uavs),
+        first_sensor=row_of(site.first_sensor.tolist()),
+    )
 
 
 class Earnings(NamedTuple):
@@ -53,23 +75,23 @@ def start_earning(earnings: Earnings, world: int, time_s: float) -> None:
 
 @kernel
 def earn_interval(
-    earnings: Earnings, world: int, sensor_field: SensorField, reward: float, stop_s: float
+    earnings: Earnings, world: int, terms: RewardTerms, reward: float, stop_s: float
 ) -> None:
     """Add the reward of an interval, discounted to its start, and go on to its end."""
-    earn(earnings, world, sensor_field, reward)
+    earn(earnings, world, terms, reward)
     earnings.until_s[world] = stop_s
 
 
 @kernel
-def earn(earnings: Earnings, world: int, sensor_field: SensorField, reward: float) -> None:
+def earn(earnings: Earnings, world: int, terms: RewardTerms, reward: float) -> None:
     """Add a reward of the moment up to which rewards are counted."""
     waited_s = earnings.until_s[world] - earnings.since_s[world]
-    earnings.reward[world] += discount(sensor_field, waited_s) * reward
+    earnings.reward[world] += discount(terms, waited_s) * reward
 
 
 @kernel
 def energy_reward(
-    briefing: Briefing, sensor_field: SensorField, mission: Mission, start_s: float, stop_s: float
+    briefing: Briefing, terms: RewardTerms, mission: Mission, start_s: float, stop_s: float
 ) -> float:
     """Minus the kilojoules that all UAVs spend over an interval, discounted to its start.
 
@@ -82,15 +104,15 @@ def energy_reward(
         acting_w = hover_w if mission.action[uav] == HOVER else briefing.flight_power_w[uav]
         acting_s = min(stop_s, acted_s) - start_s
         if acting_s > 0.0:
-            spent_kj += acting_w * _KJ_PER_J * _discounted_s(sensor_field, acting_s)
+            spent_kj += acting_w * _KJ_PER_J * _discounted_s(terms, acting_s)
         waits_from_s = max(start_s, acted_s)
         waiting_s = min(stop_s, mission.leg_end_s[uav]) - waits_from_s
         if waiting_s > 0.0:
             spent_kj += (
                 hover_w
                 * _KJ_PER_J
-                * discount(sensor_field, waits_from_s - start_s)
-                * _discounted_s(sensor_field, waiting_s)
+                * discount(terms, waits_from_s - start_s)
+                * _discounted_s(terms, waiting_s)
             )
     return -spent_kj
 
@@ -113,16 +135,16 @@ def news_reward(known: Row[int], complete: Row[int]) -> float:
 
 @kernel
 def paper_reward(
-    briefing: Briefing, sensor_field: SensorField, mission: Mission, start_s: float, stop_s: float
+    briefing: Briefing, terms: RewardTerms, mission: Mission, start_s: float, stop_s: float
 ) -> float:
     """The scenario's own reward of an interval, the bonus at the mission's end included."""
-    reward = interval_reward(briefing, sensor_field, mission, start_s, stop_s)
-    return reward + terminal_reward(briefing, sensor_field, mission, start_s)
+    reward = interval_reward(briefing, terms, mission, start_s, stop_s)
+    return reward + terminal_reward(briefing, terms, mission, start_s)
 
 
 @kernel
 def interval_reward(
-    briefing: Briefing, sensor_field: SensorField, mission: Mission, start_s: float, stop_s: float
+    briefing: Briefing, terms: RewardTerms, mission: Mission, start_s: float, stop_s: float
 ) -> float:
     """Reward of all UAVs' running actions over an interval, discounted to its start.
 
@@ -135,16 +157,16 @@ def interval_reward(
         if mission.action[uav] == NONE or stop_leg_s <= start_s:
             continue
         if mission.action[uav] == HOVER:
-            reward += _upload_reward(briefing, sensor_field, mission, uav, start_s, stop_s)
+            reward += _upload_reward(briefing, terms, mission, uav, start_s, stop_s)
         else:
-            flown_s = _discounted_s(sensor_field, stop_leg_s - start_s)
-            reward -= sensor_field.move_penalty_per_s * flown_s
+            flown_s = _discounted_s(terms, stop_leg_s - start_s)
+            reward -= terms.move_penalty_per_s * flown_s
     return reward
 
 
 @kernel
 def terminal_reward(
-    briefing: Briefing, sensor_field: SensorField, mission: Mission, start_s: float
+    briefing: Briefing, terms: RewardTerms, mission: Mission, start_s: float
 ) -> float:
     """The bonus at the mission's end, discounted to the start of its last interval.
 
@@ -158,25 +180,20 @@ def terminal_reward(
         energy_j += briefing.energy_budget_j[uav] - mission.energy_left_j[uav]
     if energy_j <= 0.0:
         return 0.0
-    collected = mission.collected_bit[0] / sensor_field.reward_scale_bit
-    return (
-        discount(sensor_field, end_s(mission) - start_s)
-        * sensor_field.bonus_j
-        * collected
-        / energy_j
-    )
+    collected = mission.collected_bit[0] / terms.scale_bit
+    return discount(terms, end_s(mission) - start_s) * terms.bonus_j * collected / energy_j
 
 
 @kernel
-def discount(sensor_field: SensorField, duration_s: float) -> float:
+def discount(terms: RewardTerms, duration_s: float) -> float:
     """What a reward is worth that comes so much later."""
-    return math.exp(math.log(sensor_field.discount_per_s) * duration_s)
+    return math.exp(math.log(terms.discount_per_s) * duration_s)
 
 
 @kernel
 def _upload_reward(
     briefing: Briefing,
-    sensor_field: SensorField,
+    terms: RewardTerms,
     mission: Mission,
     uav: int,
     start_s: float,
@@ -184,19 +201,19 @@ def _upload_reward(
 ) -> float:
     cell = cell_at(briefing, mission.leg_end_x_m[uav], mission.leg_end_y_m[uav])
     reward = 0.0
-    for sensor in range(sensor_field.first_sensor[cell], sensor_field.first_sensor[cell + 1]):
+    for sensor in range(terms.first_sensor[cell], terms.first_sensor[cell + 1]):
         up_s = mission.leg_start_s[uav] + mission.upload_s[sensor]
         sent_s = min(stop_s, up_s) - start_s
         if mission.rate_bps[sensor] > 0.0 and sent_s > 0.0:
-            rate = mission.rate_bps[sensor] / sensor_field.reward_scale_bit
-            reward += rate * _discounted_s(sensor_field, sent_s)
+            rate = mission.rate_bps[sensor] / terms.scale_bit
+            reward += rate * _discounted_s(terms, sent_s)
     return reward
 
 
 @kernel
-def _discounted_s(sensor_field: SensorField, duration_s: float) -> float:
+def _discounted_s(terms: RewardTerms, duration_s: float) -> float:
     """The integral of gamma^t over a duration, eq. (reward_plain)."""
-    if sensor_field.discount_per_s >= 1.0:
+    if terms.discount_per_s >= 1.0:
         return duration_s
-    log_discount = math.log(sensor_field.discount_per_s)
+    log_discount = math.log(terms.discount_per_s)
     return math.expm1(log_discount * duration_s) / log_discount

@@ -34,14 +34,10 @@ class SensorField(NamedTuple):
     high_bit: float
     given_bit: Row[float]  # amount of data that the site's file gives; nan: drawn
     candidates: Row[int]  # scratch: the cells that have sensors
-    discount_per_s: float
-    move_penalty_per_s: float
-    reward_scale_bit: float
-    bonus_j: float  # alpha of the terminal reward: the largest energy budget
 
 
 def lay_out(site: Site) -> SensorField:
-    """The sensor field of a site under its scenario's radio, demand and reward."""
+    """The sensor field of a site under its scenario's radio and demand."""
     scenario = site.scenario
     config = scenario.radio
     centre_m = _cell_centres_m(scenario)[site.cell]
@@ -79,10 +75,6 @@ def lay_out(site: Site) -> SensorField:
         high_bit=high_mbit * 1e6,
         given_bit=row_of(site.data_bit.tolist()),
         candidates=new_row(scenario.n_cells, 0),
-        discount_per_s=scenario.reward.discount_per_s,
-        move_penalty_per_s=scenario.reward.move_penalty_per_s,
-        reward_scale_bit=scenario.reward.scale_mbit * 1e6,
-        bonus_j=max(uav.energy_budget_j for uav in scenario.uavs),
     )
 
 
