@@ -49,7 +49,6 @@ COMPLETION = PanelMeasure(
 COLLECTED = PanelMeasure(key='collected_share', title='data collected', unit='%', scale=100.0)
 COLLECTING = PanelMeasure(key='collecting_s', title='time spent collecting, all UAVs', unit='s')
 REWARD = PanelMeasure(key='training_reward', title='reward of a mission in training', unit='1')
-MEASURES = (EFFICIENCY, COMPLETION, COLLECTED, COLLECTING, REWARD)
 
 
 @dataclass(frozen=True, kw_only=True)

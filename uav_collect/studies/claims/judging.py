@@ -96,10 +96,6 @@ class StudyResults:
             raise TypeError(f'{name} is no study of single missions')
         return study
 
-    def tested(self, study: LinesStudy, label: str, index: int, measure: PanelMeasure) -> Samples:
-        """The values of a measure, mission by mission, at one value of what a line runs over."""
-        return self.missions(study.line(label).tests[index], measure)
-
     def missions(self, tested: MissionSet, measure: PanelMeasure) -> Samples:
         """The values of a measure, mission by mission."""
         column = self.findings.column(tested, measure)

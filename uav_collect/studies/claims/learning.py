@@ -27,25 +27,23 @@ def aqmix_above_in_every_area(results: StudyResults) -> Iterator[Evidence]:
 def waiting_costs_energy(results: StudyResults) -> Iterator[Evidence]:
     """Efficiency of the training's own missions, in which UAVs of QMIX wait."""
     for panel in results.panels('learning-areas'):
-        yield is_above(
-            f'{panel.label}: efficiency while learning, AQMIX less QMIX',
-            EFFICIENCY.unit,
-            results.ends(panel.curve(AQMIX), _EFFICIENCY_IN_TRAINING),
-            results.ends(panel.curve(QMIX), _EFFICIENCY_IN_TRAINING),
+        what = f'{panel.label}: efficiency while learning, AQMIX less QMIX'
+        aqmix, qmix = (
+            results.ends(panel.curve(label), _EFFICIENCY_IN_TRAINING) for label in (AQMIX, QMIX)
         )
+        yield is_above(what, EFFICIENCY.unit, aqmix, qmix)
 
 
 def aiql_varies_more(results: StudyResults) -> Iterator[Evidence]:
     """How far each seed's reward is from the middle of all seeds."""
     for panel in results.panels('learning-areas'):
-        spread = _spread(results.ends(panel.curve(AIQL), REWARD.key))
+        spread = {
+            label: _spread(results.ends(panel.curve(label), REWARD.key))
+            for label in (AIQL, AQMIX, QMIX)
+        }
         for rival in (AQMIX, QMIX):
-            yield is_above(
-                f'{panel.label}: distance of a seed from the median, AIQL less {rival}',
-                REWARD.unit,
-                spread,
-                _spread(results.ends(panel.curve(rival), REWARD.key)),
-            )
+            what = f'{panel.label}: distance of a seed from the median, AIQL less {rival}'
+            yield is_above(what, REWARD.unit, spread[AIQL], spread[rival])
 
 
 def alike_with_one_uav(results: StudyResults) -> Iterator[Evidence]:
@@ -53,14 +51,9 @@ def alike_with_one_uav(results: StudyResults) -> Iterator[Evidence]:
     panel = results.panels('learning-uavs')[0]
     aqmix = results.ends(panel.curve(AQMIX), EFFICIENCY.key)
     for rival in (QMIX, AIQL):
-        other = results.ends(panel.curve(rival), EFFICIENCY.key)
-        yield is_within(
-            f'{panel.label}: change of the validated efficiency from AQMIX to {rival}',
-            '%',
-            changed_percent(other, aqmix),
-            -_ALIKE_PERCENT,
-            _ALIKE_PERCENT,
-        )
+        change = changed_percent(results.ends(panel.curve(rival), EFFICIENCY.key), aqmix)
+        what = f'{panel.label}: change of the validated efficiency from AQMIX to {rival}'
+        yield is_within(what, '%', change, -_ALIKE_PERCENT, _ALIKE_PERCENT)
 
 
 def gaps_grow_with_uavs(results: StudyResults) -> Iterator[Evidence]:
@@ -73,12 +66,8 @@ def gaps_grow_with_uavs(results: StudyResults) -> Iterator[Evidence]:
         gaps = [_relative_gap(results, panel, rival) for panel in (few, many)]
         n_seeds = min(len(gap.value) for gap in gaps)
         early, late = (Samples(value=gap.value[:n_seeds], noun='seed') for gap in gaps)
-        yield is_above(
-            f'lead over {rival} in validated efficiency, {many.label} less {few.label}',
-            '% of AQMIX',
-            late,
-            early,
-        )
+        what = f'lead over {rival} in validated efficiency, {many.label} less {few.label}'
+        yield is_above(what, '% of AQMIX', late, early)
 
 
 def aiql_drops_with_uavs(results: StudyResults) -> Iterator[Evidence]:
@@ -87,11 +76,8 @@ def aiql_drops_with_uavs(results: StudyResults) -> Iterator[Evidence]:
     few, many = panels[0], panels[-1]
     curves = few.curve(AIQL), many.curve(AIQL)
     n_seeds = min(len(curve.digests) for curve in curves)
-    yield is_above(
-        f'reward of AIQL, {few.label} less {many.label}',
-        REWARD.unit,
-        *(results.ends(curve, REWARD.key, n_seeds) for curve in curves),
-    )
+    rewards = (results.ends(curve, REWARD.key, n_seeds) for curve in curves)
+    yield is_above(f'reward of AIQL, {few.label} less {many.label}', REWARD.unit, *rewards)
 
 
 def middle_kernel_best(results: StudyResults) -> Iterator[Evidence]:
@@ -101,23 +87,14 @@ def middle_kernel_best(results: StudyResults) -> Iterator[Evidence]:
     if middle is None:
         return
     for other in (panel.curves[0], panel.curves[-1]):
-        yield is_above(
-            f'reward, {_REGION} less {other.label}',
-            REWARD.unit,
-            results.ends(middle, REWARD.key),
-            results.ends(other, REWARD.key),
-        )
+        rewards = (results.ends(curve, REWARD.key) for curve in (middle, other))
+        yield is_above(f'reward, {_REGION} less {other.label}', REWARD.unit, *rewards)
 
 
 def _ahead(results: StudyResults, panel: CurvesPanel) -> Iterator[Evidence]:
-    aqmix = results.ends(panel.curve(AQMIX), REWARD.key)
     for rival in (QMIX, AIQL):
-        yield is_above(
-            f'{panel.label}: reward, AQMIX less {rival}',
-            REWARD.unit,
-            aqmix,
-            results.ends(panel.curve(rival), REWARD.key),
-        )
+        rewards = (results.ends(panel.curve(label), REWARD.key) for label in (AQMIX, rival))
+        yield is_above(f'{panel.label}: reward, AQMIX less {rival}', REWARD.unit, *rewards)
 
 
 def _relative_gap(results: StudyResults, panel: CurvesPanel, rival: str) -> Samples:

@@ -19,7 +19,6 @@ from uav_collect.studies.study import (
     COMPLETION,
     EFFICIENCY,
     HERT,
-    LinesStudy,
     PanelMeasure,
     QMIX,
 )
@@ -31,86 +30,121 @@ _MARGINAL_PERCENT = 2.0
 _ROBUST_PERCENT = 5.0
 _OPTIMAL, _EQUAL = f'{AQMIX}, optimal bandwidth', f'{AQMIX}, equal bandwidth'
 
+_Place = tuple[str, int]  # the label of a line, and the index of a value that it runs over
+
+
+class _Tests:
+    """Compares the lines of a study of tests."""
+
+    def __init__(self, results: StudyResults, name: str) -> None:
+        self._results, self._study = results, results.lines(name)
+        self.values = self._study.values
+        self.names = self._study.names or tuple(f'{value:g}' for value in self.values)
+
+    def samples(self, place: _Place, measure: PanelMeasure) -> Samples:
+        """The values of a measure at a place, mission by mission."""
+        label, index = place
+        return self._results.missions(self._study.line(label).tests[index], measure)
+
+    def above(self, what: str, measure: PanelMeasure, high: _Place, low: _Place) -> Evidence:
+        """Whether a measure is larger at one place than at another."""
+        first, second = self.samples(high, measure), self.samples(low, measure)
+        return is_above(what, measure.unit, first, second)
+
+    def changed_percent(self, measure: PanelMeasure, after: _Place, before: _Place) -> Samples:
+        """By how much a measure changes between two places."""
+        return changed_percent(self.samples(after, measure), self.samples(before, measure))
+
+    def change(
+        self, what: str, measure: PanelMeasure, label: str, indices: tuple[int, int],
+        low: float = -_ALIKE_PERCENT, high: float = _ALIKE_PERCENT,
+    ) -> Evidence:  # fmt: skip
+        """Whether a measure of a line changes by so much from one value to another."""
+        before, after = ((label, index) for index in indices)
+        changed = self.changed_percent(measure, after, before)
+        return is_within(f'change of the {measure.title} of {what}', '%', changed, low, high)
+
+    def collected(self, label: str, budget_kj: float, low: float, high: float) -> Evidence:
+        """Whether a policy collects so much with a budget, or the nearest one that was tested."""
+        index = self.nearest(budget_kj)
+        what = f'data collected by {label} with {self.names[index]} kJ'
+        samples = self.samples((label, index), COLLECTED)
+        return is_within(what, COLLECTED.unit, samples, low, high)
+
+    def nearest(self, value: float) -> int:
+        """Index of the value next to one."""
+        return int(np.argmin(np.abs(np.array(self.values) - value)))
+
+    def at(self, index: int) -> str:
+        """A value, for people."""
+        return f'{self._study.over.split(" [")[0]} {self.names[index]}'
+
+    def ahead(self, rival: str, index: int) -> Iterator[Evidence]:
+        """Time that AQMIX saves and efficiency that it adds at a value."""
+        ours, theirs, at = (AQMIX, index), (rival, index), self.at(index)
+        yield self.above(f'{at}: time, {rival} less AQMIX', COMPLETION, theirs, ours)
+        yield self.above(f'{at}: efficiency, AQMIX less {rival}', EFFICIENCY, ours, theirs)
+
+    def ahead_everywhere(self) -> Iterator[Evidence]:
+        """The same at every value, of every rival."""
+        for index in range(len(self.values)):
+            for rival in (QMIX, AIQL, HERT):
+                yield from self.ahead(rival, index)
+
 
 def enough_energy(results: StudyResults) -> Iterator[Evidence]:
-    """Data collected with the paper's budget, or the nearest one that was tested."""
-    study = results.lines('energy')
-    index = _nearest(study, _ENOUGH_KJ)
+    """Data collected with the paper's budget."""
+    tests = _Tests(results, 'energy')
     for label in (AQMIX, QMIX, HERT):
-        collected = results.tested(study, label, index, COLLECTED)
-        what = f'data collected by {label} with {study.values[index]:g} kJ'
-        yield is_within(what, COLLECTED.unit, collected, _ALL_PERCENT, 100.0)
+        yield tests.collected(label, _ENOUGH_KJ, _ALL_PERCENT, 100.0)
 
 
 def aiql_needs_more_energy(results: StudyResults) -> Iterator[Evidence]:
-    """Data left behind with the paper's largest budget, or the nearest one that was tested."""
-    study = results.lines('energy')
-    index = _nearest(study, _LONG_KJ)
-    collected = results.tested(study, AIQL, index, COLLECTED)
-    what = f'data collected by AIQL with {study.values[index]:g} kJ'
-    yield is_within(what, COLLECTED.unit, collected, 0.0, _ALL_PERCENT)
+    """Data left behind with the paper's largest budget."""
+    yield _Tests(results, 'energy').collected(AIQL, _LONG_KJ, 0.0, _ALL_PERCENT)
 
 
 def more_energy_changes_nothing(results: StudyResults) -> Iterator[Evidence]:
     """The largest budget against the one that is enough."""
-    study = results.lines('energy')
-    enough = _nearest(study, _ENOUGH_KJ)
+    tests = _Tests(results, 'energy')
+    enough = tests.nearest(_ENOUGH_KJ)
+    span = f'{AQMIX} from {tests.names[enough]} to {tests.names[-1]} kJ'
     for measure in (COMPLETION, EFFICIENCY):
-        before, after = (results.tested(study, AQMIX, index, measure) for index in (enough, -1))
-        yield is_within(
-            f'change of the {measure.title} of AQMIX from {study.values[enough]:g} to '
-            f'{study.values[-1]:g} kJ',
-            '%',
-            changed_percent(after, before),
-            -_ALIKE_PERCENT,
-            _ALIKE_PERCENT,
-        )
+        yield tests.change(span, measure, AQMIX, (enough, -1))
 
 
 def aqmix_best_over_budgets(results: StudyResults) -> Iterator[Evidence]:
     """With the largest budget, where every policy has what it needs; data with the smallest."""
-    study = results.lines('energy')
+    tests = _Tests(results, 'energy')
     for rival in (QMIX, AIQL, HERT):
-        yield from _ahead(results, study, rival, len(study.values) - 1)
-        yield is_above(
-            f'{_at(study, 0)}: data collected, AQMIX less {rival}',
-            COLLECTED.unit,
-            results.tested(study, AQMIX, 0, COLLECTED),
-            results.tested(study, rival, 0, COLLECTED),
-        )
+        yield from tests.ahead(rival, len(tests.values) - 1)
+        what = f'{tests.at(0)}: data collected, AQMIX less {rival}'
+        yield tests.above(what, COLLECTED, (AQMIX, 0), (rival, 0))
 
 
 def rising_with_density(results: StudyResults) -> Iterator[Evidence]:
     """AQMIX at each density against the one before."""
-    study = results.lines('density')
+    tests = _Tests(results, 'density')
     for measure in (COMPLETION, EFFICIENCY):
-        for index in range(1, len(study.values)):
-            yield is_above(
-                f'{measure.title} of AQMIX, density {study.values[index]:g} less '
-                f'{study.values[index - 1]:g}',
-                measure.unit,
-                results.tested(study, AQMIX, index, measure),
-                results.tested(study, AQMIX, index - 1, measure),
-            )
+        for index in range(1, len(tests.values)):
+            names = f'density {tests.names[index]} less {tests.names[index - 1]}'
+            what = f'{measure.title} of AQMIX, {names}'
+            yield tests.above(what, measure, (AQMIX, index), (AQMIX, index - 1))
 
 
 def aqmix_best_over_densities(results: StudyResults) -> Iterator[Evidence]:
-    """Every density, every rival."""
-    yield from _best_everywhere(results, results.lines('density'))
+    """AQMIX against every rival at every density."""
+    return _Tests(results, 'density').ahead_everywhere()
 
 
 def faster_but_less_efficient(results: StudyResults) -> Iterator[Evidence]:
     """The smallest fleet against the largest."""
-    study = results.lines('uavs')
+    tests = _Tests(results, 'uavs')
+    fleets = f'{tests.names[0]} UAV less {tests.names[-1]} UAVs'
     for label in (AQMIX, QMIX):
         for measure in (COMPLETION, EFFICIENCY):
-            yield is_above(
-                f'{measure.title} of {label}, {study.values[0]:g} UAV less '
-                f'{study.values[-1]:g} UAVs',
-                measure.unit,
-                results.tested(study, label, 0, measure),
-                results.tested(study, label, -1, measure),
-            )
+            what = f'{measure.title} of {label}, {fleets}'
+            yield tests.above(what, measure, (label, 0), (label, -1))
 
 
 def second_uav_of_aqmix(results: StudyResults) -> Iterator[Evidence]:
@@ -120,199 +154,121 @@ def second_uav_of_aqmix(results: StudyResults) -> Iterator[Evidence]:
 
 
 def second_uav_of_qmix(results: StudyResults) -> Iterator[Evidence]:
-    """Read as 45 to 55 % and 25 to 35 %."""
+    """50 % is read as 45 to 55 %, 30 % as 25 to 35 %."""
     yield from _second_uav(results, QMIX, COMPLETION, -55.0, -45.0)
     yield from _second_uav(results, QMIX, EFFICIENCY, -35.0, -25.0)
 
 
 def hert_in_proportion(results: StudyResults) -> Iterator[Evidence]:
     """Time times the number of UAVs, and efficiency, stay within a tenth."""
-    study = results.lines('uavs')
-    first = study.values[0]
-    for index in range(1, len(study.values)):
-        share = study.values[index] / first
-        times = [results.tested(study, HERT, it, COMPLETION) for it in (index, 0)]
-        together = Samples(value=times[0].value * share, noun='mission')
-        what = f'from {first:g} to {study.values[index]:g} UAVs'
-        yield is_within(
-            f'change of time x number of UAVs {what}', '%',
-            changed_percent(together, times[1]), -10.0, 10.0,
-        )  # fmt: skip
-        efficiencies = [results.tested(study, HERT, it, EFFICIENCY) for it in (index, 0)]
-        yield is_within(
-            f'change of efficiency {what}', '%', changed_percent(*efficiencies), -10.0, 10.0
-        )
+    tests = _Tests(results, 'uavs')
+    for index in range(1, len(tests.values)):
+        share = tests.values[index] / tests.values[0]
+        times = [tests.samples((HERT, it), COMPLETION) for it in (index, 0)]
+        worked = Samples(value=times[0].value * share, noun='mission')
+        what = f'from {tests.names[0]} to {tests.names[index]} UAVs'
+        change = changed_percent(worked, times[1])
+        yield is_within(f'change of time x number of UAVs {what}', '%', change, -10.0, 10.0)
+        change = tests.changed_percent(EFFICIENCY, (HERT, index), (HERT, 0))
+        yield is_within(f'change of efficiency {what}', '%', change, -10.0, 10.0)
 
 
 def aiql_poor_with_many(results: StudyResults) -> Iterator[Evidence]:
     """AIQL against HERT, the paper's weakest, wherever there are more than two UAVs."""
-    study = results.lines('uavs')
-    for index, n_uavs in enumerate(study.values):
+    tests = _Tests(results, 'uavs')
+    for index, n_uavs in enumerate(tests.values):
         if n_uavs > 2:
-            yield is_above(
-                f'{_at(study, index)}: efficiency, HERT less AIQL',
-                EFFICIENCY.unit,
-                results.tested(study, HERT, index, EFFICIENCY),
-                results.tested(study, AIQL, index, EFFICIENCY),
-            )
+            what = f'{tests.at(index)}: efficiency, HERT less AIQL'
+            yield tests.above(what, EFFICIENCY, (HERT, index), (AIQL, index))
 
 
 def aqmix_best_over_fleets(results: StudyResults) -> Iterator[Evidence]:
-    """Every fleet, every rival."""
-    yield from _best_everywhere(results, results.lines('uavs'))
+    """AQMIX against every rival with every fleet."""
+    return _Tests(results, 'uavs').ahead_everywhere()
 
 
 def hert_without_radio(results: StudyResults) -> Iterator[Evidence]:
-    """The largest range against none."""
-    study = results.lines('range')
+    """HERT with the largest range against none."""
+    tests = _Tests(results, 'range')
     for measure in (COMPLETION, EFFICIENCY):
-        yield _over_range(results, study, HERT, measure, -_ALIKE_PERCENT, _ALIKE_PERCENT)
+        yield tests.change(f'{HERT}, {_ranges(tests)}', measure, HERT, (0, -1))
 
 
 def better_with_range(results: StudyResults) -> Iterator[Evidence]:
-    """The largest range against none."""
-    study = results.lines('range')
+    """AQMIX and QMIX with the largest range against none."""
+    tests = _Tests(results, 'range')
     for label in (AQMIX, QMIX):
-        none, full = (
-            (results.tested(study, label, it, COMPLETION),
-             results.tested(study, label, it, EFFICIENCY))
-            for it in (0, -1)
-        )  # fmt: skip
-        span = f'{label}, {study.names[0]} to {study.names[-1]}'
-        yield is_above(f'time that {span} saves', COMPLETION.unit, none[0], full[0])
-        yield is_above(f'efficiency that {span} adds', EFFICIENCY.unit, full[1], none[1])
+        none, full, span = (label, 0), (label, -1), f'{label}, {_ranges(tests)}'
+        yield tests.above(f'time that {span} saves', COMPLETION, none, full)
+        yield tests.above(f'efficiency that {span} adds', EFFICIENCY, full, none)
 
 
 def aiql_without_gain(results: StudyResults) -> Iterator[Evidence]:
     """The largest range against none: no better by more than what counts as alike."""
-    study = results.lines('range')
-    yield _over_range(results, study, AIQL, EFFICIENCY, -100.0, _ALIKE_PERCENT)
+    tests = _Tests(results, 'range')
+    yield tests.change(f'{AIQL}, {_ranges(tests)}', EFFICIENCY, AIQL, (0, -1), low=-100.0)
 
 
 def aqmix_best_over_ranges(results: StudyResults) -> Iterator[Evidence]:
-    """Every range, every rival."""
-    yield from _best_everywhere(results, results.lines('range'))
+    """AQMIX against every rival at every range."""
+    return _Tests(results, 'range').ahead_everywhere()
 
 
 def optimal_better(results: StudyResults) -> Iterator[Evidence]:
-    """Every channel error."""
-    study = results.lines('csi')
-    for index, error in enumerate(study.values):
-        optimal, equal = (
-            [results.tested(study, label, index, it) for it in (COLLECTING, EFFICIENCY)]
-            for label in (_OPTIMAL, _EQUAL)
-        )
-        at = f'error {error:g}'
-        yield is_above(f'{at}: time saved in collecting', 's', equal[0], optimal[0])
-        yield is_above(f'{at}: efficiency gained', EFFICIENCY.unit, optimal[1], equal[1])
+    """Both ways to share bandwidth at every channel error."""
+    tests = _Tests(results, 'csi')
+    for index, name in enumerate(tests.names):
+        optimal, equal = (_OPTIMAL, index), (_EQUAL, index)
+        yield tests.above(f'error {name}: time saved in collecting', COLLECTING, equal, optimal)
+        yield tests.above(f'error {name}: efficiency gained', EFFICIENCY, optimal, equal)
 
 
 def robust_to_errors(results: StudyResults) -> Iterator[Evidence]:
     """The largest channel error against none."""
-    study = results.lines('csi')
-    without, with_error = (results.tested(study, _OPTIMAL, index, EFFICIENCY) for index in (0, -1))
-    yield is_within(
-        f'change of efficiency from error {study.values[0]:g} to {study.values[-1]:g}',
-        '%',
-        changed_percent(with_error, without),
-        -_ROBUST_PERCENT,
-        100.0,
-    )
+    tests = _Tests(results, 'csi')
+    change = tests.changed_percent(EFFICIENCY, (_OPTIMAL, -1), (_OPTIMAL, 0))
+    what = f'change of efficiency from error {tests.names[0]} to {tests.names[-1]}'
+    yield is_within(what, '%', change, -_ROBUST_PERCENT, 100.0)
 
 
 def marginal_gain_when_sparse(results: StudyResults) -> Iterator[Evidence]:
-    """The smallest density."""
-    study = results.lines('bandwidth')
-    yield is_within(
-        f'gain of efficiency at density {study.values[0]:g}',
-        '%',
-        _gain(results, study, 0),
-        -_MARGINAL_PERCENT,
-        _MARGINAL_PERCENT,
-    )
+    """What the optimal bandwidth gains at the smallest density."""
+    tests = _Tests(results, 'bandwidth')
+    gain = tests.changed_percent(EFFICIENCY, (_OPTIMAL, 0), (_EQUAL, 0))
+    what = f'gain of efficiency at density {tests.names[0]}'
+    yield is_within(what, '%', gain, -_MARGINAL_PERCENT, _MARGINAL_PERCENT)
 
 
 def gain_grows_with_density(results: StudyResults) -> Iterator[Evidence]:
-    """The largest density against the smallest."""
-    study = results.lines('bandwidth')
-    yield is_above(
-        f'gain of efficiency, density {study.values[-1]:g} less {study.values[0]:g}',
-        'percentage points',
-        _gain(results, study, -1),
-        _gain(results, study, 0),
+    """What the optimal bandwidth gains at the largest density against the smallest."""
+    tests = _Tests(results, 'bandwidth')
+    dense, sparse = (
+        tests.changed_percent(EFFICIENCY, (_OPTIMAL, index), (_EQUAL, index)) for index in (-1, 0)
     )
+    what = f'gain of efficiency, density {tests.names[-1]} less {tests.names[0]}'
+    yield is_above(what, 'percentage points', dense, sparse)
 
 
 def less_overlap(results: StudyResults) -> Iterator[Evidence]:
     """Cells that several UAVs flew to, as a share of all that were flown to, in all missions."""
-    study = results.trajectories('trajectories')
     overlap = {}
-    for label, tested in study.tests.items():
-        shared, visited = (
-            results.findings.numbers(tested, key) for key in ('shared_cells', 'visited_cells')
-        )
+    for label, tested in results.trajectories('trajectories').tests.items():
+        shared = results.findings.numbers(tested, 'shared_cells')
+        visited = results.findings.numbers(tested, 'visited_cells')
         overlap[label] = Samples(value=100.0 * shared / np.maximum(visited, 1.0), noun='mission')
     for rival in (QMIX, AIQL):
-        yield is_above(
-            f'cells of several UAVs, {rival} less AQMIX', '% of cells', overlap[rival],
-            overlap[AQMIX],
-        )  # fmt: skip
-
-
-def _nearest(study: LinesStudy, value: float) -> int:
-    return int(np.argmin(np.abs(np.array(study.values) - value)))
-
-
-def _at(study: LinesStudy, index: int) -> str:
-    shown = study.names[index] if study.names else f'{study.values[index]:g}'
-    return f'{study.over.split(" [")[0]} {shown}'
-
-
-def _ahead(results: StudyResults, study: LinesStudy, rival: str, index: int) -> Iterator[Evidence]:
-    """Time that AQMIX saves and efficiency that it adds."""
-    aqmix, other = (
-        [results.tested(study, label, index, it) for it in (COMPLETION, EFFICIENCY)]
-        for label in (AQMIX, rival)
-    )
-    at = _at(study, index)
-    yield is_above(f'{at}: time, {rival} less AQMIX', COMPLETION.unit, other[0], aqmix[0])
-    yield is_above(f'{at}: efficiency, AQMIX less {rival}', EFFICIENCY.unit, aqmix[1], other[1])
-
-
-def _best_everywhere(results: StudyResults, study: LinesStudy) -> Iterator[Evidence]:
-    for index in range(len(study.values)):
-        for rival in (QMIX, AIQL, HERT):
-            yield from _ahead(results, study, rival, index)
+        what = f'cells of several UAVs, {rival} less AQMIX'
+        yield is_above(what, '% of cells', overlap[rival], overlap[AQMIX])
 
 
 def _second_uav(
     results: StudyResults, label: str, measure: PanelMeasure, low: float, high: float
 ) -> Iterator[Evidence]:
-    study = results.lines('uavs')
-    if not {1.0, 2.0} <= set(study.values):
-        return
-    one, two = (
-        results.tested(study, label, study.values.index(n_uavs), measure) for n_uavs in (1.0, 2.0)
-    )
-    what = f'change of the {measure.title} of {label} from 1 to 2 UAVs'
-    yield is_within(what, '%', changed_percent(two, one), low, high)
+    tests = _Tests(results, 'uavs')
+    if {1.0, 2.0} <= set(tests.values):
+        indices = tests.values.index(1.0), tests.values.index(2.0)
+        yield tests.change(f'{label} from 1 to 2 UAVs', measure, label, indices, low, high)
 
 
-def _over_range(
-    results: StudyResults,
-    study: LinesStudy,
-    label: str,
-    measure: PanelMeasure,
-    low: float,
-    high: float,
-) -> Evidence:
-    none, full = (results.tested(study, label, index, measure) for index in (0, -1))
-    what = f'change of the {measure.title} of {label}, {study.names[0]} to {study.names[-1]}'
-    return is_within(what, '%', changed_percent(full, none), low, high)
-
-
-def _gain(results: StudyResults, study: LinesStudy, index: int) -> Samples:
-    optimal, equal = (
-        results.tested(study, label, index, EFFICIENCY) for label in (_OPTIMAL, _EQUAL)
-    )
-    return changed_percent(optimal, equal)
+def _ranges(tests: _Tests) -> str:
+    return f'{tests.names[0]} to {tests.names[-1]}'
