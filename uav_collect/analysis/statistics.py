@@ -48,6 +48,10 @@ class Estimate:
     high: float
     median: float  # of the missions, not of the resampled means
 
+    def to_json(self) -> dict[str, float]:
+        """Mean and interval, as files hold them."""
+        return {'mean': self.mean, 'low': self.low, 'high': self.high}
+
 
 def mission_seeds(first_seed: int, n_missions: int) -> range:
     """The seeds of an evaluation's missions: the first, and those right after it."""

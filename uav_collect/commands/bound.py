@@ -3,7 +3,6 @@
 import argparse
 from collections.abc import Mapping, Sequence
 import json
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from uav_collect import files
@@ -46,8 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='R',
         help='of the search for each plan; more take longer and may find better ones',
     )
-    parser.add_argument('--json', type=Path, metavar='FILE', help='write means and intervals')
-    parser.add_argument('--csv', type=Path, metavar='FILE', help='write one row per mission')
+    options.add_file_options(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -55,8 +53,7 @@ def run(arguments: argparse.Namespace) -> int:
     from uav_collect.analysis.plan_shares import bound_metrics, mean_estimates
 
     scenario = options.scenario_of(arguments)
-    for path in filter(None, (arguments.json, arguments.csv)):
-        files.check_writable(path)
+    options.check_files(arguments)
     bounds = _plan(arguments, scenario)
     rows = {
         bandwidth: mean_estimates([bound_metrics(bound) for bound in some], arguments.seed)
@@ -129,10 +126,7 @@ def _json(
             'missions_with_plans': n_known,
             'bandwidth': bandwidth,
         }
-        | {
-            key: {'mean': estimate.mean, 'low': estimate.low, 'high': estimate.high}
-            for key, estimate in estimates.items()
-        }
+        | {key: estimate.to_json() for key, estimate in estimates.items()}
         for bandwidth, (n_known, estimates) in rows.items()
     }
     return (json.dumps(document, indent=2, allow_nan=False) + '\n').encode()

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
 import json
-from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING
 
@@ -90,8 +89,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action='store_true',
         help='show how near each policy comes to what is possible when all demand is known',
     )
-    parser.add_argument('--json', type=Path, metavar='FILE', help='write means and intervals')
-    parser.add_argument('--csv', type=Path, metavar='FILE', help='write one row per mission')
+    options.add_file_options(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -125,8 +123,7 @@ def _contenders(arguments: argparse.Namespace, scenario: 'Scenario') -> list[_Co
             raise PolicyMismatchError(f'--{option} {" ".join(values)}: names one twice')
     if arguments.compare and len(arguments.policy) == 1:
         raise PolicyMismatchError('--compare: name two policies or more with --policy')
-    for path in filter(None, (arguments.json, arguments.csv)):
-        files.check_writable(path)
+    options.check_files(arguments)
     policies = {given: policy_for(given, scenario) for given in arguments.policy}
     n_called = Counter(policy.name for policy in policies.values())
     contenders = []
@@ -262,7 +259,7 @@ def _json(
     for first, rows in findings.differences.items():
         document[first]['minus'] = {other: _by_measure(row) for other, row in rows.items()}
     for label, (n_missions, rows_of) in findings.shares.items():
-        means = {key: _as_json(row) for key, row in rows_of.items()}
+        means = {key: row.to_json() for key, row in rows_of.items()}
         document[label]['bound'] = {'missions': n_missions, **means}
     return (json.dumps(document, indent=2, allow_nan=False) + '\n').encode()
 
@@ -270,11 +267,7 @@ def _json(
 def _by_measure(estimates: Iterable['Estimate']) -> dict[str, object]:
     from uav_collect.analysis.statistics import MEASURES
 
-    return {measure.key: _as_json(row) for measure, row in zip(MEASURES, estimates, strict=True)}
-
-
-def _as_json(estimate: 'Estimate') -> dict[str, float]:
-    return {'mean': estimate.mean, 'low': estimate.low, 'high': estimate.high}
+    return {measure.key: row.to_json() for measure, row in zip(MEASURES, estimates, strict=True)}
 
 
 def _csv(

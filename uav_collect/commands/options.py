@@ -1,11 +1,13 @@
 """Options that several commands share, and the checks that argparse leaves to them."""
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 import importlib.util
 import math
+from pathlib import Path
 from typing import TYPE_CHECKING
 
+from uav_collect import files
 from uav_collect.errors import TrainingRunError
 from uav_collect.limits import ALLOCATOR_NAMES, MAX_DECISIONS, MAX_SEED, MAX_UAVS
 
@@ -53,14 +55,26 @@ def add_scenarios_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_set_option(parser: argparse.ArgumentParser) -> None:
+    example = 'demand.cell_share=0.5 fleet.uavs.0.speed_mps=8'
+    add_assignments(parser, '--set', f'replace values of the scenario, as {example}')
+
+
+def add_assignments(parser: argparse.ArgumentParser, option: str, what: str) -> None:
+    """Add an option that takes values by dotted path; it may be given several times."""
     parser.add_argument(
-        '--set',
-        action='extend',
-        nargs='+',
-        default=[],
-        metavar='KEY=VALUE',
-        help='replace values of the scenario, as demand.cell_share=0.5 fleet.uavs.0.speed_mps=8',
+        option, action='extend', nargs='+', default=[], metavar='KEY=VALUE', help=what
     )
+
+
+def overrides_of(assignments: Sequence[str]) -> dict[str, object]:
+    """The values of `add_assignments` by dotted path.
+
+    Raises:
+        ConfigError: one is no KEY=VALUE.
+    """
+    from uav_collect.scenario.load import parse_override
+
+    return dict(map(parse_override, assignments))
 
 
 def scenario_of(arguments: argparse.Namespace) -> 'Scenario':
@@ -69,10 +83,9 @@ def scenario_of(arguments: argparse.Namespace) -> 'Scenario':
     Raises:
         ConfigError: it is not there, not valid, or an override does not fit.
     """
-    from uav_collect.scenario.load import load, parse_override, with_uavs
+    from uav_collect.scenario.load import load, with_uavs
 
-    overrides = dict(parse_override(assignment) for assignment in arguments.set)
-    scenario = load(arguments.scenario, overrides)
+    scenario = load(arguments.scenario, overrides_of(arguments.set))
     return scenario if arguments.uavs is None else with_uavs(scenario, arguments.uavs)
 
 
@@ -82,9 +95,9 @@ def scenarios_of(arguments: argparse.Namespace) -> 'tuple[Scenario, ...]':
     Raises:
         ConfigError: one is not there, not valid, or an override does not fit.
     """
-    from uav_collect.scenario.load import load, parse_override, with_uavs
+    from uav_collect.scenario.load import load, with_uavs
 
-    overrides = dict(parse_override(assignment) for assignment in arguments.set)
+    overrides = overrides_of(arguments.set)
     scenarios = [load(name, overrides) for name in arguments.scenario or [DEFAULT_SCENARIO]]
     if not arguments.uavs:
         return tuple(scenarios)
@@ -100,6 +113,18 @@ def add_seed_option(parser: argparse.ArgumentParser, what: str) -> None:
         metavar='SEED',
         help=f'{what}: demand and channels follow from it (default: %(default)s)',
     )
+
+
+def add_file_options(parser: argparse.ArgumentParser) -> None:
+    """Add the files that numbers are written into; `check_files` looks at them."""
+    parser.add_argument('--json', type=Path, metavar='FILE', help='write means and intervals')
+    parser.add_argument('--csv', type=Path, metavar='FILE', help='write one row per mission')
+
+
+def check_files(arguments: argparse.Namespace) -> None:
+    """Raise OSError, before anything is flown, if a file could not be written."""
+    for path in filter(None, (arguments.json, arguments.csv)):
+        files.check_writable(path)
 
 
 def add_budget_options(parser: argparse.ArgumentParser, minutes_told: float, what: str) -> None:

@@ -59,14 +59,7 @@ def _add_learning_options(parser: argparse.ArgumentParser) -> None:
         help='settings of the training: paper, strong, refine (to go on from a policy) or a YAML'
         f' file (default: {_PRESET})',
     )
-    parser.add_argument(
-        '--override',
-        action='extend',
-        nargs='+',
-        default=[],
-        metavar='KEY=VALUE',
-        help='replace values of the preset',
-    )
+    options.add_assignments(parser, '--override', 'replace values of the preset')
     parser.add_argument(
         '--start-from',
         metavar='NAME|FILE',

@@ -56,14 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='settings of the training: paper, strong, refine or a YAML file'
         ' (default: %(default)s)',
     )
-    parser.add_argument(
-        '--override',
-        action='extend',
-        nargs='+',
-        default=[],
-        metavar='KEY=VALUE',
-        help='replace values of the preset',
-    )
+    options.add_assignments(parser, '--override', 'replace values of the preset')
     options.add_seed_option(parser, 'of weights and missions')
     options.add_budget_options(parser, _MINUTES, 'how long to train')
     parser.add_argument('--record', action='store_true', help='keep every message in a bag')
@@ -78,13 +71,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Start the fleet and the trainer, and see them to their end; returns the exit status."""
-    from uav_collect.scenario.load import parse_override
     from uav_collect.training.config import load_preset
 
     options.check_torch('train-fleet')
     scenario = options.scenario_of(arguments)
-    overrides = dict(parse_override(assignment) for assignment in arguments.override)
-    config = load_preset(arguments.preset, overrides)
+    config = load_preset(arguments.preset, options.overrides_of(arguments.override))
     folder = arguments.output or _RUNS / (
         f'{scenario.name}_n{scenario.n_uavs}_{arguments.algorithm}_{config.name}_s{arguments.seed}'
     )

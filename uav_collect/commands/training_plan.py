@@ -44,13 +44,11 @@ def plan_training(arguments: argparse.Namespace) -> TrainingPlan:
 
 
 def _new(arguments: argparse.Namespace) -> TrainingPlan:
-    from uav_collect.scenario.load import parse_override
     from uav_collect.training.config import load_preset
     from uav_collect.uav.policy import frozen_policy
 
     scenarios = options.scenarios_of(arguments)
-    overrides = dict(parse_override(assignment) for assignment in arguments.override)
-    config = load_preset(arguments.preset, overrides)
+    config = load_preset(arguments.preset, options.overrides_of(arguments.override))
     initial = None if arguments.start_from is None else frozen_policy(arguments.start_from)
     record = _record(arguments, scenarios, config, initial)
     is_alone = len(record.seeds) == 1 and arguments.output is not None

@@ -128,6 +128,30 @@ def find(name_or_path: str, folders: Iterable[Path], *, field: str) -> Path:
     )
 
 
+def load(
+    name_or_path: str | Path,
+    folders: tuple[Path, ...],
+    *,
+    field: str,
+    overrides: Mapping[str, object] | None = None,
+) -> Document:
+    """Read a file by its name in folders or by its path, with what it extends.
+
+    Args:
+        field: what is read, for messages.
+        overrides: values by dotted path, which count more than the file's.
+
+    Raises:
+        ConfigError: there is no such file, or it cannot be used.
+    """
+    path = find(str(name_or_path), folders, field=field)
+    document = read(path, folders)
+    # A name belongs to one file; what extends it is something else.
+    has_name = 'name' in document.values and document.source(('name',)) is document.top
+    named = {} if has_name else {'name': path.stem}
+    return override(document, {**named, **(overrides or {})})
+
+
 def names_in(folders: Iterable[Path]) -> tuple[str, ...]:
     """The names that `find` finds in some folders."""
     return tuple(sorted({file.stem for folder in folders for file in folder.glob('*.yaml')}))

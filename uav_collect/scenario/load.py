@@ -70,13 +70,7 @@ def load(name_or_path: str | Path, overrides: Mapping[str, object] | None = None
     Raises:
         ConfigError: one line per problem: file and line, key, value, what is allowed.
     """
-    folders = scenario_folders()
-    path = layers.find(str(name_or_path), folders, field='scenario')
-    document = layers.read(path, folders)
-    # A name belongs to one file; what extends it is something else.
-    has_name = 'name' in document.values and document.source(('name',)) is document.top
-    named = {} if has_name else {'name': path.stem}
-    document = layers.override(document, {**named, **(overrides or {})})
+    document = layers.load(name_or_path, scenario_folders(), field='scenario', overrides=overrides)
     return _checked(_with_sensors(_with_places(_with_fleet(document))))
 
 

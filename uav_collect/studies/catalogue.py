@@ -110,7 +110,6 @@ def _energy(requests: Requests) -> Study:
         over='energy budget of each UAV [kJ]',
         column='energy_budget_kj',
         values=scale.budgets_kj,
-        names=(),
         measures=(COLLECTED, COMPLETION, EFFICIENCY),
         lines=tested_alike(requests, scenarios, usual_trained(requests)),
     )
@@ -128,7 +127,6 @@ def _density(requests: Requests) -> Study:
         over='data density [data cells per cell]',
         column='density_share',
         values=scale.densities,
-        names=(),
         measures=(COMPLETION, EFFICIENCY),
         lines=tested_alike(requests, scenarios, usual_trained(requests)),
     )
@@ -150,7 +148,6 @@ def _uavs(requests: Requests) -> Study:
         over='number of UAVs [1]',
         column='n_uavs',
         values=tuple(map(float, fleets)),
-        names=(),
         measures=(COMPLETION, EFFICIENCY),
         lines=tested_each(requests, scenarios, trained),
     )
@@ -215,7 +212,6 @@ def _csi(requests: Requests) -> Study:
         over='variance of the channel estimation error [1]',
         column='csi_error_variance',
         values=scale.csi_errors,
-        names=(),
         measures=(COLLECTING, EFFICIENCY),
         lines=tested_with_both_bandwidths(requests, scenarios),
     )
@@ -234,7 +230,6 @@ def _bandwidth(requests: Requests) -> Study:
         over='data density [data cells per cell]',
         column='density_share',
         values=scale.densities,
-        names=(),
         measures=(COLLECTING, EFFICIENCY),
         lines=tested_with_both_bandwidths(requests, scenarios),
     )

@@ -10,7 +10,7 @@ from uav_collect.kernels.arrays import Floats
 from uav_collect.studies.jobs.jobs import CURVE, MISSIONS, POLICY
 from uav_collect.studies.jobs.store import Store
 from uav_collect.studies.study import MissionSet, PanelMeasure, TrainedPolicies
-from uav_collect.training.curves import LearningCurve, mean_curve
+from uav_collect.training.curves import LearningCurve, mean_curve, rising
 
 _TAIL_SHARE = 0.2  # of a training: its end, over which a curve is averaged
 
@@ -85,10 +85,7 @@ class Findings:
     def _line(self, digest: str, key: str) -> tuple[Floats, Floats]:
         """Decisions and values of a training where they are known; decisions rise."""
         table = self._table(digest, CURVE)
-        over, value = table['n_decisions'], table[key]
-        known = np.isfinite(value)
-        moments, last_from_end = np.unique(over[known][::-1], return_index=True)
-        return moments, value[known][::-1][last_from_end]
+        return rising(table['n_decisions'], table[key])
 
     def _table(self, digest: str, name: str) -> dict[str, Floats]:
         if digest not in self._tables:

@@ -95,13 +95,9 @@ def load_scale(name_or_path: str | Path) -> ScaleConfig:
     Raises:
         ConfigError: one line per problem: file and line, key, value, what is allowed.
     """
-    folders = shared_folders('studies')
-    path = layers.find(str(name_or_path), folders, field='scale')
-    document = layers.read(path, folders)
-    has_name = 'name' in document.values and document.source(('name',)) is document.top
-    named = {} if has_name else {'name': path.stem}
-    scale = validated(ScaleConfig, layers.override(document, named))
-    _check_rising(scale, path)
+    document = layers.load(name_or_path, shared_folders('studies'), field='scale')
+    scale = validated(ScaleConfig, document)
+    _check_rising(scale, document.top.label)
     return scale
 
 
@@ -110,7 +106,7 @@ def scale_names() -> tuple[str, ...]:
     return layers.names_in(shared_folders('studies'))
 
 
-def _check_rising(scale: ScaleConfig, path: Path) -> None:
+def _check_rising(scale: ScaleConfig, path: str) -> None:
     """Every line of a figure runs from the smallest value to the largest."""
     for key in ('budgets_kj', 'densities', 'ranges_m', 'kernels', 'csi_errors'):
         values = getattr(scale, key)

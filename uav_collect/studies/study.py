@@ -72,9 +72,9 @@ class LinesStudy:
     over: str  # what is varied, with its unit
     column: str  # the same in the CSV; the unit is its last word
     values: tuple[float, ...]
-    names: tuple[str, ...]  # of the values; where they are, they stand side by side
     measures: tuple[PanelMeasure, ...]
     lines: tuple[Line, ...]
+    names: tuple[str, ...] = ()  # of the values; where they are, they stand side by side
 
     def line(self, label: str) -> Line:
         """The line with that label."""

@@ -151,11 +151,8 @@ def load_preset(
         ConfigError: one line per problem: file and line, key, value, what is allowed.
     """
     folders = shared_folders('training')
-    path = layers.find(str(name_or_path), folders, field='preset')
-    document = layers.read(path, folders)
-    has_name = 'name' in document.values and document.source(('name',)) is document.top
-    named = {} if has_name else {'name': path.stem}
-    return validated(TrainingConfig, layers.override(document, {**named, **(overrides or {})}))
+    document = layers.load(name_or_path, folders, field='preset', overrides=overrides)
+    return validated(TrainingConfig, document)
 
 
 def preset_names() -> tuple[str, ...]:

@@ -143,15 +143,19 @@ def mean_curve(
 
 
 def _line(folder: Path, measure: CurveMeasure, axis: CurveAxis) -> tuple[Floats, Floats]:
-    """Moments and values of one run, moments rising; of several at one moment the last counts."""
+    """Moments and values of one run, moments rising."""
     columns = read_columns(folder / measure.file, (axis.column, measure.key))
-    over, values = columns[axis.column] * axis.scale, columns[measure.key]
-    known = np.isfinite(values)
-    over, values = over[known], values[known]
-    if not len(over):
+    moments, values = rising(columns[axis.column] * axis.scale, columns[measure.key])
+    if not len(moments):
         raise TrainingRunError(f'{folder / measure.file}: has no {measure.title} yet')
-    moments, last_from_end = np.unique(over[::-1], return_index=True)
-    return moments, values[::-1][last_from_end]
+    return moments, values
+
+
+def rising(over: Floats, values: Floats) -> tuple[Floats, Floats]:
+    """Known values at rising moments; of several at one moment the last counts."""
+    known = np.isfinite(values)
+    moments, last_from_end = np.unique(over[known][::-1], return_index=True)
+    return moments, values[known][::-1][last_from_end]
 
 
 def to_csv(curves: Sequence[LearningCurve], measure: CurveMeasure, axis: CurveAxis) -> bytes:

@@ -4,15 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 import datetime
 import hashlib
-from importlib import metadata
 from pathlib import Path
-import platform
 import shlex
 import sys
 from typing import Any, TYPE_CHECKING
 
 from uav_collect.errors import TrainingRunError
-from uav_collect.revision import git_revision, VERSION
+from uav_collect.revision import git_revision, package_versions
 from uav_collect.training.run_record import RunRecord
 
 if TYPE_CHECKING:  # loaded when training, so that --help answers at once
@@ -22,7 +20,6 @@ if TYPE_CHECKING:  # loaded when training, so that --help answers at once
 
 CONFIG_FILE = 'training.yaml'  # of a run folder: the preset, resolved
 INITIAL_POLICY = 'initial.safetensors'
-_PACKAGES = ('numpy', 'numba', 'torch')
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,7 +67,7 @@ def new_record(
         initial='' if initial is None else initial.header.version,
         started=datetime.datetime.now().astimezone().isoformat(timespec='seconds'),
         git_revision=git_revision(),
-        versions=_versions(),
+        versions=package_versions(),
         command=shlex.join(sys.orig_argv),
         is_done=False,
         **others,
@@ -105,11 +102,6 @@ def stored_run(folder: Path, record: RunRecord) -> PlannedRun:
 def training_fingerprint(config: 'TrainingConfig') -> str:
     """16 hex digits that change with any setting."""
     return hashlib.sha256(config.to_yaml().encode()).hexdigest()[:16]
-
-
-def _versions() -> dict[str, str]:
-    own = {'uav_collect': VERSION, 'python': platform.python_version()}
-    return own | {name: metadata.version(name) for name in _PACKAGES}
 
 
 def _scenario_files(folder: Path, n_scenarios: int) -> tuple[Path, ...]:

@@ -8,10 +8,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 import fcntl
-from importlib import metadata
 import os
 import pickle
-import platform
 import socket
 from time import monotonic, process_time
 
@@ -23,7 +21,7 @@ from uav_collect.kernels.compile import (
 )
 from uav_collect.missions import batch_kernels
 from uav_collect.planning import bound
-from uav_collect.revision import git_revision, VERSION
+from uav_collect.revision import git_revision, package_versions
 from uav_collect.studies.jobs.flights import run_flights, run_plans
 from uav_collect.studies.jobs.jobs import FlightsJob, Job, PlansJob, TrainingJob
 from uav_collect.studies.jobs.worker_messages import (
@@ -35,8 +33,6 @@ from uav_collect.studies.jobs.worker_messages import (
     Started,
     WorkItem,
 )
-
-_PACKAGES = ('numpy', 'numba', 'torch')
 
 
 @dataclass
@@ -56,7 +52,7 @@ class _Meter:
             host=socket.gethostname(),
             revision=git_revision(),
             sources=sources_digest(),
-            versions=_versions(),
+            versions=package_versions(),
         )
 
 
@@ -132,13 +128,3 @@ def _perform(task: WorkItem, is_stopping: Callable[[], bool]) -> Iterator[Event]
                 yield Saved(state=state_bytes, share_done=share_done)
             case results:
                 yield Finished(results=results, cost=meter.cost())
-
-
-def _versions() -> dict[str, str]:
-    known = {'uav_collect': VERSION, 'python': platform.python_version()}
-    for name in _PACKAGES:
-        try:
-            known[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:
-            continue
-    return known
