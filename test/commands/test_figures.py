@@ -28,7 +28,7 @@ from uav_collect.studies.scale import load_scale
 from uav_collect.studies.study import CurvesStudy, LinesStudy, Study
 
 ROOT = Path(__file__).parents[2]
-NAMES = catalogue.names()
+NAMES = catalogue.study_names()
 UNIT = re.compile(r'.* \[[^\]]+\]$')
 LEARNED = {'AQMIX', 'QMIX', 'AIQL'}
 PLANS = {'shortest clairvoyant plan', 'thriftiest clairvoyant plan'}
@@ -47,7 +47,7 @@ class Smoke:
         return self.output / 'smoke'
 
     def study(self, name: str) -> Study:
-        return catalogue.study(name, Requests(load_scale('smoke')))
+        return catalogue.make_study(name, Requests(load_scale('smoke')))
 
     def drawn(self, name: str) -> Drawing:
         return draw(self.study(name), Findings(Store(self.output)))

@@ -20,7 +20,7 @@ def test_the_disk_is_asked_for_states_of_what_runs_at_once_only() -> None:
 def test_rates_come_from_what_is_done(tmp_path: Path) -> None:
     store, job = Store(tmp_path), training(decisions=1000)
     assert rates_of(spent_cost(by_digest(job), store)) is None
-    store.keep(job, {POLICY: b'weights'}, Cost(cpu_s=2.0))
+    store.save(job, {POLICY: b'weights'}, Cost(cpu_s=2.0))
     rates = rates_of(spent_cost(by_digest(job), store))
     assert rates is not None
     assert rates.cost_s(training(seed=1, decisions=500)) == pytest.approx(1.0)

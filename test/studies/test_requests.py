@@ -11,7 +11,7 @@ from uav_collect.studies.scale import load_scale, scale_names
 @pytest.mark.parametrize('name', scale_names())
 def test_every_study_of_every_scale_can_be_asked_for(name: str) -> None:
     requests = Requests(load_scale(name))
-    studies = [catalogue.study(it, requests) for it in catalogue.names()]
+    studies = [catalogue.make_study(it, requests) for it in catalogue.study_names()]
     assert [study.figure for study in studies] == [*range(3, 14)]
     assert all(set(job.trainings) <= set(requests.jobs) for job in requests.jobs.values()
                if isinstance(job, FlightsJob))  # fmt: skip
@@ -19,9 +19,9 @@ def test_every_study_of_every_scale_can_be_asked_for(name: str) -> None:
 
 def test_what_several_studies_need_is_asked_for_once() -> None:
     requests = Requests(load_scale('laptop'))
-    catalogue.study('energy', requests)
+    catalogue.make_study('energy', requests)
     trainings = {it for it, job in requests.jobs.items() if not isinstance(job, FlightsJob)}
-    catalogue.study('density', requests)
+    catalogue.make_study('density', requests)
     again = {it for it, job in requests.jobs.items() if not isinstance(job, FlightsJob | PlansJob)}
     assert again <= trainings
 

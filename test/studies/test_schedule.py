@@ -61,7 +61,7 @@ def test_a_job_waits_for_what_it_needs_and_gets_it(tmp_path: Path) -> None:
 
 def test_what_is_done_is_not_done_again(tmp_path: Path) -> None:
     store, job = Store(tmp_path), flights()
-    store.keep(job, FOUND.results, FOUND.cost)
+    store.save(job, FOUND.results, FOUND.cost)
     engine = Scripted({})
     assert done_by(engine, by_digest(job), store).done == 1
     assert engine.begun == []

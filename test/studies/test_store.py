@@ -13,7 +13,7 @@ from uav_collect.studies.jobs.worker_messages import Cost
 def test_what_is_kept_is_found_and_read_back(tmp_path: Path) -> None:
     store, job = Store(tmp_path), flights()
     assert not store.has(digest_of(job))
-    store.keep(job, {MISSIONS: b'rows'}, Cost(cpu_s=1.5, host='here'))
+    store.save(job, {MISSIONS: b'rows'}, Cost(cpu_s=1.5, host='here'))
     assert store.read(digest_of(job), MISSIONS) == b'rows'
     assert store.cost(digest_of(job)) == Cost(cpu_s=1.5, host='here')
     assert store.missing([digest_of(job)]) == []
@@ -21,15 +21,15 @@ def test_what_is_kept_is_found_and_read_back(tmp_path: Path) -> None:
 
 def test_a_job_that_was_kept_by_another_first_stays_as_it_is(tmp_path: Path) -> None:
     store, job = Store(tmp_path), flights()
-    store.keep(job, {MISSIONS: b'first'}, Cost())
-    store.keep(job, {MISSIONS: b'second'}, Cost())
+    store.save(job, {MISSIONS: b'first'}, Cost())
+    store.save(job, {MISSIONS: b'second'}, Cost())
     assert store.read(digest_of(job), MISSIONS) == b'first'
     assert [path.name for path in (tmp_path / 'jobs').iterdir()] == [digest_of(job)]
 
 
 def test_a_job_without_its_last_file_does_not_count_as_done(tmp_path: Path) -> None:
     store, job = Store(tmp_path), flights()
-    store.keep(job, {MISSIONS: b'rows'}, Cost())
+    store.save(job, {MISSIONS: b'rows'}, Cost())
     (tmp_path / 'jobs' / digest_of(job) / 'cost.json').unlink()
     assert not store.has(digest_of(job))
 

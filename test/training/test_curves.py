@@ -146,7 +146,7 @@ def drawn(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Axes]:
     def draw(lines: tuple[curves.LearningCurve, ...], references: dict[str, float]) -> Axes:
         figures: list[Figure] = []
         monkeypatch.setattr(Figure, 'savefig', lambda self, *_, **__: figures.append(self))
-        curves.draw(lines, EFFICIENCY, DECISIONS, io.BytesIO(), references, 'a title')
+        curves.draw_curves(lines, EFFICIENCY, DECISIONS, io.BytesIO(), references, 'a title')
         return figures[0].axes[0]
 
     return draw
@@ -209,7 +209,7 @@ def test_the_same_curves_give_the_same_bytes(two_seeds: tuple[Path, Path]) -> No
     contents = []
     for _ in range(2):
         file = io.BytesIO()
-        curves.draw(of(*two_seeds), EFFICIENCY, DECISIONS, file)
+        curves.draw_curves(of(*two_seeds), EFFICIENCY, DECISIONS, file)
         contents.append(file.getvalue())
     assert contents[0] == contents[1]
     assert contents[0].startswith(b'\x89PNG')

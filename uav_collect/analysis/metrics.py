@@ -184,7 +184,7 @@ def check_log(log: MissionLog) -> None:
         left_j = header.energy_budget_j
         for decision, event in enumerate(own):
             before = own[decision - 1] if decision else None
-            _check_story(event, before, decision, log.header.cell_size_m)
+            _check_uav_event(event, before, decision, log.header.cell_size_m)
             _check_close(event, 'energy left', event['energy_left_j'], left_j, 'J')
             left_j -= event['energy_j']
 
@@ -196,10 +196,10 @@ def _check_fleet(log: MissionLog) -> None:
         if event['event'] != number:
             raise MissionLogError(f'record {number} says event {event["event"]}')
         if event['uav'] not in ids:
-            raise _misfit(event, 'is not in the header')
+            raise _event_error(event, 'is not in the header')
         for name in ('time_s', 'duration_s', 'energy_j', 'collected_bit', 'interval_s'):
             if not 0.0 <= event[name] < math.inf:
-                raise _misfit(event, f'{name} must be finite and >= 0, got {event[name]}')
+                raise _event_error(event, f'{name} must be finite and >= 0, got {event[name]}')
         if number:
             end_s = events[number - 1]['time_s'] + events[number - 1]['interval_s']
             _check_close(event, 'time', event['time_s'], end_s, 's')
@@ -208,18 +208,18 @@ def _check_fleet(log: MissionLog) -> None:
         raise MissionLogError(f'collected {collected_bit} bit of {total_bit} bit')
 
 
-def _check_story(
+def _check_uav_event(
     event: np.void, before: np.void | None, decision: int, cell_size_m: float
 ) -> None:
     if event['decision'] != decision:
-        raise _misfit(event, f'decision must be {decision}, got {event["decision"]}')
+        raise _event_error(event, f'decision must be {decision}, got {event["decision"]}')
     if event['action'] != HOVER and event['collected_bit'] > 0:
-        raise _misfit(event, f'collected {event["collected_bit"]} bit without hovering')
+        raise _event_error(event, f'collected {event["collected_bit"]} bit without hovering')
     if before is None:
         _check_close(event, 'time', event['time_s'], 0.0, 's')
         return
     if before['action'] == HOME:
-        raise _misfit(event, 'decides after it turned home')
+        raise _event_error(event, 'decides after it turned home')
     east, north = COLUMN_STEP[before['action']], ROW_STEP[before['action']]
     end_s = before['time_s'] + before['duration_s']
     _check_close(event, 'time', event['time_s'], end_s, 's')
@@ -229,8 +229,8 @@ def _check_story(
 
 def _check_close(event: np.void, name: str, value: float, expected: float, unit: str) -> None:
     if not math.isclose(value, expected, rel_tol=_TOLERANCE, abs_tol=_TOLERANCE):
-        raise _misfit(event, f'{name} must be {expected} {unit}, got {value} {unit}')
+        raise _event_error(event, f'{name} must be {expected} {unit}, got {value} {unit}')
 
 
-def _misfit(event: np.void, problem: str) -> MissionLogError:
+def _event_error(event: np.void, problem: str) -> MissionLogError:
     return MissionLogError(f'event {event["event"]}, UAV {event["uav"]}: {problem}')

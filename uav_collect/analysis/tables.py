@@ -96,12 +96,12 @@ def _fleet_table(
     table.add_row(
         'completion time',
         f'{mission.completion_s:.1f} s' if mission.is_finished else '-',
-        _of_the_plan(time_share, mission, bound),
+        _plan_share_text(time_share, mission, bound),
     )
     table.add_row(
         'energy efficiency',
         f'{mission.efficiency_kbit_per_j:.3f} kbit/J',
-        _of_the_plan(efficiency_share, mission, bound),
+        _plan_share_text(efficiency_share, mission, bound),
     )
     table.add_row('decisions', str(mission.n_decisions))
     if n_radio_messages is None:
@@ -111,7 +111,7 @@ def _fleet_table(
     return table
 
 
-def _of_the_plan(
+def _plan_share_text(
     share: Callable[[MissionMetrics, Bound], float], mission: MissionMetrics, bound: Bound | None
 ) -> str:
     """How near a mission comes to the best that is possible; nothing where that is not known."""
@@ -211,11 +211,11 @@ def difference_table(first: str, rows: Mapping[str, Sequence[Estimate]]) -> Rend
 
 def estimate_cells(estimate: Estimate) -> tuple[str, str, str]:
     """Mean, interval and median of an estimate, as shown."""
-    span = f'{number_shown(estimate.low)} to {number_shown(estimate.high)}'
-    return number_shown(estimate.mean), span, number_shown(estimate.median)
+    span = f'{number_text(estimate.low)} to {number_text(estimate.high)}'
+    return number_text(estimate.mean), span, number_text(estimate.median)
 
 
-def number_shown(value: float) -> str:
+def number_text(value: float) -> str:
     """A mean as shown: four digits after the point, one from 10 on."""
     # Adding zero takes the sign from a zero.
     return f'{value:.1f}' if abs(value) >= 10 else f'{round(value, 4) + 0.0:.4f}'

@@ -327,34 +327,40 @@ def _write_legend(axes: Axes, handles: list[Line2D]) -> None:
 
 def _path_handles(paths: list[_Path], summary: MissionMetrics) -> list[Line2D]:
     handles = [
-        _line(path, f'UAV {uav.id}: {uav.speed_mps:g} m/s, {uav.energy_j / 1e3:.1f} kJ')
+        _line_handle(path, f'UAV {uav.id}: {uav.speed_mps:g} m/s, {uav.energy_j / 1e3:.1f} kJ')
         for path, uav in zip(paths, summary.uavs, strict=True)
     ]
     dashed = (0.0, _DASHES)
     home = Line2D([], [], color='#555555', ls=dashed, lw=1.2, label='home, from its number')
-    return [*handles, home, _mark('*', '#777777', 11, 'hover (larger: more data)', edge=_BLACK)]
+    return [
+        *handles,
+        home,
+        _marker_handle('*', '#777777', 11, 'hover (larger: more data)', edge=_BLACK),
+    ]
 
 
 def _place_handles(scenario: Scenario) -> list[Line2D]:
     if any(uav.start_m != uav.home_m for uav in scenario.uavs):
-        return [_mark('P', _GREEN, 9, 'start'), _mark('X', _GREEN, 9, 'home')]
-    return [_mark('X', _GREEN, 9, 'start and home')]
+        return [_marker_handle('P', _GREEN, 9, 'start'), _marker_handle('X', _GREEN, 9, 'home')]
+    return [_marker_handle('X', _GREEN, 9, 'start and home')]
 
 
 def _sensor_handles(demand_bit: Floats, summary: MissionMetrics) -> list[Line2D]:
-    handles = [_mark('o', _BLACK, 4, 'sensor with data')]
+    handles = [_marker_handle('o', _BLACK, 4, 'sensor with data')]
     if (demand_bit == 0).any():
-        handles.append(_mark('o', _GREY, 4, 'sensor without data'))
+        handles.append(_marker_handle('o', _GREY, 4, 'sensor without data'))
     if not summary.is_complete:
-        handles.append(_mark('o', 'none', 7, 'data left behind', edge=_RED))
+        handles.append(_marker_handle('o', 'none', 7, 'data left behind', edge=_RED))
     return handles
 
 
-def _line(path: _Path, label: str) -> Line2D:
+def _line_handle(path: _Path, label: str) -> Line2D:
     return Line2D([], [], color=path.colour, linestyle=path.style, linewidth=2.0, label=label)
 
 
-def _mark(marker: str, colour: str, size_pt: float, label: str, *, edge: str = 'none') -> Line2D:
+def _marker_handle(
+    marker: str, colour: str, size_pt: float, label: str, *, edge: str = 'none'
+) -> Line2D:
     return Line2D(
         [], [], linestyle='none', marker=marker, markersize=size_pt, markerfacecolor=colour,
         markeredgecolor=edge, markeredgewidth=0.8, label=label,
@@ -414,13 +420,15 @@ def corners_m(way_m: Floats, shifts: Sequence[float], cell_size_m: float) -> Flo
     sides = [shift * np.abs(head[::-1]) for head, shift in zip(heads, shifts, strict=True)]
     corners = [moves[0][0] + sides[0] * cell_size_m]
     for index in range(1, len(moves)):
-        joint = _joint(heads[index - 1], sides[index - 1], heads[index], sides[index])
+        joint = _corners_in_cell(heads[index - 1], sides[index - 1], heads[index], sides[index])
         corners += [moves[index][0] + shift * cell_size_m for shift in joint]
     corners.append(moves[-1][1] + sides[-1] * cell_size_m)
     return np.array(corners)
 
 
-def _joint(head_in: Floats, side_in: Floats, head_out: Floats, side_out: Floats) -> list[Floats]:
+def _corners_in_cell(
+    head_in: Floats, side_in: Floats, head_out: Floats, side_out: Floats
+) -> list[Floats]:
     """The corners of a way within one cell, in cells from its centre."""
     if head_in @ head_out == 0:  # a turn: both lanes meet in one corner
         return [side_in + side_out]

@@ -90,10 +90,10 @@ def write(
     Raises:
         OSError: naming the file.
     """
-    from uav_collect.training.curves import draw, to_csv
+    from uav_collect.training.curves import draw_curves, to_csv
 
     drawn = io.BytesIO()
-    draw(curves, measure, axis, drawn, references, title)
+    draw_curves(curves, measure, axis, drawn, references, title)
     files.write_atomically(picture, drawn.getvalue())
     if table is not None:
         files.write_atomically(table, to_csv(curves, measure, axis))

@@ -48,7 +48,7 @@ _Bounds = Mapping[str, dict[int, 'Bound']]  # by bandwidth and mission seed; emp
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Findings:
+class _Results:
     """What the missions say about the policies."""
 
     estimates: _Estimates
@@ -170,7 +170,7 @@ def _show(
     flown: _Flown,
     bounds: '_Bounds',
     wall_s: float,
-) -> _Findings:
+) -> _Results:
     """Print the figures of what was flown; they are the findings returned."""
     from rich.console import Console
     from uav_collect.analysis.tables import difference_table, evaluation_table, share_table
@@ -183,7 +183,7 @@ def _show(
         )
         console.print(what, style='bold red')
     if n_missions == 0:
-        return _Findings(estimates={}, differences={}, shares={})
+        return _Results(estimates={}, differences={}, shares={})
     findings = _find(arguments, flown, bounds)
     console.print(
         f'[bold]{scenario.name}[/], {scenario.n_uavs} UAVs, {n_missions} missions from seed'
@@ -201,13 +201,13 @@ def _show(
     return findings
 
 
-def _find(arguments: argparse.Namespace, flown: _Flown, bounds: '_Bounds') -> _Findings:
+def _find(arguments: argparse.Namespace, flown: _Flown, bounds: '_Bounds') -> _Results:
     from uav_collect.analysis.plan_shares import mean_estimates, plan_shares
     from uav_collect.analysis.statistics import estimates, paired_differences
 
     seed = arguments.seed
     firsts = [*flown][: len(arguments.bandwidth)] if arguments.compare else []
-    return _Findings(
+    return _Results(
         estimates={each.label: estimates(missions, seed) for each, missions in flown.items()},
         differences={
             first.label: {
@@ -248,7 +248,7 @@ def _heading(
 
 
 def _json(
-    arguments: argparse.Namespace, scenario: 'Scenario', flown: _Flown, findings: _Findings
+    arguments: argparse.Namespace, scenario: 'Scenario', flown: _Flown, findings: _Results
 ) -> bytes:
     """Means and intervals by policy, each policy's entry complete in itself."""
     document: dict[str, dict[str, object]] = {

@@ -160,7 +160,7 @@ def _draw(arguments: argparse.Namespace, plan: 'FiguresPlan') -> None:
     from uav_collect.studies.results_text import results_text
 
     findings, folder = Findings(plan.store), arguments.output / plan.scale.name
-    whole = plan.whole_studies()
+    whole = plan.complete_studies()
     folder.mkdir(parents=True, exist_ok=True)
     for name, study in whole.items():
         drawn = draw(study, findings)
@@ -175,10 +175,10 @@ def _draw(arguments: argparse.Namespace, plan: 'FiguresPlan') -> None:
     results: Path = arguments.results or folder / 'results.md'
     files.write_atomically(results, text.encode())
     print(results)
-    _tell_not_drawn(plan, whole)
+    _report_not_drawn(plan, whole)
 
 
-def _tell_not_drawn(plan: 'FiguresPlan', whole: Mapping[str, object]) -> None:
+def _report_not_drawn(plan: 'FiguresPlan', whole: Mapping[str, object]) -> None:
     lacking = [name for name in plan.studies if name not in whole]
     if lacking:
         say(f'not drawn, as jobs are missing: {", ".join(lacking)}')

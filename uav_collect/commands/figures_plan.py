@@ -92,7 +92,7 @@ class FiguresPlan:
                 f' must be {(wanted + _SPARE_BYTES) / 1e6:,.0f} MB or more'
             )
 
-    def whole_studies(self) -> dict[str, Study]:
+    def complete_studies(self) -> dict[str, Study]:
         """The studies whose jobs are all done by now."""
         return {
             name: study
@@ -102,7 +102,7 @@ class FiguresPlan:
 
     def known_names(self) -> tuple[str, ...]:
         """The names of all studies that there are."""
-        return catalogue.names()
+        return catalogue.study_names()
 
     def jobs_of(self, studies: Mapping[str, Study]) -> dict[str, Job]:
         """The jobs that studies need."""
@@ -137,7 +137,7 @@ def plan_figures(arguments: argparse.Namespace) -> FiguresPlan:
     scale = load_scale(arguments.scale)
     requests, needs, studies = Requests(scale), {}, {}
     for name in _names(arguments.only):
-        studies[name] = catalogue.study(name, requests)
+        studies[name] = catalogue.make_study(name, requests)
         needs[name] = requests.take_new()
     store = Store(arguments.output)
     missing = frozenset(store.missing(requests.jobs))
@@ -157,7 +157,7 @@ def plan_figures(arguments: argparse.Namespace) -> FiguresPlan:
 
 
 def _names(asked: list[str] | None) -> tuple[str, ...]:
-    known = catalogue.names()
+    known = catalogue.study_names()
     for name in asked or ():
         if name not in known:
             raise ConfigError(f'--only is {name!r}: must be of {", ".join(known)}')
@@ -187,10 +187,10 @@ def _rates(
     say(f'measuring what a decision takes: {scale.measured_s:.0f} s')
     from uav_collect.studies.jobs.learning import measure_rates
 
-    return measure_rates(_usual(scale, trainings, first), scale.measured_s)
+    return measure_rates(_usual_training(scale, trainings, first), scale.measured_s)
 
 
-def _usual(scale: ScaleConfig, trainings: list[Job], first: TrainingJob) -> TrainingJob:
+def _usual_training(scale: ScaleConfig, trainings: list[Job], first: TrainingJob) -> TrainingJob:
     """A training on the usual field where one is missing: others take about as long a decision."""
     name = scale.fields.usual.scenario
     usual = (

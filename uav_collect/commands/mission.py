@@ -113,7 +113,7 @@ def _compare(log: Path, scenario: 'Scenario', bandwidth: str) -> None:
             if rule != name:
                 [other] = fly(site, [seed], rule, bandwidth)
                 missions[rule] = mission_metrics(other)
-        bound = report.bound_shown(flown.header, site)
+        bound = report.mission_bound(flown.header, site)
         Console().print(comparison_table(missions, bound))
     # Whatever it is: the mission itself was flown, recorded and reported.
     except Exception as error:
@@ -147,7 +147,7 @@ def _fly(
         flags = ['--id', str(uav), '--policy', policy]
         fleet.start('uav_agent', f'uav_{uav}', [*flags, '--bandwidth', arguments.bandwidth])
     _follow(fleet, world, _log_file(folder, arguments.seed))
-    _await(fleet, recorder)
+    _wait_for_recorder(fleet, recorder)
 
 
 def _follow(fleet: Fleet, world: FleetProcess, log: Path) -> None:
@@ -190,7 +190,7 @@ def _progress(world: FleetProcess, log: Path) -> Iterator[tuple[float, str]]:
                 return
 
 
-def _await(fleet: Fleet, recorder: FleetProcess) -> None:
+def _wait_for_recorder(fleet: Fleet, recorder: FleetProcess) -> None:
     deadline_s = time.monotonic() + _RECORDER_S
     while recorder.popen.poll() is None:
         if time.monotonic() > deadline_s:

@@ -59,7 +59,7 @@ def show(mission: 'FlownMission', picture: Path, console: 'Console') -> None:
     if mission.is_whole:
         check_log(mission.log)
     header, n_messages = mission.log.header, mission.n_radio_messages
-    bound = bound_shown(header, mission.site)
+    bound = mission_bound(header, mission.site)
     console.print(mission_tables(header, mission.metrics, n_messages, bound))
     if not mission.is_whole:
         what = 'warning: not all of the mission was recorded; these are the figures of what was'
@@ -68,7 +68,7 @@ def show(mission: 'FlownMission', picture: Path, console: 'Console') -> None:
     console.print(f'picture: {picture}', highlight=False, markup=False, soft_wrap=True)
 
 
-def bound_shown(header: MissionHeader, site: 'Site') -> 'Bound | None':
+def mission_bound(header: MissionHeader, site: 'Site') -> 'Bound | None':
     """The clairvoyant bound of a mission; None where that takes too long."""
     import numpy as np
     from uav_collect.planning.bound import bound_of, KERNELS

@@ -35,7 +35,7 @@ class FleetProcess:
     popen: 'subprocess.Popen[bytes]'
     start: _Start
 
-    def last_words(self) -> str:
+    def log_tail(self) -> str:
         """The last lines of its log."""
         if self.log is None:
             return ''
@@ -86,9 +86,9 @@ class Fleet:
             status = process.popen.poll()
             if status not in (None, 0):
                 what = f'{process.name} failed with exit status {status}'
-                raise FleetError(f'{what}{process.last_words()}')
+                raise FleetError(f'{what}{process.log_tail()}')
 
-    def revive(self) -> list[str]:
+    def restart_killed(self) -> list[str]:
         """Start again what was killed by a signal; the names.
 
         Raises:

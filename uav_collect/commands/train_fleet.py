@@ -144,7 +144,7 @@ def _start(
 def _supervise(fleet: Fleet) -> None:
     """Keep all processes running until the trainer has had its time."""
     while fleet.status('trainer') != 0:
-        for name in fleet.revive():
+        for name in fleet.restart_killed():
             say(f'{name} was killed and is started again')
         time.sleep(_LOOK_S)
 

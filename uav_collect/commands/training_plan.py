@@ -40,10 +40,10 @@ def plan_training(arguments: argparse.Namespace) -> TrainingPlan:
         TrainingRunError: a folder is there already, or there is nothing to resume.
         ConfigError: scenario or preset are not valid.
     """
-    return _new(arguments) if arguments.resume is None else _resumed(arguments)
+    return _new_training(arguments) if arguments.resume is None else _resumed_training(arguments)
 
 
-def _new(arguments: argparse.Namespace) -> TrainingPlan:
+def _new_training(arguments: argparse.Namespace) -> TrainingPlan:
     from uav_collect.training.config import load_preset
     from uav_collect.uav.policy import frozen_policy
 
@@ -93,7 +93,7 @@ def _record(
         scenarios,
         config,
         initial,
-        training=_usual_name(names, n_uavs, arguments.algorithm, config.name)
+        training=_default_name(names, n_uavs, arguments.algorithm, config.name)
         if arguments.output is None
         else arguments.output.name,
         algorithm=arguments.algorithm,
@@ -106,7 +106,7 @@ def _record(
     )
 
 
-def _usual_name(names: Sequence[str], n_uavs: Sequence[int], algorithm: str, preset: str) -> str:
+def _default_name(names: Sequence[str], n_uavs: Sequence[int], algorithm: str, preset: str) -> str:
     """paper_10x10_n2_aqmix_strong, or paper_8x8+2_n1-6_aqmix_strong for three scenarios."""
     field = names[0] if len(names) == 1 else f'{names[0]}+{len(names) - 1}'
     least, most = min(n_uavs), max(n_uavs)
@@ -114,7 +114,7 @@ def _usual_name(names: Sequence[str], n_uavs: Sequence[int], algorithm: str, pre
     return f'{field}_n{fleet}_{algorithm}_{preset}'
 
 
-def _resumed(arguments: argparse.Namespace) -> TrainingPlan:
+def _resumed_training(arguments: argparse.Namespace) -> TrainingPlan:
     """The named run, then the other runs of its training that are not done."""
     given = [name for name in _OWN if getattr(arguments, name) not in (None, [])]
     if given:
@@ -122,14 +122,14 @@ def _resumed(arguments: argparse.Namespace) -> TrainingPlan:
         what = f'{option} cannot be given with --resume: the run goes on as it was begun'
         raise TrainingRunError(what)
     folder: Path = arguments.resume
-    record = _extended(read_run(folder), arguments)
-    folders = _siblings(folder, record)
+    record = _with_budget(read_run(folder), arguments)
+    folders = _seed_folders(folder, record)
     runs = [stored_run(folder, record)]
     for seed, other in zip(record.seeds, folders, strict=False):
         if other.resolve() == folder.resolve():
             continue
         if (other / RUN_FILE).is_file():
-            runs.append(stored_run(other, _extended(read_run(other), arguments)))
+            runs.append(stored_run(other, _with_budget(read_run(other), arguments)))
         else:
             runs.append(replace(runs[0], folder=other, record=replace(record, seed=seed)))
     pending = [run for run in runs if not run.record.is_done]
@@ -140,7 +140,7 @@ def _resumed(arguments: argparse.Namespace) -> TrainingPlan:
     return TrainingPlan(runs=tuple(pending), folders=folders)
 
 
-def _siblings(folder: Path, record: RunRecord) -> tuple[Path, ...]:
+def _seed_folders(folder: Path, record: RunRecord) -> tuple[Path, ...]:
     """The folders of all runs of a training, found beside one of them."""
     here = folder if folder.name not in ('', '..') else folder.resolve()
     names = [f'{record.training}_s{seed}' for seed in record.seeds]
@@ -149,7 +149,7 @@ def _siblings(folder: Path, record: RunRecord) -> tuple[Path, ...]:
     return tuple(here.parent / name for name in names)
 
 
-def _extended(record: RunRecord, arguments: argparse.Namespace) -> RunRecord:
+def _with_budget(record: RunRecord, arguments: argparse.Namespace) -> RunRecord:
     """The record with the time that the arguments give it, if they give any."""
     if arguments.minutes is None and arguments.decisions is None:
         return record

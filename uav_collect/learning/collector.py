@@ -68,7 +68,7 @@ class Collector:
         goal = self.n_decisions + n_decisions
         waiting = self._env.decisions
         while self.n_decisions < goal:
-            actions = self._chosen(agent, waiting, epsilon)
+            actions = self._choose_actions(agent, waiting, epsilon)
             self.n_decisions += len(actions)
             waiting = self._env.step(actions)
             is_over = waiting.uav == NONE
@@ -100,7 +100,7 @@ class Collector:
         self.n_decisions = state['n_decisions']
         self.n_missions = state['n_missions']
 
-    def _chosen(self, agent: Drqn, waiting: Decisions, epsilon: float) -> Ints:
+    def _choose_actions(self, agent: Drqn, waiting: Decisions, epsilon: float) -> Ints:
         uav = torch.from_numpy(waiting.uav).to(self._device)
         observation = torch.from_numpy(waiting.observation).to(self._device, torch.float32)
         illegal = torch.from_numpy(~waiting.legal).to(self._device)

@@ -104,7 +104,7 @@ class Learner:
         )
         self.n_updates = 0
 
-    def start_from(self, weights: Mapping[str, NDArray[np.float32]]) -> None:
+    def load_weights(self, weights: Mapping[str, NDArray[np.float32]]) -> None:
         """Take over an agent network's weights before the first update."""
         tensors = {name: torch.from_numpy(np.array(values)) for name, values in weights.items()}
         self.networks.agent.load_state_dict(tensors)
@@ -156,7 +156,7 @@ class Learner:
         """Mean squared error of the entries' action values against their targets."""
         tensors = self._on_device(minibatch, task)
         values = self._values(self.networks, tensors)
-        chosen = self._chosen(values, tensors)
+        chosen = self._chosen_values(values, tensors)
         by_uav = self._by_uav(chosen, tensors)
         team = self._team_values(self.networks, chosen, by_uav, tensors, tensors.entry)
         with torch.no_grad():
@@ -180,7 +180,7 @@ class Learner:
         best = selector.masked_fill(~tensors.legal, -torch.inf).argmax(dim=1)
         best_value = values.gather(1, best[:, None]).squeeze(1)[tensors.row]
         deciding = best_value[tensors.latest.clamp(min=0)]
-        waiting = self._by_uav(self._chosen(values, tensors), tensors)
+        waiting = self._by_uav(self._chosen_values(values, tensors), tensors)
         by_uav = torch.where(tensors.decides, deciding, waiting)
         follows = tensors.next_entry.clamp(min=0)
         future = self._team_values(self.target, best_value, by_uav, tensors, follows)
@@ -195,7 +195,7 @@ class Learner:
             values: Tensor = networks.agent(tensors.observation, tensors.step_sizes)
         return values.float()
 
-    def _chosen(self, values: Tensor, tensors: _Tensors) -> Tensor:
+    def _chosen_values(self, values: Tensor, tensors: _Tensors) -> Tensor:
         """The value of each decision's own action, shape (E,)."""
         return values[tensors.row].gather(1, tensors.action[:, None]).squeeze(1)
 

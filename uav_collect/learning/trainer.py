@@ -72,7 +72,7 @@ class Trainer:
         self._best_policy: FrozenPolicy | None = None
         if initial is not None:
             _check_same_network(initial, self._header(None, initial.weights))
-            self._learner.start_from(initial.weights)
+            self._learner.load_weights(initial.weights)
 
     @property
     def n_decisions(self) -> int:
@@ -91,7 +91,7 @@ class Trainer:
 
     def warm_up(self) -> None:
         """Let the kernels of validation be compiled, which takes a minute once."""
-        policy = LearnedPolicy('new', self._frozen(None))
+        policy = LearnedPolicy('new', self._freeze(None))
         for task in self._tasks:
             task.validate(policy, [VALIDATION_SEED])
 
@@ -113,7 +113,7 @@ class Trainer:
         speed = SpeedMeter(self)
         is_over = False
         while not is_over and (share_done := self.share_done(budget)) < 1.0:
-            loss = self._advance(share_done, speed)
+            loss = self._collect_and_update(share_done, speed)
             is_over = any(task.source.is_over for task in self._tasks)
             is_due = self._learner.n_updates % self.config.validation.every_updates == 0
             is_due &= loss is not None
@@ -129,14 +129,14 @@ class Trainer:
 
     def snapshot(self) -> FrozenPolicy:
         """The network as it is now, frozen, whatever it is worth."""
-        return self._frozen(None)
+        return self._freeze(None)
 
     def policy(self) -> FrozenPolicy:
         """The network as it is now, frozen and validated."""
         validation = self._validation
         if validation is None or validation.n_updates < self._learner.n_updates:
-            validation = self._validated()
-        return self._frozen(validation)
+            validation = self._run_validation()
+        return self._freeze(validation)
 
     def best_policy(self) -> FrozenPolicy | None:
         """The network that flew the validation missions best; None before the first."""
@@ -213,7 +213,7 @@ class Trainer:
             header = self._header(self._best, state['best_weights'])
             self._best_policy = FrozenPolicy(header, state['best_weights'])
 
-    def _advance(self, share_done: float, speed: SpeedMeter) -> float | None:
+    def _collect_and_update(self, share_done: float, speed: SpeedMeter) -> float | None:
         """Fly a little, then learn once.
 
         Returns:
@@ -235,15 +235,15 @@ class Trainer:
         return loss
 
     def _validate(self) -> None:
-        self._validation = self._validated()
+        self._validation = self._run_validation()
         best = self._best
         if best is None or self._validation.rank > best.rank:
             self._best = self._validation
-            self._best_policy = self._frozen(self._validation)
+            self._best_policy = self._freeze(self._validation)
 
-    def _validated(self) -> ValidationResult:
+    def _run_validation(self) -> ValidationResult:
         """Fly the validation missions, equal bandwidth, without exploration."""
-        policy = LearnedPolicy('validated', self._frozen(None))
+        policy = LearnedPolicy('validated', self._freeze(None))
         seeds = mission_seeds(VALIDATION_SEED, self.config.validation.missions)
         logs = [log for task in self._tasks for log in task.validate(policy, seeds)]
         flown = [mission_metrics(log) for log in logs]
@@ -255,7 +255,7 @@ class Trainer:
             team_reward=_mean(log.events['reward'].sum() for log in logs),
         )
 
-    def _frozen(self, validation: ValidationResult | None) -> FrozenPolicy:
+    def _freeze(self, validation: ValidationResult | None) -> FrozenPolicy:
         weights = self._learner.weights()
         return FrozenPolicy(self._header(validation, weights), weights)
 

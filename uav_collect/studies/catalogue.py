@@ -4,15 +4,15 @@ from collections.abc import Callable, Mapping
 import math
 
 from uav_collect.studies.comparisons import (
-    all_trained,
-    area_panel,
+    compare_bandwidths,
+    compare_trained_each,
+    compare_trained_once,
     field_of,
     fleets_of,
-    panel_of,
-    tested_alike,
-    tested_each,
-    tested_with_both_bandwidths,
-    usual_trained,
+    make_area_panel,
+    make_panel,
+    train_all,
+    train_usual,
     with_budget,
     with_csi_error,
     with_density,
@@ -38,12 +38,12 @@ from uav_collect.studies.study import (
 _Make = Callable[[Requests], Study]
 
 
-def names() -> tuple[str, ...]:
+def study_names() -> tuple[str, ...]:
     """The studies' names, in the order of the paper's figures."""
     return tuple(_MAKERS)
 
 
-def study(name: str, requests: Requests) -> Study:
+def make_study(name: str, requests: Requests) -> Study:
     """A study, which asks for its jobs.
 
     Raises:
@@ -67,7 +67,7 @@ def _topology(requests: Requests) -> Study:
 def _learning_areas(requests: Requests) -> Study:
     fields, seeds = requests.scale.fields, requests.scale.seeds
     panels = [
-        area_panel(requests, _cells(field), field, n_seeds)
+        make_area_panel(requests, _cells(field), field, n_seeds)
         for field, n_seeds in (
             (fields.usual, seeds.usual),
             (fields.large, seeds.large),
@@ -87,8 +87,8 @@ def _learning_uavs(requests: Requests) -> Study:
     panels = []
     for n_uavs, (scenario, decisions, n_seeds) in fleets_of(requests).items():
         label = f'{n_uavs} UAV{"s" if n_uavs > 1 else ""}'
-        trained = all_trained(requests, scenario, decisions, n_seeds)
-        panels.append(panel_of(requests, label, f'{n_uavs}_uavs', scenario, trained))
+        trained = train_all(requests, scenario, decisions, n_seeds)
+        panels.append(make_panel(requests, label, f'{n_uavs}_uavs', scenario, trained))
     return CurvesStudy(
         name='learning-uavs',
         figure=5,
@@ -111,7 +111,7 @@ def _energy(requests: Requests) -> Study:
         column='energy_budget_kj',
         values=scale.budgets_kj,
         measures=(COLLECTED, COMPLETION, EFFICIENCY),
-        lines=tested_alike(requests, scenarios, usual_trained(requests)),
+        lines=compare_trained_once(requests, scenarios, train_usual(requests)),
     )
 
 
@@ -128,7 +128,7 @@ def _density(requests: Requests) -> Study:
         column='density_share',
         values=scale.densities,
         measures=(COMPLETION, EFFICIENCY),
-        lines=tested_alike(requests, scenarios, usual_trained(requests)),
+        lines=compare_trained_once(requests, scenarios, train_usual(requests)),
     )
 
 
@@ -136,7 +136,7 @@ def _uavs(requests: Requests) -> Study:
     fleets = fleets_of(requests)
     n_seeds = min(n_seeds for _, _, n_seeds in fleets.values())  # a fair choice of the best
     trained = [
-        all_trained(requests, scenario, decisions, n_seeds)
+        train_all(requests, scenario, decisions, n_seeds)
         for scenario, decisions, _ in fleets.values()
     ]
     scenarios = [scenario for scenario, _, _ in fleets.values()]
@@ -149,7 +149,7 @@ def _uavs(requests: Requests) -> Study:
         column='n_uavs',
         values=tuple(map(float, fleets)),
         measures=(COMPLETION, EFFICIENCY),
-        lines=tested_each(requests, scenarios, trained),
+        lines=compare_trained_each(requests, scenarios, trained),
     )
 
 
@@ -158,7 +158,7 @@ def _range(requests: Requests) -> Study:
     field = field_of(scale.fields.usual)
     scenarios = [with_range(field, range_m) for range_m in scale.ranges_m]
     decisions, n_seeds = scale.fields.usual.decisions, scale.seeds.ranges
-    trained = [all_trained(requests, scenario, decisions, n_seeds) for scenario in scenarios]
+    trained = [train_all(requests, scenario, decisions, n_seeds) for scenario in scenarios]
     return LinesStudy(
         name='range',
         figure=9,
@@ -169,7 +169,7 @@ def _range(requests: Requests) -> Study:
         values=scale.ranges_m,
         names=tuple(map(_range_name, scale.ranges_m)),
         measures=(COMPLETION, EFFICIENCY),
-        lines=tested_each(requests, scenarios, trained, planned=field),
+        lines=compare_trained_each(requests, scenarios, trained, planned=field),
     )
 
 
@@ -213,7 +213,7 @@ def _csi(requests: Requests) -> Study:
         column='csi_error_variance',
         values=scale.csi_errors,
         measures=(COLLECTING, EFFICIENCY),
-        lines=tested_with_both_bandwidths(requests, scenarios),
+        lines=compare_bandwidths(requests, scenarios),
     )
 
 
@@ -231,7 +231,7 @@ def _bandwidth(requests: Requests) -> Study:
         column='density_share',
         values=scale.densities,
         measures=(COLLECTING, EFFICIENCY),
-        lines=tested_with_both_bandwidths(requests, scenarios),
+        lines=compare_bandwidths(requests, scenarios),
     )
 
 
@@ -239,7 +239,7 @@ def _trajectories(requests: Requests) -> Study:
     scale = requests.scale
     config = scale.fields.small
     field = field_of(config)
-    trained = all_trained(requests, field, config.decisions, scale.seeds.small)
+    trained = train_all(requests, field, config.decisions, scale.seeds.small)
     seed = scale.tests.first_seed
     return TrajectoriesStudy(
         name='trajectories',

@@ -52,18 +52,18 @@ def _checked(scenario: Scenario, **parts: object) -> Scenario:
     return from_yaml(scenario.model_copy(update=parts).to_yaml())
 
 
-def all_trained(
+def train_all(
     requests: Requests, scenario: Scenario, decisions: int, n_seeds: int
 ) -> dict[str, TrainedPolicies]:
     """Ask for the trainings of each algorithm on a scenario, by label."""
     return {label: requests.train(label, scenario, decisions, n_seeds) for label in LEARNED}
 
 
-def usual_trained(requests: Requests) -> dict[str, TrainedPolicies]:
+def train_usual(requests: Requests) -> dict[str, TrainedPolicies]:
     """Ask for the trainings of each algorithm on the usual field, by label."""
     config = requests.scale.fields.usual
     field = field_of(config)
-    return all_trained(requests, field, config.decisions, requests.scale.seeds.usual)
+    return train_all(requests, field, config.decisions, requests.scale.seeds.usual)
 
 
 def fleets_of(requests: Requests) -> dict[int, tuple[Scenario, int, int]]:
@@ -79,14 +79,16 @@ def fleets_of(requests: Requests) -> dict[int, tuple[Scenario, int, int]]:
     return fleets
 
 
-def area_panel(requests: Requests, label: str, config: FieldConfig, n_seeds: int) -> CurvesPanel:
+def make_area_panel(
+    requests: Requests, label: str, config: FieldConfig, n_seeds: int
+) -> CurvesPanel:
     """The panel of the trainings on one of the paper's areas."""
     field = field_of(config)
-    trained = all_trained(requests, field, config.decisions, n_seeds)
-    return panel_of(requests, label, label.split()[0], field, trained)
+    trained = train_all(requests, field, config.decisions, n_seeds)
+    return make_panel(requests, label, label.split()[0], field, trained)
 
 
-def panel_of(
+def make_panel(
     requests: Requests,
     label: str,
     key: str,
@@ -99,14 +101,14 @@ def panel_of(
     return CurvesPanel(label=label, key=key, curves=tuple(trained.values()), references=references)
 
 
-def tested_alike(
+def compare_trained_once(
     requests: Requests, scenarios: Sequence[Scenario], trained: Mapping[str, TrainedPolicies]
 ) -> tuple[Line, ...]:
     """Policies that were trained once, tested in each scenario."""
-    return tested_each(requests, scenarios, [trained] * len(scenarios))
+    return compare_trained_each(requests, scenarios, [trained] * len(scenarios))
 
 
-def tested_each(
+def compare_trained_each(
     requests: Requests,
     scenarios: Sequence[Scenario],
     trained: Sequence[Mapping[str, TrainedPolicies]],
@@ -131,9 +133,7 @@ def tested_each(
     )
 
 
-def tested_with_both_bandwidths(
-    requests: Requests, scenarios: Sequence[Scenario]
-) -> tuple[Line, ...]:
+def compare_bandwidths(requests: Requests, scenarios: Sequence[Scenario]) -> tuple[Line, ...]:
     """AQMIX's policy of the small field with optimal and with equal bandwidth, and the others."""
     scale = requests.scale
     config = scale.fields.small

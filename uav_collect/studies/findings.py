@@ -65,7 +65,7 @@ class Findings:
             lines.append((over, value))
         return mean_curve(trained.label, range(len(lines)), lines)
 
-    def ends(self, trained: TrainedPolicies, key: str) -> Floats:
+    def final_values(self, trained: TrainedPolicies, key: str) -> Floats:
         """What each seed achieved in the last fifth of its training, (N,)."""
         means = []
         for digest in trained.digests:

@@ -59,7 +59,7 @@ def learning_curves(
     groups: dict[tuple[object, ...], list[tuple[RunRecord, Path]]] = {}
     for folder in folders:
         record = read_run(folder)
-        groups.setdefault(_kind(record), []).append((record, folder))
+        groups.setdefault(_common_settings(record), []).append((record, folder))
     labels = _labels([members[0][0] for members in groups.values()])
     return tuple(
         _curve(label, members, measure, axis)
@@ -67,7 +67,7 @@ def learning_curves(
     )
 
 
-def _kind(record: RunRecord) -> tuple[object, ...]:
+def _common_settings(record: RunRecord) -> tuple[object, ...]:
     """Everything in which runs of one curve are the same: all but the seed."""
     return (
         record.algorithm, record.scenario_text, record.scenario_fingerprint, record.preset,
@@ -82,8 +82,8 @@ def _labels(records: Sequence[RunRecord]) -> list[str]:
     scenarios = [record.scenario_text for record in records]
     settings = [' '.join((record.preset, *record.overrides)) for record in records]
     others = [
-        _numbered(scenarios, [record.scenario_fingerprint for record in records]),
-        _numbered(settings, [record.training_fingerprint for record in records]),
+        _with_fingerprints(scenarios, [record.scenario_fingerprint for record in records]),
+        _with_fingerprints(settings, [record.training_fingerprint for record in records]),
         [f'from {record.initial or "scratch"}' for record in records],
         [record.budget_text for record in records],
     ]
@@ -91,7 +91,7 @@ def _labels(records: Sequence[RunRecord]) -> list[str]:
     return [', '.join(parts) for parts in zip(algorithms, *differing, strict=True)]
 
 
-def _numbered(names: Sequence[str], fingerprints: Sequence[str]) -> list[str]:
+def _with_fingerprints(names: Sequence[str], fingerprints: Sequence[str]) -> list[str]:
     """The names, with the fingerprint where the same name stands for several things."""
     meanings: dict[str, set[str]] = {}
     for name, fingerprint in zip(names, fingerprints, strict=True):
@@ -109,7 +109,7 @@ def _curve(
     if len(set(seeds)) < len(seeds):
         again = next(seed for seed in seeds if seeds.count(seed) > 1)
         raise TrainingRunError(f'{label}: two runs have the seed {again}: give one of them')
-    lines = [_line(folder, measure, axis) for _, folder in members]
+    lines = [_run_line(folder, measure, axis) for _, folder in members]
     curve = mean_curve(label, seeds, lines)
     if curve is None:
         raise TrainingRunError(f'{label}: its runs have no {axis.key} in common')
@@ -142,7 +142,7 @@ def mean_curve(
     )
 
 
-def _line(folder: Path, measure: CurveMeasure, axis: CurveAxis) -> tuple[Floats, Floats]:
+def _run_line(folder: Path, measure: CurveMeasure, axis: CurveAxis) -> tuple[Floats, Floats]:
     """Moments and values of one run, moments rising."""
     columns = read_columns(folder / measure.file, (axis.column, measure.key))
     moments, values = rising(columns[axis.column] * axis.scale, columns[measure.key])
@@ -171,7 +171,7 @@ def to_csv(curves: Sequence[LearningCurve], measure: CurveMeasure, axis: CurveAx
     return files.csv_of(table)
 
 
-def draw(
+def draw_curves(
     curves: Sequence[LearningCurve],
     measure: CurveMeasure,
     axis: CurveAxis,

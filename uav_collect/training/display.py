@@ -88,7 +88,7 @@ def _live_display(
     lines = (
         speeds(progress),
         efficiencies(progress, last),
-        sizes(progress),
+        counts(progress),
         *((it,) for it in extras),
     )
     return Group(top, *(Text('  ' + '   '.join(parts)) for parts in lines))
@@ -120,7 +120,7 @@ def _efficiency(validation: 'ValidationResult') -> str:
     return f'{validation.efficiency_kbit_per_j:.3f}{complete}'
 
 
-def sizes(progress: 'Progress') -> tuple[str, ...]:
+def counts(progress: 'Progress') -> tuple[str, ...]:
     """How many missions, decisions and updates so far, and the size of the replay."""
     return (
         f'{progress.n_missions:,} missions',

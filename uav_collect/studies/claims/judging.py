@@ -103,9 +103,11 @@ class StudyResults:
             raise ValueError(f'plans have no {measure.title}')
         return Samples(value=column.value, noun='mission')
 
-    def ends(self, trained: TrainedPolicies, key: str, n_seeds: int | None = None) -> Samples:
+    def final_values(
+        self, trained: TrainedPolicies, key: str, n_seeds: int | None = None
+    ) -> Samples:
         """What trainings achieved in their last fifth, by seed."""
-        return Samples(value=self.findings.ends(trained, key)[:n_seeds], noun='seed')
+        return Samples(value=self.findings.final_values(trained, key)[:n_seeds], noun='seed')
 
 
 def is_above(what: str, unit: str, high: Samples, low: Samples) -> Evidence:

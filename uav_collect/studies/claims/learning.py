@@ -29,7 +29,8 @@ def waiting_costs_energy(results: StudyResults) -> Iterator[Evidence]:
     for panel in results.panels('learning-areas'):
         what = f'{panel.label}: efficiency while learning, AQMIX less QMIX'
         aqmix, qmix = (
-            results.ends(panel.curve(label), _EFFICIENCY_IN_TRAINING) for label in (AQMIX, QMIX)
+            results.final_values(panel.curve(label), _EFFICIENCY_IN_TRAINING)
+            for label in (AQMIX, QMIX)
         )
         yield is_above(what, EFFICIENCY.unit, aqmix, qmix)
 
@@ -38,7 +39,7 @@ def aiql_varies_more(results: StudyResults) -> Iterator[Evidence]:
     """How far each seed's reward is from the middle of all seeds."""
     for panel in results.panels('learning-areas'):
         spread = {
-            label: _spread(results.ends(panel.curve(label), REWARD.key))
+            label: _spread(results.final_values(panel.curve(label), REWARD.key))
             for label in (AIQL, AQMIX, QMIX)
         }
         for rival in (AQMIX, QMIX):
@@ -49,9 +50,9 @@ def aiql_varies_more(results: StudyResults) -> Iterator[Evidence]:
 def alike_with_one_uav(results: StudyResults) -> Iterator[Evidence]:
     """Validated efficiency with the smallest fleet."""
     panel = results.panels('learning-uavs')[0]
-    aqmix = results.ends(panel.curve(AQMIX), EFFICIENCY.key)
+    aqmix = results.final_values(panel.curve(AQMIX), EFFICIENCY.key)
     for rival in (QMIX, AIQL):
-        change = changed_percent(results.ends(panel.curve(rival), EFFICIENCY.key), aqmix)
+        change = changed_percent(results.final_values(panel.curve(rival), EFFICIENCY.key), aqmix)
         what = f'{panel.label}: change of the validated efficiency from AQMIX to {rival}'
         yield is_within(what, '%', change, -_ALIKE_PERCENT, _ALIKE_PERCENT)
 
@@ -76,7 +77,7 @@ def aiql_drops_with_uavs(results: StudyResults) -> Iterator[Evidence]:
     few, many = panels[0], panels[-1]
     curves = few.curve(AIQL), many.curve(AIQL)
     n_seeds = min(len(curve.digests) for curve in curves)
-    rewards = (results.ends(curve, REWARD.key, n_seeds) for curve in curves)
+    rewards = (results.final_values(curve, REWARD.key, n_seeds) for curve in curves)
     yield is_above(f'reward of AIQL, {few.label} less {many.label}', REWARD.unit, *rewards)
 
 
@@ -87,18 +88,22 @@ def middle_kernel_best(results: StudyResults) -> Iterator[Evidence]:
     if middle is None:
         return
     for other in (panel.curves[0], panel.curves[-1]):
-        rewards = (results.ends(curve, REWARD.key) for curve in (middle, other))
+        rewards = (results.final_values(curve, REWARD.key) for curve in (middle, other))
         yield is_above(f'reward, {_REGION} less {other.label}', REWARD.unit, *rewards)
 
 
 def _ahead(results: StudyResults, panel: CurvesPanel) -> Iterator[Evidence]:
     for rival in (QMIX, AIQL):
-        rewards = (results.ends(panel.curve(label), REWARD.key) for label in (AQMIX, rival))
+        rewards = (
+            results.final_values(panel.curve(label), REWARD.key) for label in (AQMIX, rival)
+        )
         yield is_above(f'{panel.label}: reward, AQMIX less {rival}', REWARD.unit, *rewards)
 
 
 def _relative_gap(results: StudyResults, panel: CurvesPanel, rival: str) -> Samples:
-    aqmix, other = (results.ends(panel.curve(label), EFFICIENCY.key) for label in (AQMIX, rival))
+    aqmix, other = (
+        results.final_values(panel.curve(label), EFFICIENCY.key) for label in (AQMIX, rival)
+    )
     first, second = aqmix.paired(other)
     return Samples(value=100.0 * (first - second) / first.mean(), noun='seed')
 

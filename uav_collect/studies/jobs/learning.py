@@ -50,7 +50,7 @@ def run_training(
     """
     torch.set_num_threads(1)  # others run beside; and the number decides the last bits of sums
     keep_freed_memory()
-    trainer, rows = _begun(job) if state is None else _resumed(*state)
+    trainer, rows = _new_trainer(job) if state is None else _resumed_trainer(*state)
     saved_s = monotonic()
     diverged = ''
     try:
@@ -59,7 +59,7 @@ def run_training(
             yield progress.share_done
             stops = is_stopping()
             if stops or monotonic() - saved_s >= checkpoint_s:
-                yield progress.share_done, (_saved(trainer), list(rows))
+                yield progress.share_done, (_trainer_bytes(trainer), list(rows))
                 saved_s = monotonic()
             if stops:
                 return
@@ -71,18 +71,18 @@ def run_training(
     yield _results(job, policy, rows, trainer.n_updates, diverged)
 
 
-def _begun(job: TrainingJob) -> tuple[Trainer, list[list[float]]]:
+def _new_trainer(job: TrainingJob) -> tuple[Trainer, list[list[float]]]:
     scenario = from_yaml(job.scenario)
     return Trainer([scenario], job_config(job), job.algorithm, job.seed), []
 
 
-def _resumed(saved: bytes, rows: list[list[float]]) -> tuple[Trainer, list[list[float]]]:
+def _resumed_trainer(saved: bytes, rows: list[list[float]]) -> tuple[Trainer, list[list[float]]]:
     with TemporaryDirectory() as folder:
         (Path(folder) / STATE_FILE).write_bytes(saved)
         return Trainer.resume(Path(folder)), rows
 
 
-def _saved(trainer: Trainer) -> bytes:
+def _trainer_bytes(trainer: Trainer) -> bytes:
     with TemporaryDirectory() as folder:
         trainer.save(Path(folder))
         return (Path(folder) / STATE_FILE).read_bytes()
@@ -144,15 +144,15 @@ def measure_rates(job: TrainingJob, duration_s: float) -> Rates:
     looks = trainer.run(Budget(decisions=job.decisions))
     next(looks, None)  # kernels are compiled
     begun_s = process_time()
-    start = _here(trainer)
+    start = _counters(trainer)
     is_settled = False
     for _ in looks:
         elapsed_s = process_time() - begun_s
         if not is_settled and elapsed_s >= _SETTLED_SHARE * duration_s:
-            is_settled, start = True, _here(trainer)
+            is_settled, start = True, _counters(trainer)
         if elapsed_s >= duration_s:
             break
-    n_decisions, cpu_s = (now - then for now, then in zip(_here(trainer), start, strict=True))
+    n_decisions, cpu_s = (now - then for now, then in zip(_counters(trainer), start, strict=True))
     per_decision_s = cpu_s / max(1, n_decisions)
     return Rates(
         cpu_s={'training': per_decision_s * job.decisions / units_of(job)},
@@ -161,5 +161,5 @@ def measure_rates(job: TrainingJob, duration_s: float) -> Rates:
     )
 
 
-def _here(trainer: Trainer) -> tuple[int, float]:
+def _counters(trainer: Trainer) -> tuple[int, float]:
     return trainer.n_decisions, process_time()

@@ -86,7 +86,7 @@ class ProcessEngine:
 
     def _new_worker(self) -> _Worker:
         ours, theirs = self._context.Pipe()
-        process = self._context.Process(target=_work, args=(theirs,), daemon=True)
+        process = self._context.Process(target=_worker_loop, args=(theirs,), daemon=True)
         process.start()
         theirs.close()
         worker = _Worker(process, ours)
@@ -111,19 +111,19 @@ def _send(worker: _Worker, what: WorkItem | str) -> None:
         worker.connection.send(what)
 
 
-def _work(connection: Connection) -> None:
+def _worker_loop(connection: Connection) -> None:
     """Do jobs until there is nobody who gives any."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # who started us says when to stop
     try:
         while True:
             task = connection.recv()
             if task != _STOP:  # which may come when the job is just done
-                _do(task, connection)
+                _do_job(task, connection)
     except (EOFError, BrokenPipeError, ConnectionResetError):
         return
 
 
-def _do(task: WorkItem, connection: Connection) -> None:
+def _do_job(task: WorkItem, connection: Connection) -> None:
     from uav_collect.studies.jobs.work import run_job
 
     asked = False

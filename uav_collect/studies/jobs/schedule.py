@@ -68,7 +68,7 @@ class _Run:
     waiting: list[str]
     n_losses: dict[str, int] = field(default_factory=dict)
 
-    def start_what_can(self) -> None:
+    def start_ready(self) -> None:
         for digest in list(self.waiting):
             if len(self.status.running) >= self.engine.n_slots:
                 return
@@ -94,7 +94,7 @@ class _Run:
             )
         )
 
-    def take(self, digest: str, report: Report) -> None:
+    def handle(self, digest: str, report: Report) -> None:
         match report:
             case Started(host=host):
                 self.status.hosts[digest] = host
@@ -102,14 +102,14 @@ class _Run:
                 self.status.running[digest] = share_done
             case Saved(state=state, share_done=share_done):
                 self.status.running[digest] = share_done
-                self.store.keep_state(digest, state)
+                self.store.save_state(digest, state)
             case Finished(results=results, cost=cost):
-                self.store.keep(self.jobs[digest], results, cost)
+                self.store.save(self.jobs[digest], results, cost)
                 self.status.done += 1
                 self.end(digest)
             case Failed(why=why, trace=trace):
                 self.status.failures[digest] = why
-                self.store.keep_failure(digest, trace)
+                self.store.save_failure(digest, trace)
                 self.store.drop_state(digest)  # it may be what it fails at
                 self.end(digest)
             case Lost(why=why):
@@ -159,12 +159,12 @@ def run_jobs(
     try:
         while run.waiting or status.running:
             if is_stopping():
-                _leave(run, show)
+                _stop_and_wait(run, show)
                 break
-            run.start_what_can()
+            run.start_ready()
             show(status)
             for digest, report in engine.wait(_WAIT_S):
-                run.take(digest, report)
+                run.handle(digest, report)
     finally:
         engine.close()
     show(status)
@@ -175,10 +175,10 @@ def _needed_first(jobs: Mapping[str, Job], order: Callable[[Job], float]) -> Ite
     return sorted(jobs, key=lambda digest: (order(jobs[digest]), digest))
 
 
-def _leave(run: _Run, show: Show) -> None:
+def _stop_and_wait(run: _Run, show: Show) -> None:
     """Stop, and wait until what runs is saved."""
     run.engine.stop()
     while run.status.running:
         for digest, report in run.engine.wait(_WAIT_S):
-            run.take(digest, report)
+            run.handle(digest, report)
         show(run.status)

@@ -62,7 +62,7 @@ class Store:
             path = self.folder / 'jobs' / digest / _COST
             raise StoreError(f'{path}: is no cost of a job: {error}') from error
 
-    def keep(self, job: Job, results: Mapping[str, bytes], cost: Cost) -> None:
+    def save(self, job: Job, results: Mapping[str, bytes], cost: Cost) -> None:
         """Keep what a finished job gave; its state goes.
 
         Raises:
@@ -88,7 +88,7 @@ class Store:
         finally:
             shutil.rmtree(partial, ignore_errors=True)
 
-    def keep_state(self, digest: str, state: bytes) -> None:
+    def save_state(self, digest: str, state: bytes) -> None:
         """Keep what an unfinished job goes on from, in place of what was kept before.
 
         Raises:
@@ -109,7 +109,7 @@ class Store:
         """Forget a state that nothing can go on from."""
         self._state(digest).unlink(missing_ok=True)
 
-    def keep_failure(self, digest: str, trace: str) -> None:
+    def save_failure(self, digest: str, trace: str) -> None:
         """Keep why a job cannot be done, for who is to mend it."""
         path = self.folder / 'failures' / f'{digest}.txt'
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -67,15 +67,15 @@ def run_job(task: WorkItem, is_stopping: Callable[[], bool] = lambda: False) -> 
     Raises:
         ValueError: the job cannot be done: `ConfigError`, `PolicyMismatchError` and such.
     """
-    return _in_turn(task.job, _perform(task, is_stopping))
+    return _compile_in_turn(task.job, _perform(task, is_stopping))
 
 
-def _in_turn(job: Job, events: Iterator[Event]) -> Iterator[Event]:
+def _compile_in_turn(job: Job, events: Iterator[Event]) -> Iterator[Event]:
     """Events of a job; where its kernels are not compiled yet, up to the first step in turn."""
     if not kernels_are_compiled():
         yield from events
         return
-    with _turn():
+    with _compile_lock():
         if not kernels_are_cached(kernels_of(job)):
             for event in events:
                 yield event
@@ -85,7 +85,7 @@ def _in_turn(job: Job, events: Iterator[Event]) -> Iterator[Event]:
 
 
 @contextmanager
-def _turn() -> Iterator[None]:
+def _compile_lock() -> Iterator[None]:
     """Hold this machine's lock for compiling kernels."""
     folder = cache_folder()
     folder.mkdir(parents=True, exist_ok=True)

@@ -9,7 +9,7 @@ from uav_collect.studies.pictures.drawing import (
     COLOUR,
     count_label,
     Drawing,
-    finish,
+    label_axes,
     panels,
     STYLE,
 )
@@ -50,7 +50,7 @@ def draw(study: CurvesStudy, findings: Findings) -> Drawing:
             if measure is EFFICIENCY:
                 rows += _draw_references(axes, panel, findings)
             axes.set_title(panel.label, fontsize=9)
-            finish(axes, _OVER, measure.title, measure.unit)
+            label_axes(axes, _OVER, measure.title, measure.unit)
             axes.xaxis.set_major_formatter(EngFormatter(sep=''))  # 500k, 2M
             axes.set_xlim(left=0.0)
             axes.legend(

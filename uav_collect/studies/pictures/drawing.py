@@ -66,7 +66,7 @@ def panels(
     return figure, [list(row) for row in axes]
 
 
-def finish(axes: Axes, over: str, title: str, unit: str) -> None:
+def label_axes(axes: Axes, over: str, title: str, unit: str) -> None:
     """Give a panel its labels, grid and spines."""
     axes.set_xlabel(over, fontsize=9)
     axes.set_ylabel(f'{title} [{unit}]', fontsize=9)

@@ -9,7 +9,7 @@ from uav_collect.studies.pictures.drawing import (
     COLOUR,
     count_label,
     Drawing,
-    finish,
+    label_axes,
     panels,
     SOLID,
     STYLE,
@@ -96,7 +96,7 @@ def _rows(
 
 
 def _finish(axes: Axes, study: LinesStudy, measure: PanelMeasure) -> None:
-    finish(axes, study.over, measure.title, measure.unit)
+    label_axes(axes, study.over, measure.title, measure.unit)
     if study.names:
         axes.set_xticks(range(len(study.names)), study.names)
     else:

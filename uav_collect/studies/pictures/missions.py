@@ -8,7 +8,7 @@ from uav_collect.recording.mission_log import from_jsonl, MissionLog
 from uav_collect.scenario.site import build_site
 from uav_collect.studies.findings import Findings
 from uav_collect.studies.jobs.flights import log_name
-from uav_collect.studies.pictures.drawing import Drawing, finish, panels
+from uav_collect.studies.pictures.drawing import Drawing, label_axes, panels
 from uav_collect.studies.study import TopologyStudy, TrajectoriesStudy
 from uav_collect.uav.action_codes import ACTION_NAMES
 from uav_collect.world.sensor_field import demand_of
@@ -41,7 +41,7 @@ def draw_topology(study: TopologyStudy) -> Drawing:
     area = study.scenario.area
     limits_m, ticks_m = (0.0, area.side_m), np.arange(area.cells_per_side + 1) * area.cell_size_m
     axes.set(xlim=limits_m, ylim=limits_m, aspect='equal', xticks=ticks_m, yticks=ticks_m)
-    finish(axes, 'east [m]', 'north', 'm')
+    label_axes(axes, 'east [m]', 'north', 'm')
     axes.legend(
         loc='upper center', bbox_to_anchor=(0.5, -0.12), frameon=False, fontsize=8, ncols=2
     )
