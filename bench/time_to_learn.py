@@ -81,7 +81,7 @@ def row(name: str, mark: float, passed: Passed | None) -> tuple[str, ...]:
     )
 
 
-def told() -> Namespace:
+def parse_arguments() -> Namespace:
     """The command line."""
     parser = ArgumentParser(description=__doc__.partition('\n')[0])
     parser.add_argument('minutes', type=_minutes, nargs='?', default=MINUTES, help='(%(default)s)')
@@ -98,7 +98,7 @@ def _minutes(text: str) -> float:
 
 def main() -> None:
     """Measure and print."""
-    arguments = told()
+    arguments = parse_arguments()
     torch.set_num_threads(1)
     keep_freed_memory()
     scenario, config = load('paper_10x10'), load_preset('strong')

@@ -226,9 +226,9 @@ def test_what_it_takes_is_said_beforehand(
 ) -> None:
     options = ['--scale', 'smoke', '--dry-run', '--output', str(tmp_path / 'o')]
     assert main(['figures', *options]) == 0
-    told = capsys.readouterr().out
-    assert re.search(r'scale smoke: (\d+) jobs.* \1 missing: 32 of training', told)
-    assert re.search(r'disk: \d+ MB of results, up to \d+ MB of checkpoints', told)
+    shown = capsys.readouterr().out
+    assert re.search(r'scale smoke: (\d+) jobs.* \1 missing: 32 of training', shown)
+    assert re.search(r'disk: \d+ MB of results, up to \d+ MB of checkpoints', shown)
     assert not (tmp_path / 'o').exists()
 
 

@@ -49,10 +49,10 @@ def test_the_policy_is_the_best_of_the_validations(
     header = load_policy(run / 'policy.safetensors').header
     validations = columns(run / 'validation.csv')
     row = validations['n_updates'].index(str(header.updates))
-    told = header.validation
-    assert told.efficiency_kbit_per_j == float(validations['efficiency_kbit_per_j'][row])
-    assert told.completion_s == float(validations['completion_s'][row])
-    assert f'{told.efficiency_kbit_per_j:.3f} kbit/J' in done.stdout
+    validation = header.validation
+    assert validation.efficiency_kbit_per_j == float(validations['efficiency_kbit_per_j'][row])
+    assert validation.completion_s == float(validations['completion_s'][row])
+    assert f'{validation.efficiency_kbit_per_j:.3f} kbit/J' in done.stdout
 
 
 def test_the_last_policy_is_there_too(

@@ -82,7 +82,7 @@ def replayed(folder: Path) -> tuple[list[Episode], dict[str, Any]]:
 
 def in_process(seeds: Sequence[int], budget: Budget) -> tuple[list[Episode], Trainer]:
     """What the same network flies and learns in this process."""
-    trainer = Trainer([SCENARIO], config_of(), 'aqmix', 0, sources=[intake := FleetSource(NEVER)])
+    trainer = Trainer([SCENARIO], config_of(), 'aqmix', 0, sources=[source := FleetSource(NEVER)])
     config, frozen = trainer.config, trainer.snapshot()
     setup = MissionSetup(
         scenario=SCENARIO,
@@ -92,7 +92,7 @@ def in_process(seeds: Sequence[int], budget: Budget) -> tuple[list[Episode], Tra
     )
     episodes = setup.episodes(seeds)
     for episode in episodes:
-        intake.add(
+        source.add(
             JoinedMission(
                 mission_id=str(episode.mission_seed), episode=episode, efficiency_kbit_per_j=0.0
             )

@@ -39,15 +39,15 @@ def episodes(seeds: Sequence[int]) -> list[JoinedMission]:
     ]
 
 
-def intake_of(
+def source_of(
     missions: Sequence[JoinedMission],
     most_waiting: int = 10**9,
     **values: Any,  # noqa: ANN401
 ) -> FleetSource:
-    intake = FleetSource(most_waiting, **values)
+    source = FleetSource(most_waiting, **values)
     for each in missions:
-        intake.add(each)
-    return intake
+        source.add(each)
+    return source
 
 
 def settings(validation_every_updates: int) -> TrainingConfig:
@@ -76,7 +76,7 @@ def trained(
         if trainer.n_updates == n_updates:
             raise EnoughError
 
-    sources = [intake_of(missions, fly=fly)]
+    sources = [source_of(missions, fly=fly)]
     if saved is None:
         trainer = Trainer([SETUP.scenario], settings(50), algorithm, 0, sources=sources)
     else:
@@ -104,62 +104,62 @@ def n_made(missions: Sequence[Episode]) -> int:
 
 def test_it_hands_out_missions_until_there_are_as_many_decisions_as_were_asked_for() -> None:
     missions = episodes(range(40))
-    intake = intake_of(missions)
+    source = source_of(missions)
     asked, taken = 0, []
     for n_decisions in (1, 30, 5, 5, 60):
         asked += n_decisions
-        taken += intake.collect(agent(), n_decisions, 0.5)
+        taken += source.collect(agent(), n_decisions, 0.5)
         most = max(it.episode.n_decisions for it in missions)
-        assert asked <= intake.n_decisions == n_made(taken) < asked + most
-    assert [it.mission_seed for it in taken] == [*range(intake.n_missions)]
+        assert asked <= source.n_decisions == n_made(taken) < asked + most
+    assert [it.mission_seed for it in taken] == [*range(source.n_missions)]
 
 
 def test_it_waits_for_missions_that_another_thread_adds() -> None:
-    intake, missions = FleetSource(10**9), episodes(range(10))
-    adding = Thread(target=deque, args=(map(intake.add, missions), 0))
+    source, missions = FleetSource(10**9), episodes(range(10))
+    adding = Thread(target=deque, args=(map(source.add, missions), 0))
     adding.start()
-    taken = intake.collect(agent(), n_made([it.episode for it in missions]), 0.5)
+    taken = source.collect(agent(), n_made([it.episode for it in missions]), 0.5)
     adding.join()
     assert len(taken) == 10
-    assert not intake.is_over
+    assert not source.is_over
 
 
 def test_it_is_over_when_no_more_come_and_what_is_there_is_too_little() -> None:
     missions = episodes(range(4))
-    intake = intake_of(missions)
-    intake.close()
-    assert len(intake.collect(agent(), 10**6, 0.5)) == 4
-    assert intake.is_over
-    assert intake.collect(agent(), 1, 0.5) == []
+    source = source_of(missions)
+    source.close()
+    assert len(source.collect(agent(), 10**6, 0.5)) == 4
+    assert source.is_over
+    assert source.collect(agent(), 1, 0.5) == []
 
 
 def test_a_learner_that_is_too_slow_takes_what_waits_without_an_update_each() -> None:
     missions = episodes(range(40))
-    intake = intake_of(missions, most_waiting=50)
-    taken = intake.collect(agent(), 10, 0.5)
+    source = source_of(missions, most_waiting=50)
+    taken = source.collect(agent(), 10, 0.5)
     left = n_made([it.episode for it in missions]) - n_made(taken)
     assert 50 - 10 < left <= 50
 
 
 def test_a_restored_intake_goes_on_and_knows_what_was_learned_from() -> None:
-    intake, other = intake_of(episodes(range(20))), FleetSource(10**9)
-    intake.collect(agent(), 40, 0.5)
-    other.restore(intake.state())
-    assert other.known_ids == intake.known_ids == [f'world-{seed}' for seed in range(20)]
-    assert other.n_decisions == intake.n_decisions
-    first, second = (each.collect(agent(), 30, 0.5) for each in (intake, other))
+    source, other = source_of(episodes(range(20))), FleetSource(10**9)
+    source.collect(agent(), 40, 0.5)
+    other.restore(source.state())
+    assert other.known_ids == source.known_ids == [f'world-{seed}' for seed in range(20)]
+    assert other.n_decisions == source.n_decisions
+    first, second = (each.collect(agent(), 30, 0.5) for each in (source, other))
     assert [it.mission_seed for it in first] == [it.mission_seed for it in second]
-    assert other.recent.reward == intake.recent.reward
+    assert other.recent.reward == source.recent.reward
 
 
 def test_recent_figures_are_those_of_the_missions_handed_out() -> None:
-    intake = intake_of(episodes(range(5)))
-    assert np.isnan(intake.recent.reward)
-    taken = intake.collect(agent(), 30, 0.5)
-    assert intake.recent.reward == pytest.approx(
+    source = source_of(episodes(range(5)))
+    assert np.isnan(source.recent.reward)
+    taken = source.collect(agent(), 30, 0.5)
+    assert source.recent.reward == pytest.approx(
         np.mean([it.records.reward.sum() for it in taken])
     )
-    assert intake.recent.efficiency_kbit_per_j == 1.0
+    assert source.recent.efficiency_kbit_per_j == 1.0
 
 
 def test_a_training_on_an_intake_is_resumed_where_it_was_saved(tmp_path: Path) -> None:
@@ -172,8 +172,8 @@ def test_a_training_on_an_intake_is_resumed_where_it_was_saved(tmp_path: Path) -
 
 
 def test_a_training_ends_with_a_validation_when_missions_run_out() -> None:
-    intake = intake_of(episodes(range(30)))
-    intake.close()
-    trainer = Trainer([SETUP.scenario], settings(5), 'aqmix', 0, sources=[intake])
+    source = source_of(episodes(range(30)))
+    source.close()
+    trainer = Trainer([SETUP.scenario], settings(5), 'aqmix', 0, sources=[source])
     validated = [it.n_updates for it in trainer.run(LONG) if it.validation is not None]
-    assert validated[-1] == trainer.n_updates == intake.n_decisions // 20 - 1
+    assert validated[-1] == trainer.n_updates == source.n_decisions // 20 - 1

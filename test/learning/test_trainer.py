@@ -166,9 +166,9 @@ def test_a_validation_tells_how_the_policy_flies_its_missions() -> None:
     efficiencies = [
         log.events['collected_bit'].sum() / log.events['energy_j'].sum() / 1e3 for log in logs
     ]
-    told = progress.validation.efficiency_kbit_per_j
-    assert told == policy.header.validation.efficiency_kbit_per_j
-    assert told == pytest.approx(np.mean(efficiencies))
+    efficiency = progress.validation.efficiency_kbit_per_j
+    assert efficiency == policy.header.validation.efficiency_kbit_per_j
+    assert efficiency == pytest.approx(np.mean(efficiencies))
 
 
 def test_the_best_policy_is_the_one_that_validated_best() -> None:

@@ -25,8 +25,8 @@ def alone(tmp_path_factory: pytest.TempPathFactory) -> Store:
     """Two trainings and missions of the best of them, done by one process after another."""
     single_threaded_torch()
     store = Store(tmp_path_factory.mktemp('alone'))
-    standing = done_by(ProcessEngine(1), some_jobs(), store)
-    assert (standing.failures, standing.done) == ({}, 4)
+    status = done_by(ProcessEngine(1), some_jobs(), store)
+    assert (status.failures, status.done) == ({}, 4)
     return store
 
 
@@ -49,8 +49,8 @@ def test_a_process_that_is_killed_costs_no_more_than_what_followed_its_last_stat
     alone: Store, tmp_path: Path
 ) -> None:
     store, engine = Store(tmp_path), Saboteur(ProcessEngine(2))
-    standing = done_by(engine, some_jobs(), store, checkpoint_s=0.0)
-    assert standing.n_lost == 1
+    status = done_by(engine, some_jobs(), store, checkpoint_s=0.0)
+    assert status.n_lost == 1
     assert store.cost(engine.killed[0]).n_interruptions == 1
     assert kept(store) == kept(alone)
 
@@ -61,17 +61,17 @@ def test_a_call_that_is_interrupted_saves_what_runs_and_the_next_one_goes_on(
 ) -> None:
     store, engine = Store(tmp_path), ProcessEngine(1)
     begun: list[str] = []
-    told = engine.wait
+    wait_for_reports = engine.wait
 
     def wait(timeout_s: float) -> Sequence[tuple[str, Report]]:
-        reports = told(timeout_s)
+        reports = wait_for_reports(timeout_s)
         begun.extend(digest for digest, report in reports if isinstance(report, Advanced))
         return reports
 
     engine.wait = wait  # type: ignore[method-assign]
     trainings = {it: job for it, job in some_jobs().items() if not isinstance(job, FlightsJob)}
-    standing = done_by(engine, trainings, store, is_stopping=lambda: bool(begun))
-    assert standing.done == 0
+    status = done_by(engine, trainings, store, is_stopping=lambda: bool(begun))
+    assert status.done == 0
     assert store.state(begun[0]) is not None
     done_by(ProcessEngine(1), some_jobs(), store)
     assert store.cost(begun[0]).n_interruptions == 1
@@ -81,6 +81,6 @@ def test_a_call_that_is_interrupted_saves_what_runs_and_the_next_one_goes_on(
 def test_a_job_that_cannot_be_done_says_why(tmp_path: Path) -> None:
     job = flights(policy='nobody')
     store = Store(tmp_path)
-    standing = done_by(ProcessEngine(1), by_digest(job), store)
-    assert 'nobody' in standing.failures[digest_of(job)]
+    status = done_by(ProcessEngine(1), by_digest(job), store)
+    assert 'nobody' in status.failures[digest_of(job)]
     assert 'Traceback' in (tmp_path / 'failures' / f'{digest_of(job)}.txt').read_text()

@@ -27,21 +27,21 @@ class Scripted:
     script: Mapping[str, Sequence[Sequence[Report]]]  # by digest, for each time it is begun
     n_slots: int = 1
     begun: list[WorkItem] = field(default_factory=list)
-    told: list[tuple[str, Report]] = field(default_factory=list)
+    reports: list[tuple[str, Report]] = field(default_factory=list)
     is_closed: bool = False
 
     def start(self, task: WorkItem) -> None:
         times = sum(it.digest == task.digest for it in self.begun)
         self.begun.append(task)
-        self.told += [(task.digest, report) for report in self.script[task.digest][times]]
+        self.reports += [(task.digest, report) for report in self.script[task.digest][times]]
 
     def wait(self, timeout_s: float) -> Sequence[tuple[str, Report]]:
         del timeout_s
-        return [self.told.pop(0)] if self.told else []
+        return [self.reports.pop(0)] if self.reports else []
 
     def stop(self) -> None:
-        running = {digest for digest, _ in self.told}
-        self.told = [(digest, Stopped()) for digest in running]
+        running = {digest for digest, _ in self.reports}
+        self.reports = [(digest, Stopped()) for digest in running]
 
     def close(self) -> None:
         self.is_closed = True
@@ -53,10 +53,10 @@ FOUND = Finished(results={POLICY: b'weights'}, cost=Cost(cpu_s=2.0))
 def test_a_job_waits_for_what_it_needs_and_gets_it(tmp_path: Path) -> None:
     learn, fly = training(), flights(training())
     engine = Scripted({digest_of(learn): [[FOUND]], digest_of(fly): [[FOUND]]}, n_slots=2)
-    standing = done_by(engine, by_digest(fly, learn), Store(tmp_path))
+    status = done_by(engine, by_digest(fly, learn), Store(tmp_path))
     assert [task.job for task in engine.begun] == [learn, fly]
     assert engine.begun[1].inputs == {digest_of(learn): b'weights'}
-    assert (standing.done, standing.total, engine.is_closed) == (2, 2, True)
+    assert (status.done, status.total, engine.is_closed) == (2, 2, True)
 
 
 def test_what_is_done_is_not_done_again(tmp_path: Path) -> None:
@@ -72,17 +72,17 @@ def test_a_lost_job_goes_on_from_its_last_state(tmp_path: Path) -> None:
     saved = Saved(state=b'half', share_done=0.5)
     engine = Scripted({digest_of(job): [[saved, Lost(why='gone')], [FOUND]]})
     store = Store(tmp_path)
-    standing = done_by(engine, by_digest(job), store)
+    status = done_by(engine, by_digest(job), store)
     assert [task.state for task in engine.begun] == [None, b'half']
-    assert (standing.done, standing.n_lost) == (1, 1)
+    assert (status.done, status.n_lost) == (1, 1)
     assert store.state(digest_of(job)) is None
 
 
 def test_a_job_that_is_lost_again_and_again_fails(tmp_path: Path) -> None:
     job = training()
     engine = Scripted({digest_of(job): [[Lost(why='gone')]] * 9})
-    standing = done_by(engine, by_digest(job), Store(tmp_path))
-    assert standing.failures == {digest_of(job): 'lost 6 times: gone'}
+    status = done_by(engine, by_digest(job), Store(tmp_path))
+    assert status.failures == {digest_of(job): 'lost 6 times: gone'}
 
 
 def test_what_fails_blocks_what_needs_it_and_nothing_else(tmp_path: Path) -> None:
@@ -90,9 +90,9 @@ def test_what_fails_blocks_what_needs_it_and_nothing_else(tmp_path: Path) -> Non
     failed = Failed(why='too small', trace='where')
     engine = Scripted({digest_of(learn): [[failed]], digest_of(other): [[FOUND]]})
     store = Store(tmp_path)
-    standing = done_by(engine, by_digest(learn, fly, other), store)
-    assert standing.failures == {digest_of(learn): 'too small'}
-    assert standing.blocked == {digest_of(fly)}
+    status = done_by(engine, by_digest(learn, fly, other), store)
+    assert status.failures == {digest_of(learn): 'too small'}
+    assert status.blocked == {digest_of(fly)}
     assert store.has(digest_of(other))
     assert (tmp_path / 'failures' / f'{digest_of(learn)}.txt').read_text() == 'where'
 
@@ -102,8 +102,8 @@ def test_jobs_that_are_left_are_not_begun_again(tmp_path: Path) -> None:
     reports = [Advanced(share_done=0.1), Advanced(share_done=0.2), FOUND]
     engine = Scripted({digest_of(it): [reports] for it in (first, second)})
     looks: Iterator[bool] = iter([False, False, True])
-    standing = done_by(
+    status = done_by(
         engine, by_digest(first, second), Store(tmp_path), is_stopping=lambda: next(looks)
     )
     assert len(engine.begun) == 1
-    assert (standing.done, standing.running) == (0, {})
+    assert (status.done, status.running) == (0, {})

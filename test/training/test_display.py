@@ -42,8 +42,8 @@ def progress(best: ValidationResult | None) -> Progress:
 
 
 def test_a_policy_that_leaves_missions_unfinished_says_so_beside_its_efficiency() -> None:
-    told = efficiencies(progress(best=WHOLE), PARTIAL)
-    assert told == ('0.250 kbit/J exploring', '0.206 (66 % complete) validated', '0.153 best')
+    texts = efficiencies(progress(best=WHOLE), PARTIAL)
+    assert texts == ('0.250 kbit/J exploring', '0.206 (66 % complete) validated', '0.153 best')
 
 
 def test_before_the_first_validation_there_is_no_best() -> None:
