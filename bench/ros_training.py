@@ -19,9 +19,10 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 from uav_collect.commands.ros_processes import Fleet, FleetProcess, ros_parameters
-from uav_collect.commands.train_fleet import first_seed, world_names
+from uav_collect.commands.train_fleet import world_names
 from uav_collect.scenario.load import load, Scenario
 from uav_collect.training.config import load_preset
+from uav_collect.training.seeds import first_training_seed
 from uav_collect.uav.policy_file import load_policy, policy_bytes
 
 SECONDS = 30.0  # of each measurement
@@ -86,7 +87,7 @@ def _start(
         named = ['--world', world] if world else []
         values = ros_parameters(
             scenario=file,
-            seed=first_seed(0, number, 1),
+            seed=first_training_seed(0, number, 1),
             missions=-1,
             max_decisions=config.max_decisions(scenario.n_cells),
             viewer_rate_hz=0.0,

@@ -20,9 +20,10 @@ from launch.events import Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
-from uav_collect.commands.train_fleet import first_seed, world_names
+from uav_collect.commands.train_fleet import world_names
 from uav_collect.scenario.load import load
 from uav_collect.training.config import load_preset
+from uav_collect.training.seeds import first_training_seed
 import yaml
 
 from launch import LaunchContext, LaunchDescription
@@ -74,7 +75,7 @@ def _start(context: LaunchContext) -> list:
     nodes = []
     for number, name in enumerate(names):
         named = ['--world', name] if name else []
-        seed = first_seed(int(chosen('seed')), number, 0)
+        seed = first_training_seed(int(chosen('seed')), number, 0)
         nodes.append(_node('world_sim', {**world, 'seed': seed}, named))
         for uav in range(1, scenario.n_uavs + 1):
             nodes.append(_node('uav_agent', agent, [*named, '--id', str(uav)]))

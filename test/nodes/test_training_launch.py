@@ -2,9 +2,9 @@
 
 from launch_recorder import defaults, described_by, given, Made, nodes, NODES_FILE, ROOT, started
 import pytest
-from uav_collect.commands.train_fleet import first_training_seed
 from uav_collect.scenario.load import load
 from uav_collect.training.config import load_preset
+from uav_collect.training.seeds import first_training_seed
 
 LAUNCH_FILE = ROOT / 'launch' / 'training.launch.py'
 
