@@ -138,13 +138,13 @@ def running(*command: str, output: Path | None = None) -> Iterator['subprocess.P
 def round_trips_us() -> tuple[float, float]:
     """p50 and p99 of a message of four bytes to another process and back."""
     with running(sys.executable, __file__, '--echo'):
-        told = subprocess.run(
+        done = subprocess.run(
             [sys.executable, __file__, '--ping'],
             stdout=subprocess.PIPE,
             check=True,
             timeout=DEADLINE_S,
         )
-    p50, p99 = np.percentile(json.loads(told.stdout), [50, 99]) * 1e6
+    p50, p99 = np.percentile(json.loads(done.stdout), [50, 99]) * 1e6
     return float(p50), float(p99)
 
 
@@ -182,11 +182,11 @@ def fly(
                 fleet.start('uav_agent', f'uav_{uav}', ['--id', str(uav), '--policy', policy])
                 for uav in range(1, scenario.n_uavs + 1)
             ]
-            told = _world(folder, n_missions)
+            stamps_s = _world(folder, n_missions)
             agent_mb = max(_resident_mb(agent.popen.pid) for agent in agents)
         finally:
             fleet.stop()
-        return _flight(label, told, (folder / 'world.log').read_text(), start_s, agent_mb)
+        return _flight(label, stamps_s, (folder / 'world.log').read_text(), start_s, agent_mb)
 
 
 def _world(folder: Path, n_missions: int) -> list[list[float]]:
@@ -204,14 +204,14 @@ def _world(folder: Path, n_missions: int) -> list[list[float]]:
             check=True,
             timeout=DEADLINE_S,
         )
-    told: list[list[float]] = json.loads(done.stdout)
-    return told
+    stamps_s: list[list[float]] = json.loads(done.stdout)
+    return stamps_s
 
 
 def _flight(
-    label: str, told: list[list[float]], log: str, start_s: float, agent_mb: float
+    label: str, stamps_s: list[list[float]], log: str, start_s: float, agent_mb: float
 ) -> Flight:
-    asked_s, answered_s, agent_s = map(np.array, told)
+    asked_s, answered_s, agent_s = map(np.array, stamps_s)
     starts_s = [float(at) for at in re.findall(r'\[(\d+\.\d+)\].* starts, seed', log)]
     ends = re.findall(r'\[(\d+\.\d+)\].* ended after (\d+) decisions', log)
     rates_per_s = [

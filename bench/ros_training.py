@@ -169,8 +169,8 @@ def learn_in_process(scenario: Scenario, seconds: float, per_update: int) -> flo
 
 def _n_decisions(log: Path, begin_s: float, end_s: float) -> int:
     """Decisions of the missions that ended in a time."""
-    told = re.findall(r'\[(\d+\.\d+)\].* after (\d+) decisions', log.read_text())
-    return sum(int(number) for at_s, number in told if begin_s <= float(at_s) < end_s)
+    logged = re.findall(r'\[(\d+\.\d+)\].* after (\d+) decisions', log.read_text())
+    return sum(int(number) for at_s, number in logged if begin_s <= float(at_s) < end_s)
 
 
 def _n_updates(folder: Path) -> int:

@@ -49,10 +49,10 @@ _OTHERS = {
 
 def generate_launch_description() -> LaunchDescription:
     defaults = yaml.safe_load(_NODES.read_text())['/**/trainer']['ros__parameters']
-    told = {name: (str(defaults[name]), what) for name, (_, what) in _ARGUMENTS.items()} | _OTHERS
+    known = {name: (str(defaults[name]), what) for name, (_, what) in _ARGUMENTS.items()} | _OTHERS
     arguments = [
         DeclareLaunchArgument(name, default_value=default, description=what)
-        for name, (default, what) in told.items()
+        for name, (default, what) in known.items()
     ]
     return LaunchDescription([*arguments, OpaqueFunction(function=_start)])
 

@@ -50,13 +50,13 @@ def sweep(scenario: Scenario, allocator: str = 'exact') -> Ints:
 
 def flown(world: AECEnv, actions: Ints) -> list[tuple[str, float, dict[str, Any]]]:
     """All that `last` says, but what is seen, until no agent is left."""
-    told, script = [], iter(actions.tolist())
+    turns, script = [], iter(actions.tolist())
     world.reset(seed=SEED)
     for agent in world.agent_iter():
         _, reward, terminated, truncated, info = world.last()
-        told.append((agent, reward, info))
+        turns.append((agent, reward, info))
         world.step(None if terminated or truncated else next(script))
-    return told
+    return turns
 
 
 # PettingZoo's own tests; a warning is an error.
@@ -144,7 +144,7 @@ def test_each_uav_earns_what_the_team_earns_between_its_decisions(reward: str) -
         times_s.append(float(vector_env.decisions.time_s[0]))
         rewards.append(float(vector_env.step(np.array([action])).reward[0]))
     assert vector_env.decisions.uav[0] == NONE
-    told = flown(env(scenario, reward=reward), actions)
+    turns = flown(env(scenario, reward=reward), actions)
     assert {*uavs[:-25]} == {0, 1, 2} != {*uavs[-25:]}  # one turns home early
     for uav_index in range(3):
         own = [place for place, decider in enumerate(uavs) if decider == uav_index]
@@ -155,7 +155,7 @@ def test_each_uav_earns_what_the_team_earns_between_its_decisions(reward: str) -
             )
             for start, stop in zip(own, [*own[1:], len(uavs)], strict=True)
         ]
-        got = [earned for agent, earned, _ in told if agent == f'uav_{uav_index + 1}']
+        got = [earned for agent, earned, _ in turns if agent == f'uav_{uav_index + 1}']
         assert got[0] == 0.0  # before its first decision
         assert got[1:] == pytest.approx(due, rel=1e-9, abs=1e-12)
 
@@ -165,19 +165,19 @@ def test_the_return_of_every_uav_is_that_of_the_team() -> None:
     [log] = fly(build_site(scenario), [SEED], 'sweep', 'exact')
     gamma = scenario.reward.discount_per_s
     of_team = (gamma ** log.events['time_s'] * log.events['reward']).sum()
-    told = flown(env(scenario), sweep(scenario))
+    turns = flown(env(scenario), sweep(scenario))
     for agent in ('uav_1', 'uav_2', 'uav_3'):
         total, discount = 0.0, 1.0  # from decision to decision, as a learner goes
-        for _, reward, info in (each for each in told if each[0] == agent):
+        for _, reward, info in (each for each in turns if each[0] == agent):
             total += discount * reward
             discount *= info['discount']
         assert total == pytest.approx(of_team, rel=1e-9)
 
 
 def test_durations_are_those_between_a_uavs_own_decisions() -> None:
-    told = flown(env(fleet()), sweep(fleet()))
+    turns = flown(env(fleet()), sweep(fleet()))
     for agent in ('uav_1', 'uav_2', 'uav_3'):
-        infos = [info for name, _, info in told if name == agent]
+        infos = [info for name, _, info in turns if name == agent]
         times_s = [info['time_s'] for info in infos]
         assert [info['duration_s'] for info in infos] == [0.0, *np.diff(times_s).tolist()]
         assert [info['discount'] for info in infos] == [
@@ -239,14 +239,14 @@ def test_missions_are_named_by_their_seed_and_go_on_with_the_next_one() -> None:
 
 def test_a_reset_in_the_middle_of_the_end_begins_anew() -> None:
     world = env(fleet(), max_decisions=2)
-    told = flown(world, sweep(fleet()))
+    turns = flown(world, sweep(fleet()))
     world.reset(seed=SEED)
     world.step(FORWARD)
     world.step(FORWARD)
     world.step(None)  # uav_1 has left, the others have not
     again = flown(world, sweep(fleet()))
     assert [(agent, reward) for agent, reward, _ in again] == [
-        (agent, reward) for agent, reward, _ in told
+        (agent, reward) for agent, reward, _ in turns
     ]
 
 

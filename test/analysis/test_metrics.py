@@ -63,7 +63,7 @@ def test_safe_means_landed_with_the_margin(budget_j: float, safe: bool) -> None:
     assert mission.is_safe is safe
 
 
-def test_a_failsafe_is_told(flown: MissionLog) -> None:
+def test_a_failsafe_is_reported(flown: MissionLog) -> None:
     script = [*FAST[:-1], 'home failsafe']
     mission = metrics.mission_metrics(fly(flown.header, [script, SLOW]))
     assert mission.failsafe_used

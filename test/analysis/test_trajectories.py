@@ -143,7 +143,9 @@ def test_data_left_behind_is_marked_and_explained(drawn: Callable[[Scene], Axes]
         assert [len(mark.get_offsets()) for mark in rings] == [n_marks]
 
 
-def test_start_and_home_are_told_apart_where_they_differ(drawn: Callable[[Scene], Axes]) -> None:
+def test_start_and_home_have_marks_of_their_own_where_they_differ(
+    drawn: Callable[[Scene], Axes],
+) -> None:
     one = scene(1, [HOME])
     assert 'start and home' in legend_of(drawn(one))
     elsewhere = load('paper_8x8', {'fleet.default.home': {'cell': [7, 7]}})

@@ -129,7 +129,7 @@ def test_a_learned_policy_is_evaluated_by_its_file(tmp_path: Path) -> None:
     assert written['mine']['complete_share']['mean'] < 1.0
 
 
-def test_two_files_of_one_name_are_told_apart_by_their_paths(tmp_path: Path) -> None:
+def test_two_files_of_one_name_are_distinguished_by_their_paths(tmp_path: Path) -> None:
     paths = []
     for seed, folder in enumerate((tmp_path / 'a', tmp_path / 'b')):
         folder.mkdir()

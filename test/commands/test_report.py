@@ -60,7 +60,7 @@ def test_report_of_a_folder_or_a_log_prints_and_draws(
     assert (report_folder / 'mission.png').read_bytes().startswith(b'\x89PNG')
 
 
-def test_report_draws_where_it_is_told(
+def test_report_draws_where_it_is_asked_to(
     report_folder: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     elsewhere = tmp_path_factory.mktemp('pictures')

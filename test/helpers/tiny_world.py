@@ -116,7 +116,7 @@ class Flight:
         self.simulation = Simulation(build_site(scenario), seed)
         briefing = self.simulation.briefing
         self.agents = [
-            Agent(briefing, uav, _Told(self), allocator_named(allocator))
+            Agent(briefing, uav, _ScriptedPolicy(self), allocator_named(allocator))
             for uav in range(briefing.n_uavs)
         ]
         self.action = HOME
@@ -155,7 +155,7 @@ class Flight:
 
 
 @dataclass
-class _Told:
+class _ScriptedPolicy:
     flight: Flight
     name: str = 'scripted'
     version: str = '1'

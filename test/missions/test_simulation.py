@@ -321,7 +321,7 @@ def test_a_mission_of_any_length_is_logged() -> None:
     check_log(log)
 
 
-def test_sixty_four_uavs_are_told_apart() -> None:
+def test_sixty_four_uavs_keep_apart() -> None:
     fleet = [uav(5.0) for _ in range(64)]
     log = fly_scripts(tiny(*fleet), *[[RIGHT]] * 64)
     everybody = 2**64 - 1

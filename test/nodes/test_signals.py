@@ -61,7 +61,7 @@ def test_nodes_that_wait_for_others_stop_when_asked(
 
 @every_signal
 @pytest.mark.parametrize('name', ['world_sim', 'uav_agent', 'recorder'])
-def test_a_node_that_is_still_loading_stops_when_told(
+def test_a_node_that_is_still_loading_stops_when_asked(
     name: str, signals: list[signal.Signals], processes: Processes
 ) -> None:
     node = processes.start(name, *(['--id', '1'] if name == 'uav_agent' else []))

@@ -238,11 +238,11 @@ def test_a_file_that_is_no_policy_is_refused_by_file_field_and_value(
     rewrite(path, **change)
     with pytest.raises(PolicyMismatchError) as refusal:
         load_policy(path)
-    told = str(refusal.value)
-    assert told.startswith(f'{path}: ')
-    assert '\n' not in told
+    message = str(refusal.value)
+    assert message.startswith(f'{path}: ')
+    assert '\n' not in message
     for word in words:
-        assert word in told
+        assert word in message
 
 
 def truncated(path: Path) -> None:

@@ -65,11 +65,11 @@ def test_a_mission_of_a_function_or_class_is_the_same_compiled_and_interpreted()
 
 
 def test_what_a_function_gets_has_the_same_types_compiled_and_interpreted() -> None:
-    told = kinds_of_rows()
-    assert told == interpreted(kinds_of_rows)
+    kinds = kinds_of_rows()
+    assert kinds == interpreted(kinds_of_rows)
     # The map, where no sensor is below, and what is legal.
     for kind in ('uint8(100,)', 'int64(0,)', 'float64(0,)', 'int64(5,)'):
-        assert kind in told
+        assert kind in kinds
 
 
 def test_a_class_remembers_for_one_uav_and_one_mission() -> None:
@@ -151,7 +151,7 @@ def test_what_cannot_fly_is_refused_before_anything_flies(name: str, words: str)
         ('def (', 'SyntaxError: invalid syntax'),
     ],
 )
-def test_a_module_that_fails_is_told_with_its_reason(
+def test_a_module_that_fails_is_refused_with_its_reason(
     text: str, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.syspath_prepend(tmp_path)
@@ -159,8 +159,8 @@ def test_a_module_that_fails_is_told_with_its_reason(
     monkeypatch.delitem(sys.modules, 'my_broken_policies', raising=False)
     with pytest.raises(PolicyMismatchError) as raised:
         user_policy('my_broken_policies:go')
-    told = 'policy my_broken_policies:go: module my_broken_policies cannot be imported: '
-    assert str(raised.value).startswith(told + words)
+    start = 'policy my_broken_policies:go: module my_broken_policies cannot be imported: '
+    assert str(raised.value).startswith(start + words)
 
 
 @pytest.mark.parametrize(
@@ -180,7 +180,7 @@ def test_a_module_that_fails_is_told_with_its_reason(
         ('late', 'RuntimeError: the wind is too strong (user_policies.py, line '),
     ],
 )
-def test_what_fails_in_flight_is_told_with_uav_time_place_and_line(name: str, words: str) -> None:
+def test_a_failure_in_flight_names_uav_time_place_and_line(name: str, words: str) -> None:
     assert words in failure(f'user_policies:{name}', tiny())
 
 
