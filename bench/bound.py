@@ -16,7 +16,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 from uav_collect.planning import bound
-from uav_collect.planning.problem import Errands, errands_of
+from uav_collect.planning.problem import PlanProblem, problem_of
 from uav_collect.scenario.load import load
 from uav_collect.scenario.site import build_site
 
@@ -25,26 +25,26 @@ TICKS_PER_S = 10_000  # OR-tools counts in whole numbers
 SPAN_WEIGHT = 1_000  # of the latest UAV's time; each UAV's own weighs its part of the speeds
 
 
-def completion_s(errands: Errands, routes: list[list[int]]) -> float:
+def completion_s(problem: PlanProblem, routes: list[list[int]]) -> float:
     """When the last UAV is home, each flying over its points."""
     return max(
-        sum(leg_s(errands, uav, here, there) for here, there in pairwise(route))
+        sum(leg_s(problem, uav, here, there) for here, there in pairwise(route))
         for uav, route in enumerate(routes)
     )
 
 
-def leg_s(errands: Errands, uav: int, here: int, there: int) -> float:
+def leg_s(problem: PlanProblem, uav: int, here: int, there: int) -> float:
     """The hover at a point, and the way to another."""
-    n_points = errands.n_cells + 2 * errands.n_uavs
-    hover_s = errands.hover_s[uav * errands.n_cells + here] if here < errands.n_cells else 0.0
-    return hover_s + errands.way_m[here * n_points + there] / errands.speed_mps[uav]
+    n_points = problem.n_cells + 2 * problem.n_uavs
+    hover_s = problem.hover_s[uav * problem.n_cells + here] if here < problem.n_cells else 0.0
+    return hover_s + problem.way_m[here * n_points + there] / problem.speed_mps[uav]
 
 
-def by_ortools(errands: Errands, n_solutions: int) -> float:
+def by_ortools(problem: PlanProblem, n_solutions: int) -> float:
     """The shortest plan by OR-tools: guided local search from parallel insertion [s]."""
     from ortools.constraint_solver import pywrapcp, routing_enums_pb2
 
-    n_cells, n_uavs = errands.n_cells, errands.n_uavs
+    n_cells, n_uavs = problem.n_cells, problem.n_uavs
     n_points = n_cells + 2 * n_uavs
     starts = [*range(n_cells, n_cells + n_uavs)]
     manager = pywrapcp.RoutingIndexManager(
@@ -54,13 +54,13 @@ def by_ortools(errands: Errands, n_solutions: int) -> float:
     legs_s = np.array(
         [
             [
-                [leg_s(errands, uav, here, there) for there in range(n_points)]
+                [leg_s(problem, uav, here, there) for there in range(n_points)]
                 for here in range(n_points)
             ]
             for uav in range(n_uavs)
         ]
     )
-    parts = SPAN_WEIGHT * np.array(errands.speed_mps) / sum(errands.speed_mps)
+    parts = SPAN_WEIGHT * np.array(problem.speed_mps) / sum(problem.speed_mps)
     times = []
     for uav in range(n_uavs):
         ticks = np.rint(legs_s[uav] * TICKS_PER_S).astype(np.int64)
@@ -87,12 +87,12 @@ def by_ortools(errands: Errands, n_solutions: int) -> float:
             index = solution.Value(routing.NextVar(index))
             route.append(manager.IndexToNode(index))
         routes.append(route)
-    return completion_s(errands, routes)
+    return completion_s(problem, routes)
 
 
-def ours(errands: Errands, n_rounds: int) -> tuple[float, float]:
+def ours(problem: PlanProblem, n_rounds: int) -> tuple[float, float]:
     """The shortest plan and its limit [s]; both plans and both limits are found."""
-    found = bound._find(errands, 0, n_rounds)
+    found = bound._find(problem, 0, n_rounds)
     assert found.shortest is not None
     return found.shortest.completion_s, found.least_completion_s
 
@@ -101,13 +101,13 @@ def main() -> None:
     """Print the table."""
     n_missions, n_solutions = (*map(int, sys.argv[1:]), *(5, 300)[len(sys.argv) - 1 :])
     site = build_site(load(SCENARIO))
-    missions = [errands_of(site, seed, 'exact') for seed in range(n_missions)]
+    missions = [problem_of(site, seed, 'exact') for seed in range(n_missions)]
     ours(missions[0], 1)  # compiles
     table = Table('search', 'shortest plan s', 'limit s', 'CPU s a mission')
     kernels = os.environ.get('UAV_COLLECT_KERNELS', 'compiled')
     for n_rounds in (bound.N_ROUNDS, 20 * bound.N_ROUNDS):
         start_s = time.process_time()
-        found = [ours(errands, n_rounds) for errands in missions]
+        found = [ours(problem, n_rounds) for problem in missions]
         used_s = (time.process_time() - start_s) / n_missions
         plan_s, limit_s = np.mean(found, axis=0)
         name = f'both plans and limits, {n_rounds} rounds, {kernels}'
@@ -116,7 +116,7 @@ def main() -> None:
             break
     if importlib.util.find_spec('ortools'):
         start_s = time.process_time()
-        plan_s = np.mean([by_ortools(errands, n_solutions) for errands in missions])
+        plan_s = np.mean([by_ortools(problem, n_solutions) for problem in missions])
         used_s = (time.process_time() - start_s) / n_missions
         name = f'OR-tools, the shortest plan alone, {n_solutions} solutions'
         table.add_row(name, f'{plan_s:.2f}', '', f'{used_s:.3f}')

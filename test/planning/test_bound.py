@@ -16,7 +16,7 @@ from uav_collect.missions.rollout import fly
 from uav_collect.physics.radio import channel_draw
 from uav_collect.planning import bound as bound_module
 from uav_collect.planning.bound import Bound, bound_of
-from uav_collect.planning.problem import Errands, errands_of
+from uav_collect.planning.problem import PlanProblem, problem_of
 from uav_collect.planning.relaxation import least_completion_s, least_energy_j
 from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site
@@ -62,12 +62,12 @@ def random_world(seed: int) -> Scenario:
     return tiny(*uavs, sensors=sensors, area__cells_per_side=5, **FADING)
 
 
-def best_alone(scenario: Scenario, errands: Errands, index: int) -> list[tuple[float, float]]:
+def best_alone(scenario: Scenario, problem: PlanProblem, index: int) -> list[tuple[float, float]]:
     """The least time [s] and energy [J] of one UAV for each set of data cells, as bits."""
-    n_cells, side = errands.n_cells, errands.cells_per_side
+    n_cells, side = problem.n_cells, problem.cells_per_side
     config = scenario.uavs[index]
     place_m = [
-        ((cell % side + 0.5) * CELL_M, (cell // side + 0.5) * CELL_M) for cell in errands.cell
+        ((cell % side + 0.5) * CELL_M, (cell // side + 0.5) * CELL_M) for cell in problem.cell
     ]
 
     @cache
@@ -85,19 +85,19 @@ def best_alone(scenario: Scenario, errands: Errands, index: int) -> list[tuple[f
     for served in range(1 << n_cells):
         flight_s = shortest_m(config.start_m, served) / config.speed_mps
         hover_s = sum(
-            errands.hover_s[index * n_cells + cell]
+            problem.hover_s[index * n_cells + cell]
             for cell in range(n_cells)
             if served >> cell & 1
         )
-        flight_j = errands.flight_power_w[index] * flight_s
-        best.append((flight_s + hover_s, flight_j + errands.hover_power_w[index] * hover_s))
+        flight_j = problem.flight_power_w[index] * flight_s
+        best.append((flight_s + hover_s, flight_j + problem.hover_power_w[index] * hover_s))
     return best
 
 
-def best_together(scenario: Scenario, errands: Errands) -> tuple[float, float]:
+def best_together(scenario: Scenario, problem: PlanProblem) -> tuple[float, float]:
     """The least time [s] and the least energy [J] over all ways to share the cells."""
-    alone = [best_alone(scenario, errands, index) for index in range(scenario.n_uavs)]
-    every = (1 << errands.n_cells) - 1
+    alone = [best_alone(scenario, problem, index) for index in range(scenario.n_uavs)]
+    every = (1 << problem.n_cells) - 1
     if scenario.n_uavs == 1:
         return alone[0][every]
     splits = [(alone[0][served], alone[1][every - served]) for served in range(every + 1)]
@@ -110,8 +110,8 @@ def best_together(scenario: Scenario, errands: Errands) -> tuple[float, float]:
 def test_plans_of_tiny_worlds_are_those_that_trying_everything_finds() -> None:
     for seed in range(200):
         scenario = random_world(seed)
-        errands = errands_of(build_site(scenario), seed, 'exact')
-        least_s, least_j = best_together(scenario, errands)
+        problem = problem_of(build_site(scenario), seed, 'exact')
+        least_s, least_j = best_together(scenario, problem)
         found = bound(scenario, seed)
         shortest, thriftiest = plans(found)
         assert shortest.completion_s == pytest.approx(least_s, rel=1e-6), seed
@@ -122,10 +122,10 @@ def test_plans_of_tiny_worlds_are_those_that_trying_everything_finds() -> None:
 
 def test_trying_everything_tries_all_orders() -> None:
     scenario = random_world(7)
-    errands = errands_of(build_site(scenario), 7, 'exact')
-    config, side = scenario.uavs[0], errands.cells_per_side
+    problem = problem_of(build_site(scenario), 7, 'exact')
+    config, side = scenario.uavs[0], problem.cells_per_side
     place_m = [
-        ((cell % side + 0.5) * CELL_M, (cell // side + 0.5) * CELL_M) for cell in errands.cell
+        ((cell % side + 0.5) * CELL_M, (cell // side + 0.5) * CELL_M) for cell in problem.cell
     ]
 
     def length_m(order: tuple[int, ...]) -> float:
@@ -135,10 +135,10 @@ def test_trying_everything_tries_all_orders() -> None:
             here_m = place_m[cell]
         return ways_m + math.dist(here_m, config.home_m)
 
-    assert errands.n_cells == 7
+    assert problem.n_cells == 7
     shortest_s = min(map(length_m, permutations(range(7)))) / config.speed_mps
-    hover_s = sum(errands.hover_s[cell] for cell in range(7))
-    assert best_alone(scenario, errands, 0)[-1][0] == pytest.approx(shortest_s + hover_s)
+    hover_s = sum(problem.hover_s[cell] for cell in range(7))
+    assert best_alone(scenario, problem, 0)[-1][0] == pytest.approx(shortest_s + hover_s)
 
 
 def test_one_uav_and_one_data_cell_take_what_was_worked_out_by_hand() -> None:
@@ -260,16 +260,16 @@ def test_the_limit_of_energy_is_close_in_the_papers_scenario() -> None:
 def test_limits_hold_whatever_steps_are_made_to() -> None:
     for seed in range(30):
         scenario = random_world(seed)
-        errands = errands_of(build_site(scenario), seed, 'exact')
-        least_s, least_j = best_together(scenario, errands)
+        problem = problem_of(build_site(scenario), seed, 'exact')
+        least_s, least_j = best_together(scenario, problem)
         for factor in (0.5, 1.0, 3.0):
-            assert least_completion_s(errands, factor * 500.0, factor * least_s) <= least_s
-            assert least_energy_j(errands, factor * least_j) <= least_j
+            assert least_completion_s(problem, factor * 500.0, factor * least_s) <= least_s
+            assert least_energy_j(problem, factor * least_j) <= least_j
 
 
 def test_no_visit_of_any_uav_draws_a_shorter_hover_than_the_limit_counts_with() -> None:
     scenario = tiny(sensors=[(60.0, 40.0, 1.0)], **FADING)
-    errands = errands_of(build_site(scenario), 0, 'exact')
+    problem = problem_of(build_site(scenario), 0, 'exact')
     sensor_field = lay_out(build_site(scenario))
     best = max(
         channel_draw(
@@ -282,8 +282,8 @@ def test_no_visit_of_any_uav_draws_a_shorter_hover_than_the_limit_counts_with() 
     signal_w = scenario.radio.tx_power_w * best
     noise_w = scenario.radio.noise_w_per_hz * scenario.bandwidth_hz
     hover_s = 1e6 / (scenario.bandwidth_hz * math.log2(1.0 + signal_w / noise_w))
-    assert 0.9 * hover_s < errands.least_hover_s[0] < hover_s
-    assert min(errands.hover_s) > hover_s * (1.0 - 1e-9)
+    assert 0.9 * hover_s < problem.least_hover_s[0] < hover_s
+    assert min(problem.hover_s) > hover_s * (1.0 - 1e-9)
 
 
 # What is kept on the disk
@@ -291,7 +291,7 @@ def test_no_visit_of_any_uav_draws_a_shorter_hover_than_the_limit_counts_with() 
 
 def bounds_of_a_few() -> str:
     site = build_site(load('paper_8x8'))
-    return repr([bound_module._find(errands_of(site, seed, 'exact'), seed, 200)
+    return repr([bound_module._find(problem_of(site, seed, 'exact'), seed, 200)
                  for seed in range(3)])  # fmt: skip
 
 
@@ -304,9 +304,9 @@ def searched(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     seeds: list[int] = []
     search = bound_module._find
 
-    def find(errands: Errands, mission_seed: int, n_rounds: int) -> Bound:
+    def find(problem: PlanProblem, mission_seed: int, n_rounds: int) -> Bound:
         seeds.append(mission_seed)
-        return search(errands, mission_seed, n_rounds)
+        return search(problem, mission_seed, n_rounds)
 
     monkeypatch.setattr(bound_module, '_find', find)
     return seeds

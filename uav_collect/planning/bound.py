@@ -26,7 +26,7 @@ from typing import Any
 from uav_collect import files
 from uav_collect.kernels.arrays import row_of
 from uav_collect.kernels.compile import cache_folder
-from uav_collect.planning.problem import Errands, errands_of
+from uav_collect.planning.problem import PlanProblem, problem_of
 from uav_collect.planning.relaxation import climb, least_completion_s, least_energy_j
 from uav_collect.planning.search import Aim, best_routes, Routes, search
 from uav_collect.scenario.load import fingerprint, Scenario
@@ -95,7 +95,7 @@ def bound_of(
     file = cache_folder() / 'bounds' / kind / f'{mission_seed}.json'
     bound = _read(file)
     if bound is None:
-        bound = _find(errands_of(site, mission_seed, share), mission_seed, n_rounds)
+        bound = _find(problem_of(site, mission_seed, share), mission_seed, n_rounds)
         _write(file, bound)
     return bound
 
@@ -139,64 +139,64 @@ def _flight(side: int, start: int, cells: Sequence[int]) -> tuple[list[int], lis
     return order, flown
 
 
-def _find(errands: Errands, mission_seed: int, n_rounds: int) -> Bound:
-    power_w = errands.flight_power_w, errands.hover_power_w
+def _find(problem: PlanProblem, mission_seed: int, n_rounds: int) -> Bound:
+    power_w = problem.flight_power_w, problem.hover_power_w
     aim = Aim(1.0, *(row_of([_TIE_S_PER_J * each_w for each_w in row]) for row in power_w))
-    total_mps = sum(errands.speed_mps)
-    balance = row_of([_BALANCE * speed_mps / total_mps for speed_mps in errands.speed_mps])
-    routes = best_routes(errands, aim, Aim(1.0, balance, balance), n_rounds)
-    shortest = _plan(errands, routes)
+    total_mps = sum(problem.speed_mps)
+    balance = row_of([_BALANCE * speed_mps / total_mps for speed_mps in problem.speed_mps])
+    routes = best_routes(problem, aim, Aim(1.0, balance, balance), n_rounds)
+    shortest = _plan(problem, routes)
     energy = Aim(0.0, *power_w)
-    thriftiest = _plan(errands, best_routes(errands, energy, energy, n_rounds))
-    lowest_s = least_completion_s(errands, sum(routes.length_m), shortest.completion_s)
-    lowest_j = least_energy_j(errands, thriftiest.total_energy_j)
+    thriftiest = _plan(problem, best_routes(problem, energy, energy, n_rounds))
+    lowest_s = least_completion_s(problem, sum(routes.length_m), shortest.completion_s)
+    lowest_j = least_energy_j(problem, thriftiest.total_energy_j)
     return Bound(
         mission_seed=mission_seed,
-        n_data_cells=errands.n_cells,
-        total_bit=errands.total_bit,
-        shortest=shortest if _is_affordable(errands, shortest) else None,
-        thriftiest=thriftiest if _is_affordable(errands, thriftiest) else None,
+        n_data_cells=problem.n_cells,
+        total_bit=problem.total_bit,
+        shortest=shortest if _is_affordable(problem, shortest) else None,
+        thriftiest=thriftiest if _is_affordable(problem, thriftiest) else None,
         least_completion_s=float(lowest_s),
         least_energy_j=float(lowest_j),
     )
 
 
-def _plan(errands: Errands, routes: Routes) -> Plan:
+def _plan(problem: PlanProblem, routes: Routes) -> Plan:
     """The plan of routes, as it is flown."""
     cells, landed_s, energy_j = [], [], []
-    for uav in range(errands.n_uavs):
-        points = _flown_points(errands, routes, uav)
-        hovers_s = [errands.hover_s[uav * errands.n_cells + point] for point in points]
+    for uav in range(problem.n_uavs):
+        points = _flown_points(problem, routes, uav)
+        hovers_s = [problem.hover_s[uav * problem.n_cells + point] for point in points]
         hover_s = math.fsum(hovers_s)
-        flight_s = _length_m(errands, uav, points) / errands.speed_mps[uav]
-        flight_j = errands.flight_power_w[uav] * flight_s
-        cells.append(tuple(int(errands.cell[point]) for point in points))
+        flight_s = _length_m(problem, uav, points) / problem.speed_mps[uav]
+        flight_j = problem.flight_power_w[uav] * flight_s
+        cells.append(tuple(int(problem.cell[point]) for point in points))
         landed_s.append(float(flight_s + hover_s))
-        energy_j.append(float(flight_j + errands.hover_power_w[uav] * hover_s))
+        energy_j.append(float(flight_j + problem.hover_power_w[uav] * hover_s))
     return Plan(cells=tuple(cells), landed_s=tuple(landed_s), energy_j=tuple(energy_j))
 
 
-def _flown_points(errands: Errands, routes: Routes, uav: int) -> list[int]:
+def _flown_points(problem: PlanProblem, routes: Routes, uav: int) -> list[int]:
     """The data cells of a UAV's route in the order in which it serves them."""
     point_of: dict[int, int] = {}  # in the order of the route
-    point = routes.after[errands.n_cells + uav]
-    while point < errands.n_cells:
-        point_of[int(errands.cell[point])] = point
+    point = routes.after[problem.n_cells + uav]
+    while point < problem.n_cells:
+        point_of[int(problem.cell[point])] = point
         point = routes.after[point]
-    order, _ = _flight(errands.cells_per_side, int(errands.start_cell[uav]), [*point_of])
+    order, _ = _flight(problem.cells_per_side, int(problem.start_cell[uav]), [*point_of])
     return [point_of[cell] for cell in order]
 
 
-def _length_m(errands: Errands, uav: int, cells: Sequence[int]) -> float:
-    n_cells, n_uavs = errands.n_cells, errands.n_uavs
+def _length_m(problem: PlanProblem, uav: int, cells: Sequence[int]) -> float:
+    n_cells, n_uavs = problem.n_cells, problem.n_uavs
     points = [n_cells + uav, *cells, n_cells + n_uavs + uav]
     n_points = n_cells + 2 * n_uavs
-    return math.fsum(errands.way_m[here * n_points + there] for here, there in pairwise(points))
+    return math.fsum(problem.way_m[here * n_points + there] for here, there in pairwise(points))
 
 
-def _is_affordable(errands: Errands, plan: Plan) -> bool:
+def _is_affordable(problem: PlanProblem, plan: Plan) -> bool:
     # The search adds and subtracts in its own order; the world allows twice this rounding.
-    pairs = zip(plan.energy_j, errands.allowance_j, strict=True)
+    pairs = zip(plan.energy_j, problem.allowance_j, strict=True)
     return all(energy_j <= allowance_j * (1.0 + 5e-10) for energy_j, allowance_j in pairs)
 
 

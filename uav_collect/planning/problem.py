@@ -21,7 +21,7 @@ _MAX_NORMAL = math.sqrt(64.0 * math.log(2.0))
 _ROUNDING = 1e-9  # relative; what a sum of energies may lose in the world
 
 
-class Errands(NamedTuple):
+class PlanProblem(NamedTuple):
     """The data cells of a mission and what serving them takes, as kernels read it.
 
     Points are the data cells, by index from 0, then the start of each UAV, then its home: N of
@@ -53,8 +53,8 @@ class _Desk(NamedTuple):
     share_hz: Row[float]
 
 
-def errands_of(site: Site, mission_seed: int, allocator: str) -> Errands:
-    """The errands of a mission, by the mission's own draws of demand and channels.
+def problem_of(site: Site, mission_seed: int, allocator: str) -> PlanProblem:
+    """The problem of a mission, by the mission's own draws of demand and channels.
 
     The channels are those of a UAV's first visit to a cell: a plan serves a cell the first time
     that its UAV comes there.
@@ -73,7 +73,7 @@ def errands_of(site: Site, mission_seed: int, allocator: str) -> Errands:
     ]
     way_m = _ways_m(briefing, np.array(cells, dtype=np.int64))
     between_m = way_m[: len(cells), : len(cells)]
-    errands = Errands(
+    problem = PlanProblem(
         n_cells=len(cells),
         n_uavs=briefing.n_uavs,
         cells_per_side=briefing.cells_per_side,
@@ -91,9 +91,9 @@ def errands_of(site: Site, mission_seed: int, allocator: str) -> Errands:
     )
     share = EQUAL if allocator == 'equal' else EXACT
     write_hovers(
-        share, briefing, sensor_field, mission_seed, demand_bit, errands, _new_desk(sensor_field)
+        share, briefing, sensor_field, mission_seed, demand_bit, problem, _new_desk(sensor_field)
     )
-    return errands
+    return problem
 
 
 def _int_row(values: Sequence[int]) -> Row[int]:
@@ -150,22 +150,22 @@ def write_hovers(
     sensor_field: SensorField,
     mission_seed: int,
     demand_bit: Row[float],
-    errands: Errands,
+    problem: PlanProblem,
     desk: _Desk,
 ) -> None:
-    """Write the hover times of all data cells into the errands."""
-    for index in range(errands.n_cells):
-        cell = errands.cell[index]
-        for uav in range(errands.n_uavs):
+    """Write the hover times of all data cells into the problem."""
+    for index in range(problem.n_cells):
+        cell = problem.cell[index]
+        for uav in range(problem.n_uavs):
             # A UAV that starts in the cell hovers there before it ever came to it.
-            visit = 0 if cell == errands.start_cell[uav] else 1
+            visit = 0 if cell == problem.start_cell[uav] else 1
             n_sensors = _listen(
                 briefing, sensor_field, mission_seed, demand_bit, uav, cell, visit, desk
             )
             hover_s = _hover_s(allocator, briefing, desk, n_sensors)
-            errands.hover_s[uav * errands.n_cells + index] = hover_s
+            problem.hover_s[uav * problem.n_cells + index] = hover_s
         hover_s = _least_hover_s(allocator, briefing, sensor_field, demand_bit, cell, desk)
-        errands.least_hover_s[index] = hover_s
+        problem.least_hover_s[index] = hover_s
 
 
 @kernel

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from uav_collect.kernels.arrays import new_row, Row, row_of
 from uav_collect.kernels.compile import kernel
-from uav_collect.planning.problem import Errands, FAR
+from uav_collect.planning.problem import FAR, PlanProblem
 
 _N_STEPS = 200  # prices tried
 _PATIENCE = 8  # steps without a better bound before steps get shorter
@@ -49,7 +49,7 @@ class _Prices(NamedTuple):
     by_last: Row[int]
 
 
-def least_completion_s(errands: Errands, length_m: float, plan_s: float) -> float:
+def least_completion_s(problem: PlanProblem, length_m: float, plan_s: float) -> float:
     """A time before which no fleet can have collected everything and be home.
 
     The latest UAV is home no sooner than any weighted mean of all. The weights are the rates at
@@ -59,64 +59,64 @@ def least_completion_s(errands: Errands, length_m: float, plan_s: float) -> floa
         length_m: of the way that the work takes, about; good weights come of it, any are valid.
         plan_s: completion time of a plan; steps are made to it.
     """
-    if errands.n_cells == 0:
-        return _direct_s(errands)
-    hover_s = sum(errands.least_hover_s)
-    rates = [1.0 / (length_m / speed_mps + hover_s) for speed_mps in errands.speed_mps]
+    if problem.n_cells == 0:
+        return _direct_s(problem)
+    hover_s = sum(problem.least_hover_s)
+    rates = [1.0 / (length_m / speed_mps + hover_s) for speed_mps in problem.speed_mps]
     ranked = sorted(rates, reverse=True)
     charge = Charge(
         flight=row_of(rates),
         hover=row_of(rates),
-        idle=new_row(errands.n_uavs, 0.0),
+        idle=new_row(problem.n_uavs, 0.0),
         base=0.0,
         divisor=row_of([sum(ranked[: n_routes + 1]) for n_routes in range(len(ranked))]),
     )
-    return max(_direct_s(errands), _bound(errands, charge, plan_s))
+    return max(_direct_s(problem), _bound(problem, charge, plan_s))
 
 
-def least_energy_j(errands: Errands, plan_j: float) -> float:
+def least_energy_j(problem: PlanProblem, plan_j: float) -> float:
     """An energy without which no fleet can collect everything and come home.
 
     Args:
         plan_j: energy of a plan; steps are made to it.
     """
-    idle_j = [errands.flight_power_w[uav] * _idle_s(errands, uav) for uav in range(errands.n_uavs)]
-    if errands.n_cells == 0:
+    idle_j = [problem.flight_power_w[uav] * _idle_s(problem, uav) for uav in range(problem.n_uavs)]
+    if problem.n_cells == 0:
         return sum(idle_j)
     charge = Charge(
-        flight=errands.flight_power_w,
-        hover=errands.hover_power_w,
+        flight=problem.flight_power_w,
+        hover=problem.hover_power_w,
         idle=row_of(idle_j),
         base=sum(idle_j),
-        divisor=new_row(errands.n_uavs, 1.0),
+        divisor=new_row(problem.n_uavs, 1.0),
     )
-    return _bound(errands, charge, plan_j)
+    return _bound(problem, charge, plan_j)
 
 
-def _idle_s(errands: Errands, uav: int) -> float:
+def _idle_s(problem: PlanProblem, uav: int) -> float:
     """How long a UAV flies straight home from its start."""
-    n_points = errands.n_cells + 2 * errands.n_uavs
-    start = errands.n_cells + uav
-    return errands.way_m[start * n_points + start + errands.n_uavs] / errands.speed_mps[uav]
+    n_points = problem.n_cells + 2 * problem.n_uavs
+    start = problem.n_cells + uav
+    return problem.way_m[start * n_points + start + problem.n_uavs] / problem.speed_mps[uav]
 
 
-def _direct_s(errands: Errands) -> float:
+def _direct_s(problem: PlanProblem) -> float:
     """How long the remotest cell takes by itself, and the way home of those that do nothing."""
-    n_cells, n_uavs = errands.n_cells, errands.n_uavs
+    n_cells, n_uavs = problem.n_cells, problem.n_uavs
     n_points = n_cells + 2 * n_uavs
-    latest_s = max(_idle_s(errands, uav) for uav in range(n_uavs))
+    latest_s = max(_idle_s(problem, uav) for uav in range(n_uavs))
     for cell in range(n_cells):
         alone_s = []
         for uav in range(n_uavs):
             start = cell * n_points + n_cells + uav
-            length_m = errands.way_m[start] + errands.way_m[start + n_uavs]
-            alone_s.append(length_m / errands.speed_mps[uav])
-        latest_s = max(latest_s, min(alone_s) + errands.least_hover_s[cell])
+            length_m = problem.way_m[start] + problem.way_m[start + n_uavs]
+            alone_s.append(length_m / problem.speed_mps[uav])
+        latest_s = max(latest_s, min(alone_s) + problem.least_hover_s[cell])
     return latest_s * (1.0 - _ROUNDING)
 
 
-def _bound(errands: Errands, charge: Charge, plan_cost: float) -> float:
-    size = errands.n_cells
+def _bound(problem: PlanProblem, charge: Charge, plan_cost: float) -> float:
+    size = problem.n_cells
     floats = [new_row(size, 0.0) for _ in range(5)]
     orders = [new_row(size, 0) for _ in range(3)]
     for order in orders:
@@ -135,16 +135,16 @@ def _bound(errands: Errands, charge: Charge, plan_cost: float) -> float:
         by_first=orders[1],
         by_last=orders[2],
     )
-    return climb(errands, charge, prices, plan_cost) * (1.0 - _ROUNDING)
+    return climb(problem, charge, prices, plan_cost) * (1.0 - _ROUNDING)
 
 
 @kernel
-def climb(errands: Errands, charge: Charge, prices: _Prices, plan_cost: float) -> float:
+def climb(problem: PlanProblem, charge: Charge, prices: _Prices, plan_cost: float) -> float:
     """The highest bound that is found; the prices start at 0."""
-    _write_costs(errands, charge, prices)
+    _write_costs(problem, charge, prices)
     highest, stride, n_idle = -FAR, 1.0, 0
     for _ in range(_N_STEPS):
-        bound, n_routes = relaxed_cost(errands, charge, prices)
+        bound, n_routes = relaxed_cost(problem, charge, prices)
         n_idle += 1
         if bound > highest:
             highest = bound
@@ -153,46 +153,46 @@ def climb(errands: Errands, charge: Charge, prices: _Prices, plan_cost: float) -
             stride *= _SHORTER
             n_idle = 0
         wrong = 0
-        for cell in range(errands.n_cells):
+        for cell in range(problem.n_cells):
             wrong += (prices.n_ways[cell] - 2) * (prices.n_ways[cell] - 2)
         if wrong == 0 or bound >= plan_cost:
             break
         step = stride * (plan_cost - bound) * charge.divisor[n_routes - 1] / wrong
-        for cell in range(errands.n_cells):
+        for cell in range(problem.n_cells):
             prices.price[cell] += step * (prices.n_ways[cell] - 2)
     return highest
 
 
 @kernel
-def _write_costs(errands: Errands, charge: Charge, prices: _Prices) -> None:
+def _write_costs(problem: PlanProblem, charge: Charge, prices: _Prices) -> None:
     """Write what each way costs the UAV for which it is cheapest."""
-    n_cells, n_uavs = errands.n_cells, errands.n_uavs
+    n_cells, n_uavs = problem.n_cells, problem.n_uavs
     n_points = n_cells + 2 * n_uavs
     for cell in range(n_cells):
-        half_s = 0.5 * errands.least_hover_s[cell]
+        half_s = 0.5 * problem.least_hover_s[cell]
         prices.first[cell], prices.last[cell] = FAR, FAR
         for other in range(n_cells):
             prices.pair[cell * n_cells + other] = FAR
         for uav in range(n_uavs):
-            per_m = charge.flight[uav] / errands.speed_mps[uav]
+            per_m = charge.flight[uav] / problem.speed_mps[uav]
             row = cell * n_points
             hover = charge.hover[uav] * half_s
             start, home = row + n_cells + uav, row + n_cells + n_uavs + uav
-            first = per_m * errands.way_m[start] + hover - charge.idle[uav]
+            first = per_m * problem.way_m[start] + hover - charge.idle[uav]
             prices.first[cell] = min(prices.first[cell], first)
-            last = per_m * errands.way_m[home] + hover
+            last = per_m * problem.way_m[home] + hover
             prices.last[cell] = min(prices.last[cell], last)
             for other in range(n_cells):
-                pair = per_m * errands.way_m[row + other] + hover
-                pair += charge.hover[uav] * 0.5 * errands.least_hover_s[other]
+                pair = per_m * problem.way_m[row + other] + hover
+                pair += charge.hover[uav] * 0.5 * problem.least_hover_s[other]
                 place = cell * n_cells + other
                 prices.pair[place] = min(prices.pair[place], pair)
 
 
 @kernel
-def relaxed_cost(errands: Errands, charge: Charge, prices: _Prices) -> tuple[float, int]:
+def relaxed_cost(problem: PlanProblem, charge: Charge, prices: _Prices) -> tuple[float, int]:
     """The bound that the prices give, and with how many routes; writes `n_ways`."""
-    n_cells = errands.n_cells
+    n_cells = problem.n_cells
     tree = _grow(n_cells, prices)
     total = charge.base + tree
     for cell in range(n_cells):
@@ -202,7 +202,7 @@ def relaxed_cost(errands: Errands, charge: Charge, prices: _Prices) -> tuple[flo
     _sort(prices, prices.by_first, prices.first, 1.0)
     _sort(prices, prices.by_last, prices.last, 1.0)
     least, best = FAR, 1
-    for n_routes in range(1, min(errands.n_uavs, n_cells) + 1):
+    for n_routes in range(1, min(problem.n_uavs, n_cells) + 1):
         first, last = prices.by_first[n_routes - 1], prices.by_last[n_routes - 1]
         total += prices.first[first] + prices.price[first]
         total += prices.last[last] + prices.price[last]

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from uav_collect.kernels.arrays import new_row, Row
 from uav_collect.kernels.compile import kernel
-from uav_collect.planning.problem import Errands, FAR
+from uav_collect.planning.problem import FAR, PlanProblem
 
 _MEAN_REMOVED = 8.0  # points taken out at once, on average
 _LONGEST_STRING = 10  # points of one route taken out at once
@@ -50,19 +50,19 @@ class Loose(NamedTuple):
     key: Row[float]  # they are put back in ascending order of it
 
 
-def new_routes(errands: Errands) -> Routes:
+def new_routes(problem: PlanProblem) -> Routes:
     """Routes for `search` to write."""
-    n_points = errands.n_cells + 2 * errands.n_uavs
+    n_points = problem.n_cells + 2 * problem.n_uavs
     return Routes(
         after=new_row(n_points, 0),
         before=new_row(n_points, 0),
         uav=new_row(n_points, 0),
-        length_m=new_row(errands.n_uavs, 0.0),
-        hover_s=new_row(errands.n_uavs, 0.0),
+        length_m=new_row(problem.n_uavs, 0.0),
+        hover_s=new_row(problem.n_uavs, 0.0),
     )
 
 
-def best_routes(errands: Errands, aim: Aim, steer: Aim, n_rounds: int) -> Routes:
+def best_routes(problem: PlanProblem, aim: Aim, steer: Aim, n_rounds: int) -> Routes:
     """The best routes found in a number of rounds; the same for the same arguments.
 
     Where no plan within the allowances is found, the routes overspend.
@@ -72,16 +72,16 @@ def best_routes(errands: Errands, aim: Aim, steer: Aim, n_rounds: int) -> Routes
         steer: what the search goes by; may tell apart what the aim does not.
         n_rounds: how often routes are ruined and recreated.
     """
-    best, n_cells = new_routes(errands), errands.n_cells
+    best, n_cells = new_routes(problem), problem.n_cells
     loose = Loose(point=new_row(n_cells, 0), key=new_row(n_cells, 0.0))
-    routes, kept, state = new_routes(errands), new_routes(errands), new_row(1, 1)
-    search(errands, aim, steer, n_rounds, routes, kept, best, loose, state)
+    routes, kept, state = new_routes(problem), new_routes(problem), new_row(1, 1)
+    search(problem, aim, steer, n_rounds, routes, kept, best, loose, state)
     return best
 
 
 @kernel
 def search(
-    errands: Errands,
+    problem: PlanProblem,
     aim: Aim,
     steer: Aim,
     n_rounds: int,
@@ -101,25 +101,25 @@ def search(
         loose: scratch.
         state: (1,) of the random numbers.
     """
-    _begin(errands, routes)
-    for point in range(errands.n_cells):
+    _begin(problem, routes)
+    for point in range(problem.n_cells):
         loose.point[point] = point
-    _put_back(errands, steer, routes, loose, errands.n_cells, state)
+    _put_back(problem, steer, routes, loose, problem.n_cells, state)
     _copy(routes, kept)
     _copy(routes, best)
-    best_cost = _cost(errands, aim, routes, -1, 0.0, 0.0)
-    kept_cost = _cost(errands, steer, routes, -1, 0.0, 0.0)
-    temperature = _FIRST_TEMPERATURE * kept_cost / max(errands.n_cells, 1)
+    best_cost = _cost(problem, aim, routes, -1, 0.0, 0.0)
+    kept_cost = _cost(problem, steer, routes, -1, 0.0, 0.0)
+    temperature = _FIRST_TEMPERATURE * kept_cost / max(problem.n_cells, 1)
     cooling = math.exp(math.log(_LAST_TEMPERATURE) / max(n_rounds, 1))
-    for _ in range(n_rounds if errands.n_cells > 0 else 0):
-        n_loose = _take_out(errands, routes, loose, state)
+    for _ in range(n_rounds if problem.n_cells > 0 else 0):
+        n_loose = _take_out(problem, routes, loose, state)
         by = aim if _draw(state) < _STRICT else steer
-        _put_back(errands, by, routes, loose, n_loose, state)
-        cost = _cost(errands, aim, routes, -1, 0.0, 0.0)
+        _put_back(problem, by, routes, loose, n_loose, state)
+        cost = _cost(problem, aim, routes, -1, 0.0, 0.0)
         if cost < best_cost:
             best_cost = cost
             _copy(routes, best)
-        cost = _cost(errands, steer, routes, -1, 0.0, 0.0)
+        cost = _cost(problem, steer, routes, -1, 0.0, 0.0)
         if cost < kept_cost - temperature * math.log(_draw(state) + 1e-9):
             kept_cost = cost
             _copy(routes, kept)
@@ -139,14 +139,14 @@ def _draw(state: Row[int]) -> float:
 
 
 @kernel
-def _begin(errands: Errands, routes: Routes) -> None:
-    n_cells, n_uavs = errands.n_cells, errands.n_uavs
+def _begin(problem: PlanProblem, routes: Routes) -> None:
+    n_cells, n_uavs = problem.n_cells, problem.n_uavs
     n_points = n_cells + 2 * n_uavs
     for uav in range(n_uavs):
         start, home = n_cells + uav, n_cells + n_uavs + uav
         routes.after[start], routes.before[home] = home, start
         routes.uav[start], routes.uav[home] = uav, uav
-        routes.length_m[uav] = errands.way_m[start * n_points + home]
+        routes.length_m[uav] = problem.way_m[start * n_points + home]
         routes.hover_s[uav] = 0.0
 
 
@@ -163,41 +163,41 @@ def _copy(routes: Routes, other: Routes) -> None:
 
 @kernel
 def _cost(
-    errands: Errands, aim: Aim, routes: Routes, changed: int, more_m: float, more_s: float
+    problem: PlanProblem, aim: Aim, routes: Routes, changed: int, more_m: float, more_s: float
 ) -> float:
     """The cost of the routes, the one of a UAV being longer by a way and a hover; -1: none is."""
     latest_s = 0.0
     cost = 0.0
-    for uav in range(errands.n_uavs):
+    for uav in range(problem.n_uavs):
         length_m, hover_s = routes.length_m[uav], routes.hover_s[uav]
         if uav == changed:
             length_m += more_m
             hover_s += more_s
-        flight_s = length_m / errands.speed_mps[uav]
+        flight_s = length_m / problem.speed_mps[uav]
         latest_s = max(latest_s, flight_s + hover_s)
         cost += aim.flight[uav] * flight_s + aim.hover[uav] * hover_s
-        energy_j = errands.flight_power_w[uav] * flight_s + errands.hover_power_w[uav] * hover_s
-        cost += _OVERSPENT * max(energy_j - errands.allowance_j[uav], 0.0)
+        energy_j = problem.flight_power_w[uav] * flight_s + problem.hover_power_w[uav] * hover_s
+        cost += _OVERSPENT * max(energy_j - problem.allowance_j[uav], 0.0)
     return aim.latest * latest_s + cost
 
 
 @kernel
-def _n_served(errands: Errands, routes: Routes, uav: int) -> int:
+def _n_served(problem: PlanProblem, routes: Routes, uav: int) -> int:
     n_served = 0
-    point = routes.after[errands.n_cells + uav]
-    while point < errands.n_cells:
+    point = routes.after[problem.n_cells + uav]
+    while point < problem.n_cells:
         n_served += 1
         point = routes.after[point]
     return n_served
 
 
 @kernel
-def _take_out(errands: Errands, routes: Routes, loose: Loose, state: Row[int]) -> int:
+def _take_out(problem: PlanProblem, routes: Routes, loose: Loose, state: Row[int]) -> int:
     """Take strings of neighbouring points out of routes near a random point; how many points."""
-    n_cells = errands.n_cells
+    n_cells = problem.n_cells
     longest = 0
-    for uav in range(errands.n_uavs):
-        longest = max(longest, _n_served(errands, routes, uav))
+    for uav in range(problem.n_uavs):
+        longest = max(longest, _n_served(problem, routes, uav))
     longest = min(longest, _LONGEST_STRING)
     n_strings = int(_draw(state) * (4.0 * _MEAN_REMOVED / (1.0 + longest) - 1.0) + 1.0)
     centre = int(_draw(state) * n_cells)
@@ -205,58 +205,58 @@ def _take_out(errands: Errands, routes: Routes, loose: Loose, state: Row[int]) -
     for near in range(n_cells):
         if n_strings == 0:
             break
-        point = errands.nearest[centre * n_cells + near]
+        point = problem.nearest[centre * n_cells + near]
         uav = routes.uav[point]
         if uav < 0 or routes.uav[n_cells + uav] == _DONE:
             continue
         n_strings -= 1
         routes.uav[n_cells + uav] = _DONE
-        size = int(_draw(state) * min(_n_served(errands, routes, uav), longest)) + 1
+        size = int(_draw(state) * min(_n_served(problem, routes, uav), longest)) + 1
         for _ in range(int(_draw(state) * size)):
             if routes.before[point] < n_cells:
                 point = routes.before[point]
         while size > 0 and point < n_cells:
             follower = routes.after[point]
-            _unlink(errands, routes, uav, point)
+            _unlink(problem, routes, uav, point)
             loose.point[n_loose] = point
             n_loose += 1
             size -= 1
             point = follower
-    for uav in range(errands.n_uavs):
+    for uav in range(problem.n_uavs):
         routes.uav[n_cells + uav] = uav
     return n_loose
 
 
 @kernel
-def _unlink(errands: Errands, routes: Routes, uav: int, point: int) -> None:
-    n_points = errands.n_cells + 2 * errands.n_uavs
-    way_m, before, after = errands.way_m, routes.before[point], routes.after[point]
+def _unlink(problem: PlanProblem, routes: Routes, uav: int, point: int) -> None:
+    n_points = problem.n_cells + 2 * problem.n_uavs
+    way_m, before, after = problem.way_m, routes.before[point], routes.after[point]
     detour_m = way_m[before * n_points + point] + way_m[point * n_points + after]
     routes.length_m[uav] -= detour_m - way_m[before * n_points + after]
-    routes.hover_s[uav] -= errands.hover_s[uav * errands.n_cells + point]
+    routes.hover_s[uav] -= problem.hover_s[uav * problem.n_cells + point]
     routes.after[before], routes.before[after] = after, before
     routes.uav[point] = -1
 
 
 @kernel
 def _put_back(
-    errands: Errands, steer: Aim, routes: Routes, loose: Loose, n_loose: int, state: Row[int]
+    problem: PlanProblem, steer: Aim, routes: Routes, loose: Loose, n_loose: int, state: Row[int]
 ) -> None:
     """Put loose points back, one after the other, each where it costs least."""
-    _sort(errands, loose, n_loose, state)
-    n_cells = errands.n_cells
+    _sort(problem, loose, n_loose, state)
+    n_cells = problem.n_cells
     for index in range(n_loose):
         point = loose.point[index]
         least, taker, place, longer_m = FAR, 0, n_cells, 0.0
         # Two points may belong with a UAV that neither would go to by itself.
-        draw = _draw(state) if errands.n_uavs > 1 else 1.0
-        overlooked = int(draw / _OVERLOOK * errands.n_uavs)
-        for uav in range(errands.n_uavs):
+        draw = _draw(state) if problem.n_uavs > 1 else 1.0
+        overlooked = int(draw / _OVERLOOK * problem.n_uavs)
+        for uav in range(problem.n_uavs):
             if uav == overlooked:
                 continue
-            at, detour_m = _place(errands, routes, uav, point, state)
-            hover_s = errands.hover_s[uav * n_cells + point]
-            cost = _cost(errands, steer, routes, uav, detour_m, hover_s)
+            at, detour_m = _place(problem, routes, uav, point, state)
+            hover_s = problem.hover_s[uav * n_cells + point]
+            cost = _cost(problem, steer, routes, uav, detour_m, hover_s)
             if cost < least:
                 least, taker, place, longer_m = cost, uav, at, detour_m
         after = routes.after[place]
@@ -264,18 +264,18 @@ def _put_back(
         routes.after[point], routes.before[after] = after, point
         routes.uav[point] = taker
         routes.length_m[taker] += longer_m
-        routes.hover_s[taker] += errands.hover_s[taker * n_cells + point]
+        routes.hover_s[taker] += problem.hover_s[taker * n_cells + point]
 
 
 @kernel
 def _place(
-    errands: Errands, routes: Routes, uav: int, point: int, state: Row[int]
+    problem: PlanProblem, routes: Routes, uav: int, point: int, state: Row[int]
 ) -> tuple[int, float]:
     """After which point of a route another one costs the shortest detour, and that detour [m]."""
-    n_points = errands.n_cells + 2 * errands.n_uavs
-    way_m, after, row = errands.way_m, routes.after, point * n_points
-    here = errands.n_cells + uav
-    home = here + errands.n_uavs
+    n_points = problem.n_cells + 2 * problem.n_uavs
+    way_m, after, row = problem.way_m, routes.after, point * n_points
+    here = problem.n_cells + uav
+    home = here + problem.n_uavs
     place = here
     least_m = way_m[row + here] + way_m[row + after[here]] - way_m[here * n_points + after[here]]
     here = after[here]
@@ -290,14 +290,14 @@ def _place(
 
 
 @kernel
-def _sort(errands: Errands, loose: Loose, n_loose: int, state: Row[int]) -> None:
+def _sort(problem: PlanProblem, loose: Loose, n_loose: int, state: Row[int]) -> None:
     """Bring loose points into an order: at random, or the farthest, nearest or longest first."""
-    n_cells = errands.n_cells
-    n_points = n_cells + 2 * errands.n_uavs
+    n_cells = problem.n_cells
+    n_points = n_cells + 2 * problem.n_uavs
     kind = _draw(state)
     for index in range(n_loose):
         point = loose.point[index]
-        away_m = errands.way_m[n_cells * n_points + point]  # from the first UAV's start
+        away_m = problem.way_m[n_cells * n_points + point]  # from the first UAV's start
         if kind < 0.4:
             loose.key[index] = _draw(state)
         elif kind < 0.7:
@@ -305,7 +305,7 @@ def _sort(errands: Errands, loose: Loose, n_loose: int, state: Row[int]) -> None
         elif kind < 0.85:
             loose.key[index] = away_m
         else:
-            loose.key[index] = -errands.hover_s[point]
+            loose.key[index] = -problem.hover_s[point]
     for index in range(1, n_loose):
         key, point = loose.key[index], loose.point[index]
         place = index
