@@ -14,7 +14,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 from uav_collect.kernels.arrays import Floats
-from uav_collect.physics.bandwidth import allocate_cvxpy, allocate_exact
+from uav_collect.physics.allocation import allocate_exact
 from uav_collect.physics.radio import (
     channel_draw,
     elevations_rad,
@@ -106,11 +106,11 @@ def print_interpreted() -> None:
 
 def measure(n_sensors: int, csi_error: float, interpreted_us: float) -> Row:
     """All methods on the same hovers."""
-    from uav_collect.physics import bandwidth_convex as reference
+    from uav_collect.physics import bandwidth_convex as reference  # seconds to import
 
     hovers = draw_hovers(N_SOLVED, n_sensors, csi_error)
     exact = allocate_exact(*hovers, BANDWIDTH_HZ, NOISE_W_PER_HZ)
-    allocate_cvxpy(*hovers, BANDWIDTH_HZ, NOISE_W_PER_HZ)  # compiles
+    reference.allocate_cvxpy(*hovers, BANDWIDTH_HZ, NOISE_W_PER_HZ)  # compiles
     times_s: list[tuple[float, ...]] = []
     errors = []
     for m in range(N_SOLVED):

@@ -11,12 +11,8 @@ from uav_collect.errors import AllocationError
 from uav_collect.kernels.arrays import Floats, new_row, row_of
 from uav_collect.limits import ALLOCATOR_NAMES
 from uav_collect.physics import bandwidth, bandwidth_convex
-from uav_collect.physics.bandwidth import (
-    allocate_cvxpy,
-    allocate_equal,
-    allocate_exact,
-    Allocation,
-)
+from uav_collect.physics.allocation import allocate_equal, allocate_exact, Allocation
+from uav_collect.physics.bandwidth_convex import allocate_cvxpy
 
 # Signal, error, demand of one hover, and B and N_0.
 Hover = tuple[Floats, Floats, Floats, float, float]

@@ -1,31 +1,36 @@
-"""How a hovering UAV divides its bandwidth among the sensors of the cell.
+"""How a hovering UAV divides its bandwidth among the sensors of the cell: the kernels.
 
-The problem (paper eq. prob:bandwidth): shares that sum to at most B and minimise the hover time,
-the longest upload. Every allocation carries a certificate, its gap: its hover time is at most
-(1 + gap) times the shortest possible one (`bandwidth_newton` says how that is known).
+The problem (paper eq. prob:bandwidth): shares b that sum to at most B and minimise the hover time,
+the longest upload. Scaled by B for bandwidth and N_0 B for power, the unknowns are x = b / B and
+u = 1 / hover time; a sensor is served in time when f(x) >= c u with
+
+    f = x log1p(s / (e + x)),   s = S / (N_0 B),   e = E / (N_0 B),   c = D ln 2 / B.
+
+f is concave, so its tangents at any shares lie above it: the u that they allow bounds the best u
+from above, and the shares themselves bound it from below. So every allocation carries a
+certificate, its gap: its hover time is at most (1 + gap) times the shortest possible one.
 
 A row is one hover: sensors 0..n-1 of sequences that may be longer. Demand 0 gets no bandwidth. A
-sensor with demand and no signal cannot be served: hover_s is inf with any shares, gap 0.
+sensor with demand and no signal cannot be served: hover_s is inf with any shares, gap 0. For many
+hovers as arrays there is `allocation`.
 """
 
-from dataclasses import dataclass
 import math
-from typing import cast
 
-import numpy as np
-from uav_collect.errors import AllocationError
-from uav_collect.kernels.arrays import Bools, check_shape, Floats, new_row, Row
-from uav_collect.kernels.compile import kernel, kernels_are_compiled
-from uav_collect.physics.bandwidth_newton import certified_gap, solve
-from uav_collect.physics.radio import uplink_rate_bps
+from uav_collect.kernels.arrays import Row
+from uav_collect.kernels.compile import allocating_kernel, kernel
+from uav_collect.physics.radio import log_of_1_plus, uplink_rate_bps
 
 # What `share_bandwidth` is told; cvxpy is there for batches only.
 EXACT = 0
 EQUAL = 1
 
 _ROUNDING = 1e-12
-# Scaled numbers beyond these would leave the range of doubles on the way.
-_TINY, _HUGE = 1e-100, 1e100
+_GAP_WANTED = 1e-12
+_MAX_ITERATIONS = 60  # 28 is the most seen, with numbers spread over 60 orders of magnitude
+_SMALLEST_STEP = 0.05  # a share shrinks at most to this part of itself in one iteration
+_SERIES_BELOW = 0.03  # signal to noise ratio under which log1p(r) - r / (1 + r) loses digits
+_LOG_2 = math.log(2.0)
 
 
 @kernel
@@ -63,23 +68,22 @@ def hover_time_s(
 
 
 @kernel
-def _split_equally(
+def share_bandwidth(
+    allocator: int,
     signal_w: Row[float],
+    error_w: Row[float],
     demand_bit: Row[float],
     n: int,
     bandwidth_hz: float,
+    noise_w_per_hz: float,
     share_hz: Row[float],
-) -> tuple[int, bool]:
-    # Sensors with demand, and whether all of them can be heard.
-    n_active = 0
-    audible = True
-    for i in range(n):
-        if demand_bit[i] > 0.0:
-            n_active += 1
-            audible = audible and signal_w[i] > 0.0
-    for i in range(n):
-        share_hz[i] = bandwidth_hz / n_active if demand_bit[i] > 0.0 else 0.0
-    return n_active, audible
+) -> tuple[float, float]:
+    """Share by the allocator EXACT or EQUAL; the rest as for `share_equal`."""
+    if allocator == EQUAL:
+        return share_equal(
+            signal_w, error_w, demand_bit, n, bandwidth_hz, noise_w_per_hz, share_hz
+        )
+    return share_exact(signal_w, error_w, demand_bit, n, bandwidth_hz, noise_w_per_hz, share_hz)
 
 
 @kernel
@@ -139,7 +143,7 @@ def share_exact(
         return share_equal(
             signal_w, error_w, demand_bit, n, bandwidth_hz, noise_w_per_hz, share_hz
         )
-    upper, found, equal = solve(
+    upper, found, equal = _solve(
         signal_w, error_w, demand_bit, n, bandwidth_hz, noise_w_per_hz, share_hz
     )
     if found > equal * (1.0 + _ROUNDING):
@@ -153,191 +157,176 @@ def share_exact(
 
 
 @kernel
-def share_bandwidth(
-    allocator: int,
+def _split_equally(
+    signal_w: Row[float],
+    demand_bit: Row[float],
+    n: int,
+    bandwidth_hz: float,
+    share_hz: Row[float],
+) -> tuple[int, bool]:
+    # Sensors with demand, and whether all of them can be heard.
+    n_active = 0
+    audible = True
+    for i in range(n):
+        if demand_bit[i] > 0.0:
+            n_active += 1
+            audible = audible and signal_w[i] > 0.0
+    for i in range(n):
+        share_hz[i] = bandwidth_hz / n_active if demand_bit[i] > 0.0 else 0.0
+    return n_active, audible
+
+
+@kernel
+def certified_gap(
+    signal_w: Row[float],
+    error_w: Row[float],
+    demand_bit: Row[float],
+    share_hz: Row[float],
+    n: int,
+    bandwidth_hz: float,
+    noise_w_per_hz: float,
+    hover_s: float,
+) -> float:
+    """By which part a hover time may exceed the shortest possible one, at most.
+
+    The tangents at `share_hz` prove it, whoever chose these shares; the bound is tight at the
+    best shares and loose far from them. Arguments as for `hover_time_s`, and that time.
+    """
+    if hover_s == 0.0 or hover_s == math.inf:
+        return 0.0 if hover_s == 0.0 else hover_s
+    per_watt = 1.0 / (noise_w_per_hz * bandwidth_hz)
+    cost = 0.0
+    used = 0.0
+    weighted = 0.0
+    for i in range(n):
+        if demand_bit[i] > 0.0:
+            x = share_hz[i] / bandwidth_hz
+            c = demand_bit[i] * _LOG_2 / bandwidth_hz
+            a, v = _tangent(x, signal_w[i] * per_watt, error_w[i] * per_watt, c)
+            cost += a
+            used += x
+            weighted += a * v
+    gap = (weighted + (1.0 - used)) / cost * hover_s - 1.0
+    return 0.0 if gap < 0.0 else gap
+
+
+@kernel
+def _tangent(x: float, s: float, e: float, c: float) -> tuple[float, float]:
+    # At share x: c / f', what one more u costs in bandwidth, and f / c, the u it has.
+    level = e + x
+    r = s / level
+    q = r / (1.0 + r)
+    log = log_of_1_plus(r)
+    if r > _SERIES_BELOW:
+        bend = log - q
+    else:  # log1p(r) = -log(1 - q) = q + q^2/2 + q^3/3 ...
+        tail = 1 / 7 + q * (1 / 8 + q * (1 / 9 + q * (1 / 10 + q * (1 / 11 + q / 12))))
+        bend = q * q * (1 / 2 + q * (1 / 3 + q * (1 / 4 + q * (1 / 5 + q * (1 / 6 + q * tail)))))
+    return c / (bend + e / level * q), x * log / c
+
+
+@allocating_kernel
+def _solve(
     signal_w: Row[float],
     error_w: Row[float],
     demand_bit: Row[float],
     n: int,
     bandwidth_hz: float,
     noise_w_per_hz: float,
-    share_hz: Row[float],
-) -> tuple[float, float]:
-    """Share by the allocator EXACT or EQUAL; the rest as for `share_equal`."""
-    if allocator == EQUAL:
-        return share_equal(
-            signal_w, error_w, demand_bit, n, bandwidth_hz, noise_w_per_hz, share_hz
-        )
-    return share_exact(signal_w, error_w, demand_bit, n, bandwidth_hz, noise_w_per_hz, share_hz)
-
-
-@kernel
-def _share_rows(
-    allocator: int,
-    signal_w: Row[Row[float]],
-    error_w: Row[Row[float]],
-    demand_bit: Row[Row[float]],
-    size: tuple[int, int],
-    bandwidth_hz: float,
-    noise_w_per_hz: float,
-    share_hz: Row[Row[float]],
-    hover_s: Row[float],
-    gap: Row[float],
-) -> None:
-    for m in range(size[0]):
-        hover_s[m], gap[m] = share_bandwidth(
-            allocator,
-            signal_w[m],
-            error_w[m],
-            demand_bit[m],
-            size[1],
-            bandwidth_hz,
-            noise_w_per_hz,
-            share_hz[m],
-        )
-
-
-@dataclass(frozen=True, kw_only=True)
-class Allocation:
-    """Bandwidth for M hovers over at most S sensors each."""
-
-    share_hz: Floats  # (M, S), 0 without demand
-    hover_s: Floats  # (M,), inf where a sensor with demand has no signal
-    gap: Floats  # (M,), hover_s <= (1 + gap) * shortest possible
-
-
-def check_hovers(
-    signal_w: Floats,
-    error_w: Floats,
-    demand_bit: Floats,
-    bandwidth_hz: float,
-    noise_w_per_hz: float,
-) -> None:
-    """Raise unless an allocator may work with these; arguments as for `allocate_exact`."""
-    for name, value, unit in (
-        ('bandwidth_hz', bandwidth_hz, 'Hz'),
-        ('noise_w_per_hz', noise_w_per_hz, 'W/Hz'),
-    ):
-        if not 0.0 < value < math.inf:
-            raise AllocationError(f'{name} must be finite and > 0 {unit}, got {value:g} {unit}')
-    if signal_w.ndim != 2:
-        raise ValueError(f'signal_w must have shape (hovers, sensors), got {signal_w.shape}')
-    check_shape(error_w, signal_w.shape, 'error_w')
-    check_shape(demand_bit, signal_w.shape, 'demand_bit')
-    noise_w = noise_w_per_hz * bandwidth_hz
-    _check_range('signal_w', signal_w, 'W', noise_w, 'the noise on all the bandwidth')
-    _check_range('error_w', error_w, 'W', noise_w, 'the noise on all the bandwidth')
-    _check_range('demand_bit', demand_bit, 'bit', bandwidth_hz, 'the bandwidth')
-
-
-def _check_range(name: str, values: Floats, unit: str, scale: float, scale_name: str) -> None:
-    bad = ~((values >= 0.0) & (values < math.inf))
-    if bad.any():
-        raise AllocationError(
-            f'{name} must be finite and >= 0 {unit}, got {_first(values, bad, unit)}'
-        )
-    bad = (values > 0.0) & ((values < _TINY * scale) | (values > _HUGE * scale))
-    if bad.any():
-        raise AllocationError(
-            f'{name} must be 0 or within {_TINY:g}..{_HUGE:g} times {scale_name}, '
-            f'got {_first(values, bad, unit)}'
-        )
-
-
-def _first(values: Floats, bad: Bools, unit: str) -> str:
-    hover, sensor = np.argwhere(bad)[0]
-    return f'{values[hover, sensor]:g} {unit} for sensor {sensor} of hover {hover}'
-
-
-def _allocate(
-    allocator: int,
-    signal_w: Floats,
-    error_w: Floats,
-    demand_bit: Floats,
-    bandwidth_hz: float,
-    noise_w_per_hz: float,
-) -> Allocation:
-    check_hovers(signal_w, error_w, demand_bit, bandwidth_hz, noise_w_per_hz)
-    n_hovers, n_sensors = signal_w.shape
-    tables = [_table(values) for values in (signal_w, error_w, demand_bit)]
-    share_hz = _table(np.zeros(signal_w.shape))
-    hover_s, gap = new_row(n_hovers, 0.0), new_row(n_hovers, 0.0)
-    _share_rows(
-        allocator,
-        tables[0],
-        tables[1],
-        tables[2],
-        (n_hovers, n_sensors),
-        float(bandwidth_hz),
-        float(noise_w_per_hz),
-        share_hz,
-        hover_s,
-        gap,
-    )
-    return Allocation(
-        share_hz=np.array(share_hz).reshape(signal_w.shape),
-        hover_s=np.array(hover_s),
-        gap=np.array(gap),
-    )
-
-
-def _table(values: Floats) -> Row[Row[float]]:
-    # Interpreted kernels want lists: numpy's scalars are slow, and warn where floats do not.
-    table = np.ascontiguousarray(values, dtype=np.float64)
-    return cast(Row[Row[float]], table if kernels_are_compiled() else table.tolist())
-
-
-def allocate_exact(
-    signal_w: Floats,
-    error_w: Floats,
-    demand_bit: Floats,
-    bandwidth_hz: float,
-    noise_w_per_hz: float,
-) -> Allocation:
-    """Find the shares of the shortest hovers.
+    x: Row[float],
+) -> tuple[float, float, float]:
+    """Find the best shares.
 
     Args:
-        signal_w: received power P_s ||h||^2 [W], shape (M, S), >= 0.
-        error_w: power P_s alpha sigma_e^2 [W] of the channel estimation error, shape (M, S),
-            >= 0; 0 is perfect CSI.
-        demand_bit: data to send [bit], shape (M, S), >= 0.
-        bandwidth_hz: B [Hz], > 0.
-        noise_w_per_hz: N_0 [W/Hz], > 0.
+        signal_w: received power [W] of each sensor; > 0 where it has demand.
+        error_w: power [W] of its channel estimation error.
+        demand_bit: data [bit] it has to send.
+        n: sensors, two or more of them with demand.
+        bandwidth_hz: B [Hz].
+        noise_w_per_hz: N_0 [W/Hz].
+        x: equal shares of 1 where there is demand, 0 elsewhere; overwritten with the best ones.
 
     Returns:
-        Shares, hover times and certified gaps.
-
-    Raises:
-        AllocationError: a number is out of its range or not a number.
-        ValueError: the shapes differ.
+        u [1/s]: its bound from above, that of the shares found, that of the equal shares.
 
     Source: paper eq. (prob:bandwidth), Sec. VI.
     """
-    return _allocate(EXACT, signal_w, error_w, demand_bit, bandwidth_hz, noise_w_per_hz)
+    tangents = [0.0] * (2 * n)
+    upper, equal, slack = _survey(
+        signal_w, error_w, demand_bit, n, bandwidth_hz, noise_w_per_hz, x, tangents
+    )
+    lower = equal
+    _balance(demand_bit, n, x, tangents)
+    for _ in range(_MAX_ITERATIONS):
+        upper, lower, slack = _survey(
+            signal_w, error_w, demand_bit, n, bandwidth_hz, noise_w_per_hz, x, tangents
+        )
+        if upper - lower <= _GAP_WANTED * lower:
+            break
+        _newton_step(demand_bit, n, x, tangents, upper, slack)
+    return upper, lower, equal
 
 
-def allocate_equal(
-    signal_w: Floats,
-    error_w: Floats,
-    demand_bit: Floats,
+@allocating_kernel
+def _survey(
+    signal_w: Row[float],
+    error_w: Row[float],
+    demand_bit: Row[float],
+    n: int,
     bandwidth_hz: float,
     noise_w_per_hz: float,
-) -> Allocation:
-    """Give every sensor with demand the same share; otherwise as `allocate_exact`."""
-    return _allocate(EQUAL, signal_w, error_w, demand_bit, bandwidth_hz, noise_w_per_hz)
+    x: Row[float],
+    tangents: Row[float],
+) -> tuple[float, float, int]:
+    # Bounds of the best u at shares x, and the sensor whose share matters least to its rate.
+    per_watt = 1.0 / (noise_w_per_hz * bandwidth_hz)
+    per_bit = _LOG_2 / bandwidth_hz
+    cost = 0.0
+    used = 0.0
+    weighted = 0.0
+    slowest = math.inf
+    flattest = 0.0
+    slack = 0
+    for i in range(n):
+        if demand_bit[i] > 0.0:
+            a, v = _tangent(
+                x[i], signal_w[i] * per_watt, error_w[i] * per_watt, demand_bit[i] * per_bit
+            )
+            tangents[i] = a
+            tangents[n + i] = v
+            cost += a
+            used += x[i]
+            weighted += a * v
+            slowest = min(slowest, v)
+            if a > flattest:
+                flattest = a
+                slack = i
+    return (weighted + (1.0 - used)) / cost, slowest / max(1.0, used), slack
 
 
-def allocate_cvxpy(
-    signal_w: Floats,
-    error_w: Floats,
-    demand_bit: Floats,
-    bandwidth_hz: float,
-    noise_w_per_hz: float,
-) -> Allocation:
-    """Solve the problem by cvxpy and Clarabel, slowly; otherwise as `allocate_exact`.
+@allocating_kernel
+def _balance(demand_bit: Row[float], n: int, x: Row[float], tangents: Row[float]) -> None:
+    # Shares by demand over spectral efficiency: from here Newton needs fewer iterations.
+    total = 0.0
+    for i in range(n):
+        if demand_bit[i] > 0.0:
+            x[i] = x[i] / tangents[n + i]
+            total += x[i]
+    for i in range(n):
+        x[i] = x[i] / total
 
-    For users who want another problem: it is written down in `bandwidth_reference`.
-    """
-    from uav_collect.physics import bandwidth_convex
 
-    return bandwidth_convex.allocate(signal_w, error_w, demand_bit, bandwidth_hz, noise_w_per_hz)
+@allocating_kernel
+def _newton_step(
+    demand_bit: Row[float], n: int, x: Row[float], tangents: Row[float], u: float, slack: int
+) -> None:
+    # All tangents meet c u where the shares sum to 1. The slack sensor takes what the others
+    # leave instead of its own step: the same number, without its rounding error, which grows
+    # with c / f'.
+    left = 1.0
+    for i in range(n):
+        if i != slack and demand_bit[i] > 0.0:
+            step = tangents[i] * (u - tangents[n + i])
+            x[i] = min(max(x[i] + step, _SMALLEST_STEP * x[i]), 1.0)
+            left -= x[i]
+    x[slack] = max(left, _SMALLEST_STEP * x[slack])

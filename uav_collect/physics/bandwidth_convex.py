@@ -1,8 +1,8 @@
 """The bandwidth problem for general solvers: slow, but easy to change and to believe.
 
-`allocate` states it in cvxpy, for users who want to add a constraint or another objective;
+`allocate_cvxpy` states it in cvxpy, for users who want to add a constraint or another objective;
 `shortest_hover_s` states the same as cones to Clarabel, as accurately as that can. Both use
-the scaled numbers of `bandwidth_newton`, with 1 / u in units of the equal split's hover time. With
+the scaled numbers of `bandwidth`, with 1 / u in units of the equal split's hover time. With
 C = e + x, convex programming's rules accept f as
 
     x log(1 + s / C) = -rel_entr(C, C + s) - e logistic(log s - log C).
@@ -19,8 +19,8 @@ import numpy as np
 from scipy import sparse
 from uav_collect.errors import AllocationError
 from uav_collect.kernels.arrays import Floats
-from uav_collect.physics.bandwidth import allocate_equal, Allocation, hover_time_s
-from uav_collect.physics.bandwidth_newton import certified_gap
+from uav_collect.physics.allocation import allocate_equal, Allocation
+from uav_collect.physics.bandwidth import certified_gap, hover_time_s
 
 # A row of a cone program: factors by variable, and a constant.
 _Row = tuple[dict[int, float], float]
@@ -72,14 +72,14 @@ def build_program(n: int, with_error: bool) -> Program:
     return Program(problem=problem, x=x, s=s, log_s=log_s, e=e, c=c)
 
 
-def allocate(
+def allocate_cvxpy(
     signal_w: Floats,
     error_w: Floats,
     demand_bit: Floats,
     bandwidth_hz: float,
     noise_w_per_hz: float,
 ) -> Allocation:
-    """Solve one program per hover; as `bandwidth.allocate_exact`.
+    """Solve one program per hover by Clarabel, slowly; otherwise as `allocation.allocate_exact`.
 
     Raises:
         AllocationError: also when the solver gives up.
@@ -150,7 +150,7 @@ def shortest_hover_s(
 ) -> float:
     """Hover time [s] of one hover's best shares, by Clarabel's account, to some nine digits.
 
-    Arguments as rows, shape (S,), for `bandwidth.allocate_exact`.
+    Arguments as rows, shape (S,), for `allocation.allocate_exact`.
 
     Raises:
         AllocationError: Clarabel cannot tell: the numbers span too many decades for it.

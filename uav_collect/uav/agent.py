@@ -13,7 +13,7 @@ from uav_collect.errors import AllocationError
 from uav_collect.kernels.arrays import new_row, Row
 from uav_collect.kernels.compile import kernel
 from uav_collect.limits import ALLOCATOR_NAMES
-from uav_collect.physics.bandwidth import allocate_cvxpy, EQUAL, EXACT, share_bandwidth
+from uav_collect.physics.bandwidth import EQUAL, EXACT, share_bandwidth
 from uav_collect.uav import action_codes, actions
 from uav_collect.uav.action_codes import HOME, HOVER, N_ACTIONS, NONE
 from uav_collect.uav.belief import belief_of, forget, hear, new_beliefs, observe
@@ -117,6 +117,8 @@ def allocator_named(name: str) -> Allocator:
 
 
 def _allocate_by_cvxpy(briefing: Briefing, view: LocalView, workspace: Workspace) -> float:
+    from uav_collect.physics.bandwidth_convex import allocate_cvxpy  # seconds to import
+
     if view.n_sensors == 0:
         return 0.0
     seen = range(view.n_sensors)
