@@ -57,7 +57,7 @@ _Dumper.add_representer(tuple, _represent_tuple)
 
 @dataclass(frozen=True, kw_only=True)
 class Source:
-    """Where values came from."""
+    """Where values came from: to name it in errors, and to read what it refers to."""
 
     label: str  # a file's path, or what else to call it
     folder: Path  # relative files are looked for here
@@ -85,7 +85,7 @@ def dump(values: Mapping[str, object]) -> str:
 
 
 def read_value(source: Source) -> object:
-    """Read YAML text.
+    """The value that YAML text stands for; None for an empty text.
 
     Raises:
         ConfigError: naming the line where it stops being YAML.

@@ -19,7 +19,7 @@ class Row(Protocol[_Item]):
     """What a kernel indexes: a 1-D array when compiled, a list when interpreted."""
 
     def __len__(self) -> int:
-        """Number of items."""
+        """How many items there are."""
 
     def __iter__(self) -> Iterator[_Item]:
         """The items in order."""
@@ -49,7 +49,7 @@ def row_of(values: Sequence[_Number]) -> Row[_Number]:
 
 
 def new_row(size: int, fill: _Number) -> Row[_Number]:
-    """A row of one value."""
+    """A row that has the same value everywhere."""
     if kernels_are_compiled():
         return np.full(size, fill)
     return [fill] * size

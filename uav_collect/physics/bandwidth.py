@@ -235,7 +235,7 @@ def _solve(
     noise_w_per_hz: float,
     x: Row[float],
 ) -> tuple[float, float, float]:
-    """Find the best shares.
+    """Find the shares of the largest u, by Newton's method from equal ones.
 
     Args:
         signal_w: received power [W] of each sensor; > 0 where it has demand.

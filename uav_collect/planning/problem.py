@@ -54,7 +54,7 @@ class _Desk(NamedTuple):
 
 
 def problem_of(site: Site, mission_seed: int, allocator: str) -> PlanProblem:
-    """The problem of a mission, by the mission's own draws of demand and channels.
+    """What a plan of a mission has to serve, by the mission's own draws of demand and channels.
 
     The channels are those of a UAV's first visit to a cell: a plan serves a cell the first time
     that its UAV comes there.

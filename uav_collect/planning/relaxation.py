@@ -24,7 +24,7 @@ _ROUNDING = 1e-9  # relative; keeps the bound below what rounding may make of it
 
 
 class Charge(NamedTuple):
-    """What relaxed routes cost."""
+    """What relaxed routes cost, in weighted seconds or in joules."""
 
     flight: Row[float]  # (U,) cost of each UAV's seconds in flight
     hover: Row[float]  # (U,) and hovering

@@ -44,14 +44,14 @@ class Routes(NamedTuple):
 
 
 class Loose(NamedTuple):
-    """Points that are in no route."""
+    """Points taken out of their routes, to be put back."""
 
     point: Row[int]  # (n_cells,) or fewer
     key: Row[float]  # they are put back in ascending order of it
 
 
 def new_routes(problem: PlanProblem) -> Routes:
-    """Routes for `search` to write."""
+    """Room for the routes of a problem, which `search` writes."""
     n_points = problem.n_cells + 2 * problem.n_uavs
     return Routes(
         after=new_row(n_points, 0),
@@ -91,7 +91,7 @@ def search(
     loose: Loose,
     state: Row[int],
 ) -> None:
-    """Write the best routes found.
+    """Ruin and recreate routes round after round; the best ones are kept in `best`.
 
     Args:
         aim, steer, n_rounds: as for `best_routes`.

@@ -24,7 +24,7 @@ _ENDED = 1  # Mission.ENDED
 
 @dataclass(frozen=True, kw_only=True)
 class RecordedMission:
-    """One mission of a bag."""
+    """One mission as a bag has it: its log, and what it was flown over."""
 
     log: MissionLog  # of the events that were recorded
     site: Site

@@ -28,7 +28,7 @@ class MessageTypes:
     """Full texts and hashes of message types, comments and units included."""
 
     def __init__(self, text_of: Callable[[str], str]) -> None:
-        """Look types up.
+        """Start without any; a type is asked for when it is first needed.
 
         Args:
             text_of: gives the text of the .msg file of a type such as `std_msgs/msg/Header`.
@@ -61,7 +61,7 @@ class MessageTypes:
 
 
 class BagWriter:
-    """One recording while it is written."""
+    """One recording while it is written: messages wait until a flush or a whole chunk."""
 
     def __init__(self, folder: Path, types: MessageTypes, *, chunk_byte: int) -> None:
         """Create the folder and its file.

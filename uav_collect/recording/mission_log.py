@@ -45,7 +45,7 @@ Events = NDArray[np.void]
 
 @dataclass(frozen=True, kw_only=True)
 class UavHeader:
-    """One UAV of the mission."""
+    """One UAV as it started: what it may spend, and who decides for it."""
 
     id: int  # from 1
     speed_mps: float
@@ -110,7 +110,7 @@ class LogWriter:
         self._file.flush()
 
     def close(self) -> None:
-        """Close the file."""
+        """Close the file; nothing can be appended any more."""
         self._file.close()
 
 
@@ -163,7 +163,7 @@ def from_jsonl(text: bytes) -> MissionLog:
 
 
 def read(path: Path) -> MissionLog:
-    """Read a log file.
+    """The mission of a log file.
 
     Raises:
         MissionLogError: naming the file and the line.

@@ -122,7 +122,7 @@ def scenario_folders() -> tuple[Path, ...]:
 
 
 def _with_fleet(document: Document) -> Document:
-    """Each UAV with the keys of `ros_processes.default` that it does not set itself."""
+    """Each UAV with the keys of `fleet.default` that it does not set itself."""
     fleet = document.at(('fleet',))
     if not isinstance(fleet, dict):
         return document

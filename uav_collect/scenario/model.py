@@ -24,7 +24,7 @@ _Amount = number(0, sensor_files.MAX_DATA_MBIT)
 
 
 class AreaConfig(Section):
-    """The monitored square."""
+    """The monitored square, its cells, and the height at which UAVs fly over it."""
 
     cells_per_side: Annotated[int, whole(1, _MAX_CELLS_PER_SIDE)]
     cell_size_m: _Length
@@ -151,7 +151,7 @@ class Place(Section):
 
 
 class UavConfig(Section):
-    """One UAV."""
+    """One UAV: how fast it is, what it may spend, where it starts and lands."""
 
     speed_mps: Annotated[float, number(0, 100, 'm/s', above=True)]
     energy_budget_kj: Annotated[float, number(0, 1e6, 'kJ', above=True)]

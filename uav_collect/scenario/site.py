@@ -42,7 +42,7 @@ class Site:
 
 
 def build_site(scenario: Scenario) -> Site:
-    """Draw or place the sensors of a scenario.
+    """The site of a scenario: its sensors drawn by their seed, or where a file has them.
 
     Raises:
         ConfigError: the drawn topology has no sensor at all.
