@@ -4,13 +4,13 @@ from pathlib import Path
 
 import pytest
 from scripted_logs import fly, header, uav
-from uav_collect.recording.mission_folder import RunFolder
+from uav_collect.recording.mission_folder import MissionFolder
 from uav_collect.recording.mission_log import read
 
 
 def test_a_run_folder_keeps_scenario_and_logs(tmp_path: Path) -> None:
     log = fly(header([uav(1)]), [['right', 'home']])
-    folder = RunFolder(str(tmp_path / 'a' / 'b'))
+    folder = MissionFolder(str(tmp_path / 'a' / 'b'))
     assert folder.keep_scenario('name: x\n') is None
     assert folder.begin(log.header) is None
     assert folder.append(log.events) is None
@@ -24,7 +24,7 @@ def test_without_a_name_nothing_is_written(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     log = fly(header([uav(1)]), [['home']])
-    folder = RunFolder('')
+    folder = MissionFolder('')
     assert folder.keep_scenario('name: x\n') is None
     assert folder.begin(log.header) is None
     assert folder.append(log.events) is None
@@ -34,7 +34,7 @@ def test_without_a_name_nothing_is_written(
 @pytest.mark.parametrize('at', ['header', 'events'])
 def test_a_disk_that_is_full_is_named_once_per_mission(at: str, tmp_path: Path) -> None:
     log = fly(header([uav(1)]), [['home']])
-    folder = RunFolder(str(tmp_path))
+    folder = MissionFolder(str(tmp_path))
     file = tmp_path / 'mission_3.jsonl'
     file.symlink_to('/dev/full' if at == 'header' else '/dev/null')
     failures = [folder.begin(log.header)]
@@ -51,4 +51,4 @@ def test_a_disk_that_is_full_is_named_once_per_mission(at: str, tmp_path: Path) 
 
 def test_a_folder_that_cannot_be_is_refused() -> None:
     with pytest.raises(OSError, match='Not a directory'):
-        RunFolder('/dev/null/run')
+        MissionFolder('/dev/null/run')

@@ -9,7 +9,7 @@ from uav_collect.recording.mission_log import Events, LogWriter, MissionHeader
 SCENARIO_FILE = 'scenario.yaml'  # resolved
 
 
-class RunFolder:
+class MissionFolder:
     """Writes them as long as the disk takes them; a mission goes on without.
 
     Each method says what went wrong, or None; the first failure of a mission ends its log.

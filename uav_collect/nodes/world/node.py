@@ -29,7 +29,7 @@ from uav_collect.nodes.world.mission import (
 )
 from uav_collect.nodes.world.publishers import ViewerPublisher, WorldPublishers
 from uav_collect.nodes.world.settings import PARAMETERS, read_settings
-from uav_collect.recording.mission_folder import RunFolder
+from uav_collect.recording.mission_folder import MissionFolder
 from uav_collect.scenario.load import load
 from uav_collect.scenario.site import build_site, Site
 from uav_collect.uav.actions import check_can_start
@@ -62,7 +62,7 @@ class WorldNode(ProcessNode):
             self._site: Site = build_site(scenario)
             briefing = brief(scenario)
             check_can_start(scenario, briefing)
-            self._folder = RunFolder(settings.output_dir)
+            self._folder = MissionFolder(settings.output_dir)
         except ConfigError as error:
             raise NodeError(str(error)) from error
         except OSError as error:
