@@ -16,8 +16,8 @@ UavCollectError
   x FleetError              processes of a mission that cannot start, or failed
   x NodeError               a node that cannot start
 
-A command shows each of them as one line. What a caller passed wrongly is a ValueError besides.
-Plain ValueError and RuntimeError stay for mistakes of the code that calls.
+A command shows their text alone, without a traceback. Those about something that was given are a
+ValueError besides. A plain ValueError or RuntimeError is a mistake of the code that calls.
 """
 
 _MAX_LINES = 10  # of problems shown at once
