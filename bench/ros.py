@@ -63,9 +63,9 @@ def fly_timed() -> None:
     agent_s: list[float] = []
 
     class TimedWorld(WorldNode):
-        def _ask(self, flight: Any, event: Any) -> None:  # noqa: ANN401
+        def _request_decision(self, mission: Any, event: Any) -> None:  # noqa: ANN401
             asked_s.append(time.monotonic())
-            super()._ask(flight, event)
+            super()._request_decision(mission, event)
 
         def _on_command(self, uav: int, msg: Any) -> None:  # noqa: ANN401
             answered_s.append(time.monotonic())
@@ -78,7 +78,7 @@ def fly_timed() -> None:
 
 
 def echo() -> None:
-    """Send back what comes, until told to stop."""
+    """Send back what comes, until a signal."""
     from rclpy.node import Node
     from std_msgs.msg import UInt32
     from uav_collect.nodes.process import ProcessNode, run_node

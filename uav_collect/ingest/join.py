@@ -169,7 +169,7 @@ class MissionJoiner:
             self._close(mission_id, ReportOutcome.UNNEEDED)
 
     def add(self, report: FleetReport) -> JoinedMission | None:
-        """Take a report in.
+        """Keep a report until its mission is whole, or needs it no more.
 
         Returns:
             The mission that it makes whole, if it does.

@@ -34,7 +34,7 @@ class PublishedPolicy:
 
     @property
     def key(self) -> PolicyKey:
-        """Which message it is."""
+        """Trainer and sequence, by which observations name it."""
         return self.message.trainer_instance, self.message.sequence
 
     @property
@@ -60,7 +60,7 @@ class PublishedPolicy:
 
 
 def checked_policy(msg: Any, briefing: Briefing) -> PublishedPolicy:
-    """The policy in a message.
+    """Check a Policy message and read the policy in it.
 
     Raises:
         PolicyMismatchError: it is not whole, or cannot fly this fleet over this area.
@@ -137,14 +137,14 @@ class TopicPolicy:
     name = TOPIC
 
     def __init__(self, store: PolicyStore) -> None:
-        """Fly what is in a store."""
+        """Fly no policy yet; missions name those in the store."""
         self._store = store
         self._place: tuple[Briefing, int] | None = None
         self.current: ExploringPolicy | None = None
 
     @property
     def version(self) -> str:
-        """Of what flies the mission."""
+        """Version of what flies the mission; empty before that is selected."""
         return '' if self.current is None else self.current.version
 
     def is_ready_for(self, observation: Any) -> bool:

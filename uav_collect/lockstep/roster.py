@@ -16,7 +16,7 @@ class Pilot:
     allocator: str
 
     def __str__(self) -> str:
-        """The process, for people."""
+        """Name the process and its host for people."""
         return f'process {self.pid} on {self.host}'
 
     @property

@@ -74,7 +74,7 @@ class SimulationPacer:
 
     @property
     def time_s(self) -> float:
-        """Simulated time that has come."""
+        """How far simulated time may have gone by now."""
         return (self._clock_s() - self._started_s) * self._factor
 
     def is_due(self, time_s: float) -> bool:

@@ -125,7 +125,7 @@ def pilot_from_request(request: Any) -> Pilot:
 def radio_msg(
     message: RadioMessage, mission_id: str, *, sequence: int, delivery: int = 0
 ) -> RadioMessageMsg:
-    """A message between UAVs.
+    """What one UAV transmits to others, as a message.
 
     Args:
         sequence: running number of the sender's decisions.
@@ -145,7 +145,7 @@ def radio_msg(
 
 
 def radio_from_msg(msg: Any, n_cells: int) -> RadioMessage:
-    """The message between UAVs.
+    """What one UAV has transmitted to others.
 
     Raises:
         ValueError: its map is not one of that many cells.

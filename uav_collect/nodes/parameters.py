@@ -38,7 +38,7 @@ class Parameter:
 
     @property
     def help(self) -> str:
-        """What `--help` says of it."""
+        """Its lines of `--help`: name, default, description, bounds."""
         default = str(self.default).lower() if isinstance(self.default, bool) else self.default
         shown = f"'{default}'" if isinstance(self.default, str) else str(default)
         bounds = '' if self.low is None else f' ({self.low:,} to {self.high:,})'

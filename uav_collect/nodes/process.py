@@ -176,7 +176,7 @@ def _run(node: ProcessNode, stop: _Stop) -> int:
 
 
 def _spin_once(node: ProcessNode, executor: Any) -> None:
-    """Run what waits.
+    """Run the callbacks that are due, or wait a moment for some.
 
     Something may be queued for a subscription that was retired meanwhile: the events executor
     raises where the usual one passes over it.

@@ -82,7 +82,7 @@ class Topic:
 
 @dataclass(frozen=True, kw_only=True)
 class UavTopics:
-    """The topics of one UAV."""
+    """The topics between one UAV's agent, the world and learners."""
 
     observation: Topic  # world -> agent
     command: Topic  # agent -> world

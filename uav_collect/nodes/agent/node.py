@@ -90,12 +90,7 @@ class AgentNode(ProcessNode):
         self._allocator = arguments.bandwidth or self._value('bandwidth')
         if not self._uav:
             raise NodeError('the id of the UAV is missing: --id N, from 1')
-        try:
-            if self._policy not in (STRONG, TOPIC):  # which one that is, is not known yet
-                policy_named(self._policy)
-            allocator_named(self._allocator)
-        except ValueError as error:
-            raise NodeError(str(error)) from error
+        _check_choices(self._policy, self._allocator)
         self._instance = str(uuid.uuid4())
         self._layout = _layout_named(self._value('observation_layout'))
         self._inbox: Inbox | None = None
@@ -104,7 +99,7 @@ class AgentNode(ProcessNode):
         self._asked_s = -math.inf
         self._is_member = False
         self._published_for = ''  # the instance that the publishers were made for
-        self._since_s = time.monotonic()
+        self._asking_since_s = time.monotonic()
         self._logged, self._logged_s = '', -math.inf
         self._names = topics.world_topics(topics.world_of(self.get_namespace(), self._uav))
         self._own = self._names.uav(self._uav)
@@ -149,7 +144,7 @@ class AgentNode(ProcessNode):
             self._transitions = TransitionBuilder(self._layout, briefing, uav, msg.fingerprint)
         self._is_member = False
         self._asked_s = -math.inf
-        self._since_s = time.monotonic()
+        self._asking_since_s = time.monotonic()
         self._ask_to_join()
 
     def _topic_policy(self, briefing: Briefing) -> TopicPolicy | None:
@@ -210,6 +205,7 @@ class AgentNode(ProcessNode):
 
     @_gives_up_on_error
     def _on_answer(self, future: Future) -> None:
+        """Fly if the world agrees; else wait, ask again or give up."""
         if self._is_member or self._inbox is None:
             return
         self._asked_s = -math.inf
@@ -217,11 +213,11 @@ class AgentNode(ProcessNode):
         if answer.world_instance != self._world.instance:  # it was faster than the one asked for
             return
         if answer.waits_for_policy:
-            self._since_s = time.monotonic()
+            self._asking_since_s = time.monotonic()
             self._log_waiting(f'the first policy of a trainer on {topics.POLICY.name}')
             return
         if not answer.accepted:
-            if not answer.retry or time.monotonic() - self._since_s > _PATIENCE_S:
+            if not answer.retry or time.monotonic() - self._asking_since_s > _PATIENCE_S:
                 self._give_up(answer.reason)
             return
         if self._policies is not None:
@@ -288,7 +284,7 @@ class AgentNode(ProcessNode):
                 )
             )
             decision = agent.decide(view)
-            if self._transitions is not None:  # first: a decision carried out was published
+            if self._transitions is not None:  # before it can be carried out
                 transition = self._transitions.transition(observation, view, agent, decision)
                 self._transition_pub.publish(transition)
             command = convert.command_msg(decision, observation)
@@ -298,7 +294,26 @@ class AgentNode(ProcessNode):
             self._command_pub.publish(command)
 
 
+def _check_choices(policy: str, allocator: str) -> None:
+    """Refuse a policy or an allocator that there is not, before a world is waited for.
+
+    Raises:
+        NodeError: naming those that there are.
+    """
+    try:
+        if policy not in (STRONG, TOPIC):  # which one that is, the world decides
+            policy_named(policy)
+        allocator_named(allocator)
+    except ValueError as error:
+        raise NodeError(str(error)) from error
+
+
 def _layout_named(name: str) -> Layout | None:
+    """The layout that a parameter names; None if it is empty.
+
+    Raises:
+        NodeError: there is none of that name.
+    """
     if not name:
         return None
     try:

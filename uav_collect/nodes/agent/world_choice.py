@@ -19,7 +19,7 @@ class WorldChoice:
     """Sees worlds come and go; a later one, which has to give way, is ignored."""
 
     def __init__(self, node: ProcessNode, topic: Topic, fly_for: Callable[[Any], None]) -> None:
-        """Listen for worlds.
+        """Subscribe to the scenarios of worlds.
 
         Args:
             node: the agent.

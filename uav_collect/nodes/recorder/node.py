@@ -104,7 +104,7 @@ class RecorderNode(ProcessNode):
         self.get_logger().info(f'recording {len(fleet_wide)} topics to {self._bag.folder}')
 
     def on_stop(self) -> None:
-        """Close the bag."""
+        """Name in the bag what was lost, and close it."""
         for topic, n_lost in self._n_lost.items():
             self._bag.remark(f'messages lost of {topic}', str(n_lost))
             self.get_logger().warning(f'lost {n_lost} messages of {topic}')

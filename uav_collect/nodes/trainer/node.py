@@ -37,7 +37,12 @@ from uav_collect.nodes import topics
 from uav_collect.nodes.incidents import Incidents
 from uav_collect.nodes.parameters import help_text
 from uav_collect.nodes.process import FAILED, MISUSED, parse_arguments, ProcessNode, run_node
-from uav_collect.nodes.trainer.settings import PARAMETERS, planned_run, read_settings
+from uav_collect.nodes.trainer.settings import (
+    PARAMETERS,
+    planned_run,
+    read_settings,
+    TrainerSettings,
+)
 from uav_collect.recording.bag_reader import messages
 from uav_collect.scenario.site import build_site
 from uav_collect.training.display import progress_display
@@ -70,21 +75,9 @@ class TrainerNode(ProcessNode):
         """
         super().__init__('trainer')
         settings = read_settings(self)
+        self._joiners: dict[str, MissionJoiner] = {}  # by namespace
         try:
-            self._run = planned_run(settings)
-            self._log_memory()
-            config = self._run.config
-            self._learning = BackgroundTraining(
-                self._run,
-                most_waiting=_MOST_WAITING_UPDATES * config.rollout.decisions_per_update,
-                publish_every_updates=settings.publish_every_updates,
-                checkpoint_s=settings.checkpoint_period_s,
-            )
-            self._log_compiling()
-            self._known_ids = self._learning.source.known_ids  # missions that were joined before
-            self._joiners: dict[str, MissionJoiner] = {}  # by namespace
-            for namespace in () if bags else settings.namespaces:
-                self._joiners[namespace] = _new_joiner(self._run, self._known_ids)
+            self._prepare_training(settings, () if bags else settings.namespaces)
         except (ConfigError, PolicyMismatchError, TrainingRunError) as error:
             raise NodeError(str(error)) from error
         except OSError as error:
@@ -103,16 +96,31 @@ class TrainerNode(ProcessNode):
         self._bags = self._read(bags) if bags else None
         self._learning.start()
         for namespace in self._joiners:
-            self._listen(namespace)
+            self._subscribe_to_world(namespace)
         self.create_timer(_TICK_S, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def on_stop(self) -> None:
-        """Save what was learned."""
+        """Save what was learned, and publish the last policy."""
         ending = self._learning.stop()
         self._publish(self._learning.new_policy())
         self._closing.close()
         if self.end_status is None:  # a signal
             self.get_logger().info(f'{ending.text}; start it again to go on')
+
+    def _prepare_training(self, settings: TrainerSettings, namespaces: Sequence[str]) -> None:
+        """Plan or resume the run, and what joins the missions of each world."""
+        self._run = planned_run(settings)
+        self._log_memory()
+        self._learning = BackgroundTraining(
+            self._run,
+            most_waiting=_MOST_WAITING_UPDATES * self._run.config.rollout.decisions_per_update,
+            publish_every_updates=settings.publish_every_updates,
+            checkpoint_s=settings.checkpoint_period_s,
+        )
+        self._log_compiling()
+        self._known_ids = self._learning.source.known_ids  # missions that were joined before
+        for namespace in namespaces:
+            self._joiners[namespace] = _new_joiner(self._run, self._known_ids)
 
     def _log_memory(self) -> None:
         size = self._run.config.replay.decisions
@@ -129,7 +137,8 @@ class TrainerNode(ProcessNode):
 
     # What comes in.
 
-    def _listen(self, namespace: str) -> None:
+    def _subscribe_to_world(self, namespace: str) -> None:
+        """Subscribe to all that a world and its fleet report."""
         world = topics.world_topics(namespace)
         uavs = range(1, self._run.scenarios[0].n_uavs + 1)
         for topic in (world.mission, world.epoch, *(world.uav(uav).transition for uav in uavs)):
@@ -190,9 +199,9 @@ class TrainerNode(ProcessNode):
         if self._learning.ending is not None:
             self._end(self._learning.ending)
         elif self._bags is not None:
-            self._go_on_reading(self._bags, now_s + _READ_S)
+            self._read_on(self._bags, now_s + _READ_S)
 
-    def _go_on_reading(self, bags: Iterator[None], until_s: float) -> None:
+    def _read_on(self, bags: Iterator[None], until_s: float) -> None:
         """Read until a time, or until enough waits for the learner."""
         most = _MOST_WAITING_UPDATES * self._run.config.rollout.decisions_per_update // 2
         try:
@@ -205,6 +214,7 @@ class TrainerNode(ProcessNode):
             self.end(MISUSED)
 
     def _publish(self, flown: BehaviourPolicy | None) -> None:
+        """Publish what the fleets shall fly from now on, if that is something new."""
         if flown is None:
             return
         self._version = flown.policy.header.version
@@ -237,7 +247,7 @@ class TrainerNode(ProcessNode):
     def _join_status(self) -> tuple[str, ...]:
         """Which policy is flown, and what became of missions and messages, for people."""
         total = JoinCounts.sum(joiner.counts for joiner in self._joiners.values())
-        dropped = ', '.join(f'{total.dropped[cause]} {cause}' for cause in DropReason)
+        dropped = ', '.join(f'{total.dropped[reason]} {reason}' for reason in DropReason)
         n_waiting = sum(joiner.n_waiting for joiner in self._joiners.values())
         return (
             f'policy {self._version}' if self._version else 'no policy yet',

@@ -106,7 +106,7 @@ PARAMETERS = (
 
 @dataclass(frozen=True, kw_only=True)
 class TrainerSettings:
-    """The values of PARAMETERS."""
+    """What users have set of the trainer node, by the names of PARAMETERS."""
 
     scenario: str
     algorithm: str

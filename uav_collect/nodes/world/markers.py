@@ -49,7 +49,7 @@ _PHASES = ('', ', flies home', ', landed')
 
 @dataclass
 class _UavTrack:
-    """What was noted of one UAV."""
+    """The way of one UAV through the mission, as its events have drawn it."""
 
     energy_j: float  # left when its running action began
     start_s: float = 0.0  # of the running action

@@ -210,7 +210,7 @@ class MissionInFlight:
         return observation
 
     def metrics(self) -> MissionMetrics:
-        """The figures of merit so far."""
+        """What the mission has achieved so far."""
         return mission_metrics(self.simulation.log(self.header))
 
     @property

@@ -73,7 +73,7 @@ PARAMETERS = (
 
 @dataclass(frozen=True, kw_only=True)
 class WorldSettings:
-    """The values of PARAMETERS."""
+    """What users have set of the world node, by the names of PARAMETERS."""
 
     scenario: str
     seed: int
