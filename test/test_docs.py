@@ -29,7 +29,7 @@ from uav_collect.commands import (
 from uav_collect.scenario.load import load, scenario_names
 from uav_collect.scenario.site import build_site
 
-from tools.structure import ORDER
+from tools.structure import ORDER, read, Sources
 
 ROOT = Path(__file__).parent.parent
 DOCUMENTS = [
@@ -95,9 +95,9 @@ def names_in_the_glossary() -> Iterator[str]:
     """What the glossary says that words are called in the code."""
     for table in re.findall(r'(?:^\|.*\n)+', GLOSSARY, re.MULTILINE):
         titles, _, *rows = (line.split('|') for line in table.splitlines())
-        column = titles.index(' name in the code ')
-        for row in rows:
-            yield from re.findall(r'`([^`]+)`', row[column])
+        cells = [dict(zip(titles, row, strict=True)) for row in rows]
+        for row in cells:
+            yield from re.findall(r'`([^`]+)`', row.get(' name in the code ', ''))
 
 
 def is_in_the_code(name: str) -> bool:
@@ -158,6 +158,53 @@ def test_every_name_in_the_glossary_is_in_the_code() -> None:
 def test_a_name_that_is_not_in_the_code_is_seen(name: str) -> None:
     assert is_in_the_code(name)
     assert not is_in_the_code(f'{name}x')
+
+
+def never_words() -> list[str]:
+    """The words that the glossary keeps out of names."""
+    _, _, section = GLOSSARY.partition('## Never')
+    cells = re.findall(r'^\| ([a-z, ]+) \|', section, re.MULTILINE)
+    return [word for cell in cells for word in cell.split(', ') if word != 'never']
+
+
+def words_of(path: str, source: str) -> set[str]:
+    """The words of which the names of a file are made, its own name included."""
+    fields, nodes = ('id', 'attr', 'name', 'arg', 'asname'), ast.walk(ast.parse(source))
+    found = {getattr(node, field, None) for node in nodes for field in fields}
+    names = [path, *(name for name in found if isinstance(name, str))]
+    return {word.lower() for word in re.findall(r'[A-Z]?[a-z]+|[A-Z]+(?![a-z])', ' '.join(names))}
+
+
+def unwanted(sources: Sources) -> list[str]:
+    """Words of names that begin like one of the glossary's never."""
+    never = tuple(never_words())
+    return [
+        f'{path}: {word}'
+        for path, source in sources.items()
+        for word in sorted(words_of(path, source))
+        if word.startswith(never)
+    ]
+
+
+@pytest.mark.parametrize('folder', ['bench', 'launch', 'test', 'tools', 'uav_collect'])
+def test_no_name_is_made_of_a_word_that_must_not_come_back(folder: str) -> None:
+    assert len(never_words()) > 10
+    assert unwanted(read(ROOT / folder)) == []
+
+
+@pytest.mark.parametrize(
+    ('path', 'source'),
+    [
+        ('lockstep/cockpit.py', ''),
+        ('uav/agent.py', 'class NewCockpit: ...'),
+        ('uav/agent.py', 'def look(told_s): ...'),
+        ('uav/agent.py', 'from uav_collect.planning import Errands as Plan'),
+        ('uav/agent.py', 'self._errands.search(retraced=True)'),
+    ],
+)
+def test_a_word_that_comes_back_is_seen(path: str, source: str) -> None:
+    assert unwanted({path: source, 'uav/view.py': 'text = "as was told"'}) != []
+    assert unwanted({'uav/view.py': 'text = "as was told"'}) == []
 
 
 def test_every_option_in_the_paper_map_is_a_key_of_a_scenario() -> None:

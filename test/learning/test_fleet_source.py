@@ -141,7 +141,7 @@ def test_a_learner_that_is_too_slow_takes_what_waits_without_an_update_each() ->
     assert 50 - 10 < left <= 50
 
 
-def test_a_restored_intake_goes_on_and_knows_what_was_learned_from() -> None:
+def test_a_restored_source_goes_on_and_knows_what_was_learned_from() -> None:
     source, other = source_of(episodes(range(20))), FleetSource(10**9)
     source.collect(agent(), 40, 0.5)
     other.restore(source.state())
@@ -162,7 +162,7 @@ def test_recent_figures_are_those_of_the_missions_handed_out() -> None:
     assert source.recent.efficiency_kbit_per_j == 1.0
 
 
-def test_a_training_on_an_intake_is_resumed_where_it_was_saved(tmp_path: Path) -> None:
+def test_a_training_on_a_fleet_source_is_resumed_where_it_was_saved(tmp_path: Path) -> None:
     missions = episodes(range(60))
     straight, stopped = trained(missions, 20), trained(missions, 8)
     stopped.save(tmp_path)

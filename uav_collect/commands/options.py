@@ -127,17 +127,17 @@ def check_files(arguments: argparse.Namespace) -> None:
         files.check_writable(path)
 
 
-def add_budget_options(parser: argparse.ArgumentParser, minutes_told: float, what: str) -> None:
+def add_budget_options(parser: argparse.ArgumentParser, default_minutes: float, what: str) -> None:
     """Add how long to train, by time or by decisions; without a default.
 
     Args:
         parser: of the command.
-        minutes_told: how long it trains if neither is given.
+        default_minutes: how long it trains if neither is given.
         what: begins the help of the first option.
     """
     budget = parser.add_mutually_exclusive_group()
     budget.add_argument(
-        '--minutes', type=minutes, metavar='M', help=f'{what} (default: {minutes_told:g})'
+        '--minutes', type=minutes, metavar='M', help=f'{what} (default: {default_minutes:g})'
     )
     budget.add_argument(
         '--decisions',
