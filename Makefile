@@ -129,10 +129,11 @@ test: $(BUILT) $(DEVELOPED) $(LEARNS) $(CLUSTERS)  ## run all tests; TESTS=test/
 golden: $(INSTALLED)  ## write the digests of mission logs anew; their diff is a change of behaviour
 	@PYTHONPATH=.:test/helpers $(VENV)/bin/python test/helpers/golden_logs.py
 
-check: $(DEVELOPED) $(LEARNS)  ## ruff and mypy, as CI does
+check: $(DEVELOPED) $(LEARNS)  ## ruff, mypy and the structure of the package, as CI does
 	@$(VENV)/bin/ruff check
 	@$(VENV)/bin/ruff format --check
 	@$(VENV)/bin/mypy
+	@$(VENV)/bin/python tools/structure.py
 
 format: $(DEVELOPED)  ## let ruff mend what it can
 	@$(VENV)/bin/ruff check --fix

@@ -134,6 +134,7 @@ def test_a_room_without_a_place_is_seen() -> None:
 
 def test_no_imports_run_in_a_circle() -> None:
     modules = structure.module_graph(SOURCES)
+    assert structure.circles(modules) == []
     assert structure.circles(structure.room_graph(modules)) == []
 
 

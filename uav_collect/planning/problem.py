@@ -44,7 +44,7 @@ class PlanProblem(NamedTuple):
     allowance_j: Row[float]  # what the UAV may use, its margin kept
 
 
-class _Desk(NamedTuple):
+class _Scratch(NamedTuple):
     """Rows to share bandwidth at; by sensor of a cell."""
 
     demand_bit: Row[float]
@@ -91,7 +91,13 @@ def problem_of(site: Site, mission_seed: int, allocator: str) -> PlanProblem:
     )
     share = EQUAL if allocator == 'equal' else EXACT
     write_hovers(
-        share, briefing, sensor_field, mission_seed, demand_bit, problem, _new_desk(sensor_field)
+        share,
+        briefing,
+        sensor_field,
+        mission_seed,
+        demand_bit,
+        problem,
+        _new_scratch(sensor_field),
     )
     return problem
 
@@ -132,10 +138,10 @@ def _ways_m(briefing: Briefing, cells: Ints) -> Floats:
     return np.maximum(way_m, way_m.T)
 
 
-def _new_desk(sensor_field: SensorField) -> _Desk:
+def _new_scratch(sensor_field: SensorField) -> _Scratch:
     first = sensor_field.first_sensor
     size = max(1, *(first[cell + 1] - first[cell] for cell in range(len(first) - 1)))
-    return _Desk(
+    return _Scratch(
         demand_bit=new_row(size, 0.0),
         signal_w=new_row(size, 0.0),
         error_w=new_row(size, 0.0),
@@ -151,7 +157,7 @@ def write_hovers(
     mission_seed: int,
     demand_bit: Row[float],
     problem: PlanProblem,
-    desk: _Desk,
+    scratch: _Scratch,
 ) -> None:
     """Write the hover times of all data cells into the problem."""
     for index in range(problem.n_cells):
@@ -160,11 +166,11 @@ def write_hovers(
             # A UAV that starts in the cell hovers there before it ever came to it.
             visit = 0 if cell == problem.start_cell[uav] else 1
             n_sensors = _listen(
-                briefing, sensor_field, mission_seed, demand_bit, uav, cell, visit, desk
+                briefing, sensor_field, mission_seed, demand_bit, uav, cell, visit, scratch
             )
-            hover_s = _hover_s(allocator, briefing, desk, n_sensors)
+            hover_s = _hover_s(allocator, briefing, scratch, n_sensors)
             problem.hover_s[uav * problem.n_cells + index] = hover_s
-        hover_s = _least_hover_s(allocator, briefing, sensor_field, demand_bit, cell, desk)
+        hover_s = _least_hover_s(allocator, briefing, sensor_field, demand_bit, cell, scratch)
         problem.least_hover_s[index] = hover_s
 
 
@@ -177,9 +183,9 @@ def _listen(
     uav: int,
     cell: int,
     visit: int,
-    desk: _Desk,
+    scratch: _Scratch,
 ) -> int:
-    """Draw the channels of a visit onto the desk; how many sensors there have data."""
+    """Draw the channels of a visit into the scratch; how many sensors there have data."""
     n_sensors = 0
     for sensor in range(sensor_field.first_sensor[cell], sensor_field.first_sensor[cell + 1]):
         if demand_bit[sensor] > 0.0:
@@ -195,9 +201,9 @@ def _listen(
                 sensor_field.rician_factor[sensor],
             )
             error_gain = path_gain * sensor_field.csi_error_variance
-            desk.demand_bit[n_sensors] = demand_bit[sensor]
-            desk.signal_w[n_sensors] = briefing.tx_power_w * gain
-            desk.error_w[n_sensors] = briefing.tx_power_w * error_gain
+            scratch.demand_bit[n_sensors] = demand_bit[sensor]
+            scratch.signal_w[n_sensors] = briefing.tx_power_w * gain
+            scratch.error_w[n_sensors] = briefing.tx_power_w * error_gain
             n_sensors += 1
     return n_sensors
 
@@ -209,7 +215,7 @@ def _least_hover_s(
     sensor_field: SensorField,
     demand_bit: Row[float],
     cell: int,
-    desk: _Desk,
+    scratch: _Scratch,
 ) -> float:
     """A hover over the best channels that can ever be drawn: in sight, all fading in phase.
 
@@ -223,23 +229,23 @@ def _least_hover_s(
             steady = math.sqrt(factor / (factor + 1.0))
             amplitude = steady + _MAX_NORMAL * math.sqrt(0.5 / (factor + 1.0))
             path_w = briefing.tx_power_w * sensor_field.path_gain[sensor]
-            desk.demand_bit[n_sensors] = demand_bit[sensor]
-            desk.signal_w[n_sensors] = path_w * sensor_field.n_antennas * amplitude * amplitude
-            desk.error_w[n_sensors] = path_w * sensor_field.csi_error_variance
+            scratch.demand_bit[n_sensors] = demand_bit[sensor]
+            scratch.signal_w[n_sensors] = path_w * sensor_field.n_antennas * amplitude * amplitude
+            scratch.error_w[n_sensors] = path_w * sensor_field.csi_error_variance
             n_sensors += 1
-    return _hover_s(allocator, briefing, desk, n_sensors) * (1.0 - _ROUNDING)
+    return _hover_s(allocator, briefing, scratch, n_sensors) * (1.0 - _ROUNDING)
 
 
 @kernel
-def _hover_s(allocator: int, briefing: Briefing, desk: _Desk, n_sensors: int) -> float:
+def _hover_s(allocator: int, briefing: Briefing, scratch: _Scratch, n_sensors: int) -> float:
     hover_s, _ = share_bandwidth(
         allocator,
-        desk.signal_w,
-        desk.error_w,
-        desk.demand_bit,
+        scratch.signal_w,
+        scratch.error_w,
+        scratch.demand_bit,
         n_sensors,
         briefing.bandwidth_hz,
         briefing.noise_w_per_hz,
-        desk.share_hz,
+        scratch.share_hz,
     )
     return hover_s

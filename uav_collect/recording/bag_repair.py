@@ -50,7 +50,7 @@ class Repair:
     n_cut_byte: int  # at the end of the broken file, in no whole chunk
 
 
-class _Tally:
+class _MessageCount:
     """Counts messages and finds the latest simulated time among them."""
 
     def __init__(self) -> None:
@@ -84,11 +84,11 @@ def repair(bag: Path) -> Repair:
     with source.open('rb') as file:
         torn = _TornFile(file, folder)
         work.parent.mkdir()
-        tally = _copy(torn, work)
+        count = _copy(torn, work)
         n_cut_byte = source.stat().st_size - torn.good_end
     return Repair(
-        n_messages=tally.n_messages,
-        last_sim_time_s=tally.last_sim_time_s,
+        n_messages=count.n_messages,
+        last_sim_time_s=count.last_sim_time_s,
         broken_file=_swap(source, work),
         n_cut_byte=n_cut_byte,
     )
@@ -135,18 +135,18 @@ class _TornFile:
 
 def _look_at(folder: Path) -> Repair | None:
     """What a readable bag holds; None if it cannot be read."""
-    tally = _Tally()
+    count = _MessageCount()
     try:
         with AnyReader([folder]) as reader:
             n_messages = reader.message_count
             timed = [c for c in reader.connections if _tells_time(c.msgtype)]
             for connection, _, content in reader.messages(timed) if timed else ():
-                tally.take(connection.msgtype, content)
+                count.take(connection.msgtype, content)
     except (AnyReaderError, OSError):
         return None
     return Repair(
         n_messages=n_messages,
-        last_sim_time_s=tally.last_sim_time_s,
+        last_sim_time_s=count.last_sim_time_s,
         broken_file=None,
         n_cut_byte=0,
     )
@@ -162,9 +162,9 @@ def _broken_file(folder: Path) -> Path:
     raise BagError(f'{folder}: must hold one .mcap file to repair, holds {len(files)}')
 
 
-def _copy(torn: _TornFile, bag: Path) -> _Tally:
+def _copy(torn: _TornFile, bag: Path) -> _MessageCount:
     """Write all messages to a new bag."""
-    tally = _Tally()
+    count = _MessageCount()
     types = get_typestore(Stores.EMPTY)
     topics: dict[int, Connection] = {}  # by channel
     with Writer(bag, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
@@ -182,8 +182,8 @@ def _copy(torn: _TornFile, bag: Path) -> _Tally:
                     ),
                 )
             writer.write(topics[channel.id], message.log_time, message.data)
-            tally.take(schema.name, message.data)
-    return tally
+            count.take(schema.name, message.data)
+    return count
 
 
 def _tells_time(type_name: str) -> bool:
