@@ -85,7 +85,7 @@ def module_graph(sources: Sources) -> Graph:
         package, _, inside = name.partition('.')
         if package != NAME:
             return
-        # `from uav_collect.uav import actions` names a module, `... import Desk` a part of one.
+        # `from uav_collect.uav import actions` names a module, `... import Agent` a part of one.
         above = inside.rpartition('.')[0]
         yield next((each for each in (inside, above) if each in modules), '__init__')
 

@@ -12,7 +12,7 @@ from uav_collect.kernels.compile import kernels_are_compiled
 from uav_collect.learning.minibatch import Algorithm
 from uav_collect.missions.experience import Episode
 from uav_collect.missions.rollout import fly
-from uav_collect.missions.vector_env import Decisions, VectorEnv, VectorEnvConfig
+from uav_collect.missions.vector_env import AwaitedDecisions, VectorEnv, VectorEnvConfig
 from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import build_site
@@ -192,17 +192,19 @@ def test_a_restored_collector_flies_on_as_the_one_that_was_saved() -> None:
             assert column.tolist() == again.tolist()
 
 
-def flown(scenario: Scenario, actions: Sequence[int], **how: object) -> list[Decisions]:
+def flown(scenario: Scenario, actions: Sequence[int], **how: object) -> list[AwaitedDecisions]:
     """What a mission waits for after each action."""
     env = VectorEnv(build_site(scenario), [0], VectorEnvConfig(**how))  # type: ignore[arg-type]
     waits = []
     for action in actions:
         decisions = env.step(np.array([action]))
-        waits.append(Decisions(**{name: value.copy() for name, value in vars(decisions).items()}))
+        waits.append(
+            AwaitedDecisions(**{name: value.copy() for name, value in vars(decisions).items()})
+        )
     return waits
 
 
-def rewards(waits: Sequence[Decisions]) -> Floats:
+def rewards(waits: Sequence[AwaitedDecisions]) -> Floats:
     found: Floats = np.array([float(it.reward[0]) for it in waits])
     return found
 

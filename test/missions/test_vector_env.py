@@ -12,7 +12,7 @@ from tiny_world import tiny, TOTAL_BIT, uav
 from uav_collect.errors import AllocationError, ConfigError
 from uav_collect.kernels.arrays import Floats, Ints, new_row, Row
 from uav_collect.missions.rollout import fly
-from uav_collect.missions.vector_env import Decisions, VectorEnv, VectorEnvConfig
+from uav_collect.missions.vector_env import AwaitedDecisions, VectorEnv, VectorEnvConfig
 from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.load import load, Scenario
 from uav_collect.scenario.site import build_site
@@ -37,12 +37,14 @@ def flights_of(scenario: Scenario, seeds: Sequence[int] = SEEDS, **how: object) 
     return VectorEnv(build_site(scenario), seeds, VectorEnvConfig(**how))
 
 
-def kept(decisions: Decisions) -> Decisions:
+def kept(decisions: AwaitedDecisions) -> AwaitedDecisions:
     """A copy that outlives the next step."""
-    return Decisions(**{it.name: getattr(decisions, it.name).copy() for it in fields(decisions)})
+    return AwaitedDecisions(
+        **{it.name: getattr(decisions, it.name).copy() for it in fields(decisions)}
+    )
 
 
-def stepped(env: VectorEnv, scripts: Sequence[Sequence[int]]) -> list[Decisions]:
+def stepped(env: VectorEnv, scripts: Sequence[Sequence[int]]) -> list[AwaitedDecisions]:
     """What the missions wait for, the end included, when each is flown by a list of actions."""
     chosen = [iter(script) for script in scripts]
     waits = [kept(env.decisions)]
@@ -134,7 +136,7 @@ def test_a_mission_steps_the_same_alone_and_beside_others() -> None:
     together = stepped(flights_of(paper()), scripts)
     alone = stepped(flights_of(paper(), SEEDS[1:2]), scripts[1:2])
     for one, other in zip(alone, together, strict=False):
-        for field in fields(Decisions):
+        for field in fields(AwaitedDecisions):
             assert getattr(one, field.name)[0].tolist() == getattr(other, field.name)[1].tolist()
 
 
@@ -221,7 +223,7 @@ def test_collecting_all_by_hand_earns_the_data_and_the_bonus() -> None:
     assert sum(wait.reward[0] for wait in waits) == pytest.approx(TOTAL_BIT / 1e6 + bonus)
 
 
-def stepped_by_the_sweep(scenario: Scenario) -> list[Decisions]:
+def stepped_by_the_sweep(scenario: Scenario) -> list[AwaitedDecisions]:
     log = fly(build_site(scenario), [0], 'sweep', 'equal')[0]
     return stepped(flights_of(scenario, [0]), [decided(log)])
 

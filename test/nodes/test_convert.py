@@ -22,7 +22,7 @@ from uav_collect.nodes import convert
 from uav_collect.recording.mission_log import EVENT_DTYPE
 from uav_collect.uav import action_codes
 from uav_collect.uav.agent import Agent, allocator_named
-from uav_collect.uav.belief import Belief, BeliefRecord, NEVER
+from uav_collect.uav.belief import Belief, BeliefRows, NEVER
 from uav_collect.uav.briefing import brief
 from uav_collect.uav.messages import Decision, RadioMessage
 from uav_collect.uav.policy import policy_named
@@ -134,7 +134,7 @@ def test_an_epoch_has_every_field_of_the_log() -> None:
 
 def test_a_transition_arrives_with_what_the_policy_saw_and_believed() -> None:
     event = Event(index=17, uav=1, decision=5, view=view(), heard=())
-    belief: Belief = BeliefRecord(
+    belief: Belief = BeliefRows(
         complete=row_of([1, 0, 0, 0, 0, 0, 0, 0, 1]),
         n_complete=row_of([2]),
         seen_bit=row_of([0.0, 5e-324, 0.0, 1e6, 0.0, 0.0, 0.0, 0.0, 0.0]),

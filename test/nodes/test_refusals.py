@@ -255,3 +255,13 @@ def test_all_that_was_refused_changes_nothing(story: Story) -> None:
 def test_a_refusal_that_repeats_is_counted_but_said_once(story: Story) -> None:
     assert story.world.output.count(f"command refused: mission '{FOREIGN}'") == 1
     assert story.world.output.count('UAV 1 is flown by another agent') == 1
+
+
+@pytest.mark.parametrize('name', ['world_sim', 'uav_agent', 'trainer', 'recorder'])
+def test_a_broken_argument_for_ros_ends_an_executable_with_one_line(
+    name: str, processes: Processes
+) -> None:
+    process = processes.start(name, '--ros-args', '-p', 'a')
+    assert process.wait_for_exit() == 2
+    process.wait_for("override rule: '-p a'")
+    assert 'Traceback' not in process.output

@@ -7,7 +7,7 @@ from uav_collect.errors import ConfigError
 from uav_collect.kernels.arrays import Floats, new_row, row_of
 from uav_collect.scenario.load import Scenario
 from uav_collect.uav.action_codes import FORWARD, HOVER, N_ACTIONS, RIGHT
-from uav_collect.uav.agent import must_go_home
+from uav_collect.uav.agent import reason_to_go_home
 from uav_collect.uav.belief import Belief, belief_of, hear, merge, new_beliefs
 from uav_collect.uav.briefing import brief
 from uav_collect.uav.observation import encode, Layout, observation_bound, observation_size
@@ -285,7 +285,7 @@ def test_a_uav_that_was_just_heard_is_fresh() -> None:
 def mask(scenario: Scenario, hover_s: float) -> list[int]:
     view = Flight(scenario).look().view
     legal = new_row(N_ACTIONS, 0)
-    must_go_home(brief(scenario), 0, 0, view, hover_s, legal)
+    reason_to_go_home(brief(scenario), 0, 0, view, hover_s, legal)
     return [int(legal[action]) for action in range(N_ACTIONS)]
 
 

@@ -44,7 +44,7 @@ class Estimate:
     """The mean of a measure, estimated from missions."""
 
     mean: float
-    low: float  # bounds of the bootstrap interval at LEVEL
+    low: float  # bounds of the bootstrap interval at CONFIDENCE_LEVEL
     high: float
     median: float  # of the missions, not of the resampled means
 
@@ -111,7 +111,7 @@ def column_estimates(values: Floats, seed: int) -> tuple[Estimate, ...]:
 
 
 def bootstrap_interval(values: Floats, seed: int) -> tuple[Floats, Floats]:
-    """Percentile bootstrap interval of the means of columns, at LEVEL.
+    """Percentile bootstrap interval of the means of columns, at CONFIDENCE_LEVEL.
 
     Args:
         values: one row per mission, shape (N, M).

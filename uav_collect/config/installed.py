@@ -1,4 +1,4 @@
-"""Where the files lie that come with the package: scenarios, policies."""
+"""Where the files lie that come with the package: scenarios, policies, presets, studies."""
 
 import os
 from pathlib import Path

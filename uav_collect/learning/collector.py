@@ -9,7 +9,7 @@ from uav_collect.kernels.arrays import Ints
 from uav_collect.learning.minibatch import Algorithm
 from uav_collect.learning.network import Drqn
 from uav_collect.missions.experience import Episode
-from uav_collect.missions.vector_env import Decisions, VectorEnv, VectorEnvConfig
+from uav_collect.missions.vector_env import AwaitedDecisions, VectorEnv, VectorEnvConfig
 from uav_collect.scenario.site import Site
 from uav_collect.training.config import TrainingConfig
 from uav_collect.training.progress import RecentMissions
@@ -100,7 +100,7 @@ class Collector:
         self.n_decisions = state['n_decisions']
         self.n_missions = state['n_missions']
 
-    def _choose_actions(self, agent: Drqn, waiting: Decisions, epsilon: float) -> Ints:
+    def _choose_actions(self, agent: Drqn, waiting: AwaitedDecisions, epsilon: float) -> Ints:
         uav = torch.from_numpy(waiting.uav).to(self._device)
         observation = torch.from_numpy(waiting.observation).to(self._device, torch.float32)
         illegal = torch.from_numpy(~waiting.legal).to(self._device)

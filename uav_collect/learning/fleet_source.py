@@ -22,7 +22,7 @@ def _ignore(epsilon: float) -> None:
 
 
 class FleetSource:
-    """Where the learner waits for missions; a source of a `task.Course`."""
+    """Where the learner waits for missions; an `EpisodeSource` of a `task.Task`."""
 
     def __init__(self, most_waiting: int, fly: Callable[[float], None] = _ignore) -> None:
         """Start empty.

@@ -43,12 +43,12 @@ class Minibatch:
     legal: Bools  # (R, N_ACTIONS), packed
     row: Ints  # (E,) packed row of each decision
     action: Ints  # (E,)
-    latest: Ints  # (E, U) the latest decision of each UAV, or NOBODY
+    latest: Ints  # (E, U) the latest decision of each UAV, or NO_DECISION
     decides: Bools  # (E, U) whose action is chosen at the instant of the entry
     fleet: NDArray[np.float32]  # (E, U * N_UAV_SCALARS)
     complete: NDArray[np.uint8]  # (E, U + 1, C) the maps of all UAVs and the true one
     entry: Ints  # (L,) decisions that are entries; chains lie in order
-    next_entry: Ints  # (L,) the decision that follows, or NOBODY at the end
+    next_entry: Ints  # (L,) the decision that follows, or NO_DECISION at the end
     is_chained: Bools  # (L,) whether what follows is the next of the entries
     reward: Floats  # (L,) until then, discounted to the entry
     discount: Floats  # (L,) of what follows
@@ -163,7 +163,7 @@ def _closing(
 def _successors(
     records: Records, mission: Ints, closes: Bools, is_whole: Bools, algorithm: Algorithm
 ) -> tuple[Ints, Ints]:
-    """Decisions in the order of chains, and what follows each: NOBODY at the end, or _UNKNOWN."""
+    """Decisions in the order of chains; what follows each: NO_DECISION at the end, or _UNKNOWN."""
     index = np.arange(len(mission))
     if algorithm is Algorithm.AIQL:
         order = np.lexsort((index, records.uav, mission))

@@ -13,7 +13,7 @@ from uav_collect.missions.event_log import EventLog, new_log
 from uav_collect.missions.experience import new_records, record, Records
 from uav_collect.scenario.site import Site
 from uav_collect.uav.action_codes import BY_POLICY, HOME, HOVER, N_ACTIONS, NONE
-from uav_collect.uav.agent import allocate, must_go_home, new_workspace, Workspace
+from uav_collect.uav.agent import allocate, new_workspace, reason_to_go_home, Workspace
 from uav_collect.uav.belief import belief_of, Beliefs, forget, hear, new_beliefs, observe
 from uav_collect.uav.briefing import brief, Briefing
 from uav_collect.uav.exploration import explore
@@ -202,7 +202,7 @@ KERNELS = (fly_batch,)  # that Python calls to fly missions
 def fly_on(batch: Batch, world: int) -> None:
     """Fly a mission on; each round of the loop is a UAV whose action ends, and what it does then.
 
-    It looks, hears the others and is heard, shares its bandwidth, must go home or chooses, and
+    It hears the others, looks and is heard, shares its bandwidth, must go home or chooses, and
     starts its next action. What all UAVs earned since the event before is added up first.
     """
     settings, briefing, mission = batch.settings, batch.briefing, mission_of(batch.missions, world)
@@ -216,18 +216,18 @@ def fly_on(batch: Batch, world: int) -> None:
             _ask_nobody(batch, world)
             return
         place = world * briefing.n_uavs + uav
-        belief = belief_of(batch.beliefs, place)
+        belief, time_s = belief_of(batch.beliefs, place), mission.leg_end_s[uav]
+        heard = contacts(briefing, mission, uav, time_s)
+        hear_all(batch, world, uav, heard, time_s)
         view = look(briefing, batch.sensor_field, mission, uav, batch.view_rows)
         observe(belief, briefing, view)
-        heard = contacts(briefing, mission, uav, view.time_s)
-        hear_all(batch, world, uav, heard, view.time_s)
-        be_heard(batch, world, uav, heard, view.time_s)
+        be_heard(batch, world, uav, heard, time_s)
         if settings.reward == _ENERGY:
             news = news_reward(belief.complete, batch.complete[world])
             earn(batch.earnings, world, batch.terms, news)
         hover_s = allocate(settings.allocator, briefing, view, batch.workspace)
         legal, action = batch.workspace.legal, HOME
-        reason = must_go_home(briefing, uav, belief.n_complete[0], view, hover_s, legal)
+        reason = reason_to_go_home(briefing, uav, belief.n_complete[0], view, hover_s, legal)
         if reason == NONE and settings.rule == NONE:
             _ask(batch, world, uav, view, heard)
             return

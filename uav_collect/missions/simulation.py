@@ -1,4 +1,4 @@
-"""One mission, event by event: what the world node and the stepwise rollout drive.
+"""One mission, event by event: what the world node and `fly_by_agents` drive.
 
 It holds the world, the UAVs' radios and the log. A UAV's radio keeps the completion map that its
 UAV sent last, merges what it hears, and answers with that.
@@ -25,7 +25,7 @@ from uav_collect.scenario.site import Site
 from uav_collect.uav import action_codes, actions
 from uav_collect.uav.action_codes import BY_POLICY, HOME, HOVER, NONE
 from uav_collect.uav.actions import check_can_start
-from uav_collect.uav.agent import Agent, allocator_named
+from uav_collect.uav.agent import Agent, allocator_named, write_powers
 from uav_collect.uav.belief import Belief, belief_of, merge
 from uav_collect.uav.messages import Decision, RadioMessage
 from uav_collect.uav.policy import Policy
@@ -238,11 +238,10 @@ class Simulation:
         return None
 
     def _hover_s(self, view: LocalView, share_hz: tuple[float, ...]) -> float:
-        power_w, workspace = self.briefing.tx_power_w, self._batch.workspace
-        for index in range(view.n_sensors):
-            workspace.signal_w[index] = power_w * view.sensor_gain[index]
-            workspace.error_w[index] = power_w * view.sensor_error_gain[index]
-            workspace.share_hz[index] = share_hz[index]
+        workspace = self._batch.workspace
+        write_powers(self.briefing, view, workspace)
+        for index, share in enumerate(share_hz):
+            workspace.share_hz[index] = share
         return hover_time_s(
             workspace.signal_w,
             workspace.error_w,

@@ -56,7 +56,7 @@ class VectorEnvConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Decisions:
+class AwaitedDecisions:
     """The decisions that missions wait for, by mission. Valid until the next step or restart.
 
     What a UAV that turns home would have decided belongs to the decision before: reward and
@@ -97,10 +97,10 @@ class VectorEnv:
         return self._batch.briefing
 
     @property
-    def decisions(self) -> Decisions:
+    def decisions(self) -> AwaitedDecisions:
         """What the missions wait for."""
         waiting = self._batch.waiting
-        return Decisions(
+        return AwaitedDecisions(
             uav=np.asarray(waiting.uav),
             time_s=np.asarray(waiting.time_s),
             observation=np.asarray(waiting.observation),
@@ -114,7 +114,7 @@ class VectorEnv:
         """How many decisions of each mission are recorded, the one it waits for included, (W,)."""
         return np.asarray(self._batch.waiting.n_records)
 
-    def step(self, actions: Ints) -> Decisions:
+    def step(self, actions: Ints) -> AwaitedDecisions:
         """Carry out one decision of each mission.
 
         Args:

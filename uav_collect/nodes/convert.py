@@ -1,4 +1,4 @@
-"""Messages to records of the core and back: the only place that knows both."""
+"""Messages to records of the core and back."""
 
 from array import array
 from collections.abc import Sequence

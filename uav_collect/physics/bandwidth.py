@@ -21,7 +21,7 @@ from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.compile import allocating_kernel, kernel
 from uav_collect.physics.radio import log_of_1_plus, uplink_rate_bps
 
-# What `share_bandwidth` is told; cvxpy is there for batches only.
+# How bandwidth is shared; cvxpy is no kernel, agents call it by themselves.
 EXACT = 0
 EQUAL = 1
 

@@ -8,11 +8,11 @@ import numpy as np
 from uav_collect.kernels.arrays import Floats, Ints, new_row, Row, row_of
 from uav_collect.kernels.compile import kernel
 from uav_collect.physics.bandwidth import EQUAL, EXACT, share_bandwidth
-from uav_collect.physics.radio import channel_draw
 from uav_collect.scenario.site import Site
 from uav_collect.uav.actions import cell_at
 from uav_collect.uav.briefing import brief, Briefing
-from uav_collect.world.sensor_field import draw_demand, lay_out, SensorField
+from uav_collect.world.dynamics import draw_channel
+from uav_collect.world.sensor_field import draw_demand, lay_out, most_sensors, SensorField
 
 FAR = 1e300  # more than any time, energy or price
 
@@ -44,7 +44,7 @@ class PlanProblem(NamedTuple):
     allowance_j: Row[float]  # what the UAV may use, its margin kept
 
 
-class _Scratch(NamedTuple):
+class _Workspace(NamedTuple):
     """Rows to share bandwidth at; by sensor of a cell."""
 
     demand_bit: Row[float]
@@ -97,7 +97,7 @@ def problem_of(site: Site, mission_seed: int, allocator: str) -> PlanProblem:
         mission_seed,
         demand_bit,
         problem,
-        _new_scratch(sensor_field),
+        _new_workspace(sensor_field),
     )
     return problem
 
@@ -138,10 +138,9 @@ def _ways_m(briefing: Briefing, cells: Ints) -> Floats:
     return np.maximum(way_m, way_m.T)
 
 
-def _new_scratch(sensor_field: SensorField) -> _Scratch:
-    first = sensor_field.first_sensor
-    size = max(1, *(first[cell + 1] - first[cell] for cell in range(len(first) - 1)))
-    return _Scratch(
+def _new_workspace(sensor_field: SensorField) -> _Workspace:
+    size = most_sensors(sensor_field)
+    return _Workspace(
         demand_bit=new_row(size, 0.0),
         signal_w=new_row(size, 0.0),
         error_w=new_row(size, 0.0),
@@ -157,7 +156,7 @@ def write_hovers(
     mission_seed: int,
     demand_bit: Row[float],
     problem: PlanProblem,
-    scratch: _Scratch,
+    workspace: _Workspace,
 ) -> None:
     """Write the hover times of all data cells into the problem."""
     for index in range(problem.n_cells):
@@ -166,11 +165,11 @@ def write_hovers(
             # A UAV that starts in the cell hovers there before it ever came to it.
             visit = 0 if cell == problem.start_cell[uav] else 1
             n_sensors = _listen(
-                briefing, sensor_field, mission_seed, demand_bit, uav, cell, visit, scratch
+                briefing, sensor_field, mission_seed, demand_bit, uav, cell, visit, workspace
             )
-            hover_s = _hover_s(allocator, briefing, scratch, n_sensors)
+            hover_s = _hover_s(allocator, briefing, workspace, n_sensors)
             problem.hover_s[uav * problem.n_cells + index] = hover_s
-        hover_s = _least_hover_s(allocator, briefing, sensor_field, demand_bit, cell, scratch)
+        hover_s = _least_hover_s(allocator, briefing, sensor_field, demand_bit, cell, workspace)
         problem.least_hover_s[index] = hover_s
 
 
@@ -183,27 +182,16 @@ def _listen(
     uav: int,
     cell: int,
     visit: int,
-    scratch: _Scratch,
+    workspace: _Workspace,
 ) -> int:
-    """Draw the channels of a visit into the scratch; how many sensors there have data."""
+    """Draw the channels of a visit into the workspace; how many sensors there have data."""
     n_sensors = 0
     for sensor in range(sensor_field.first_sensor[cell], sensor_field.first_sensor[cell + 1]):
         if demand_bit[sensor] > 0.0:
-            gain, path_gain = channel_draw(
-                mission_seed,
-                uav,
-                sensor,
-                visit,
-                sensor_field.n_antennas,
-                sensor_field.los_probability[sensor],
-                sensor_field.path_gain[sensor],
-                sensor_field.nlos_attenuation,
-                sensor_field.rician_factor[sensor],
-            )
-            error_gain = path_gain * sensor_field.csi_error_variance
-            scratch.demand_bit[n_sensors] = demand_bit[sensor]
-            scratch.signal_w[n_sensors] = briefing.tx_power_w * gain
-            scratch.error_w[n_sensors] = briefing.tx_power_w * error_gain
+            gain, error_gain = draw_channel(sensor_field, mission_seed, uav, sensor, visit)
+            workspace.demand_bit[n_sensors] = demand_bit[sensor]
+            workspace.signal_w[n_sensors] = briefing.tx_power_w * gain
+            workspace.error_w[n_sensors] = briefing.tx_power_w * error_gain
             n_sensors += 1
     return n_sensors
 
@@ -215,7 +203,7 @@ def _least_hover_s(
     sensor_field: SensorField,
     demand_bit: Row[float],
     cell: int,
-    scratch: _Scratch,
+    workspace: _Workspace,
 ) -> float:
     """A hover over the best channels that can ever be drawn: in sight, all fading in phase.
 
@@ -229,23 +217,25 @@ def _least_hover_s(
             steady = math.sqrt(factor / (factor + 1.0))
             amplitude = steady + _MAX_NORMAL * math.sqrt(0.5 / (factor + 1.0))
             path_w = briefing.tx_power_w * sensor_field.path_gain[sensor]
-            scratch.demand_bit[n_sensors] = demand_bit[sensor]
-            scratch.signal_w[n_sensors] = path_w * sensor_field.n_antennas * amplitude * amplitude
-            scratch.error_w[n_sensors] = path_w * sensor_field.csi_error_variance
+            workspace.demand_bit[n_sensors] = demand_bit[sensor]
+            workspace.signal_w[n_sensors] = (
+                path_w * sensor_field.n_antennas * amplitude * amplitude
+            )
+            workspace.error_w[n_sensors] = path_w * sensor_field.csi_error_variance
             n_sensors += 1
-    return _hover_s(allocator, briefing, scratch, n_sensors) * (1.0 - _ROUNDING)
+    return _hover_s(allocator, briefing, workspace, n_sensors) * (1.0 - _ROUNDING)
 
 
 @kernel
-def _hover_s(allocator: int, briefing: Briefing, scratch: _Scratch, n_sensors: int) -> float:
+def _hover_s(allocator: int, briefing: Briefing, workspace: _Workspace, n_sensors: int) -> float:
     hover_s, _ = share_bandwidth(
         allocator,
-        scratch.signal_w,
-        scratch.error_w,
-        scratch.demand_bit,
+        workspace.signal_w,
+        workspace.error_w,
+        workspace.demand_bit,
         n_sensors,
         briefing.bandwidth_hz,
         briefing.noise_w_per_hz,
-        scratch.share_hz,
+        workspace.share_hz,
     )
     return hover_s

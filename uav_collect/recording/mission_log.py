@@ -70,7 +70,7 @@ class MissionHeader:
 
 @dataclass(frozen=True, kw_only=True)
 class MissionLog:
-    """A mission, flown to its end."""
+    """A mission as it was flown, to its end or so far."""
 
     header: MissionHeader
     events: Events  # EVENT_DTYPE, one per event, in order

@@ -1,4 +1,4 @@
-"""The scenario: where a fleet flies, what it may collect, over which radio.
+"""Reads scenarios: YAML files, and the texts that the world sends.
 
 The only reader of scenario YAML. `load` resolves a file: what it extends, overrides, the fleet's
 defaults, cells as places, sensors of a CSV file. What comes out stands alone.

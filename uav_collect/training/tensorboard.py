@@ -19,7 +19,7 @@ _VERSION = 'brain.Event:2'
 
 
 class ScalarWriter:
-    """Appends scalars to one event file; open it by `scalar_events`."""
+    """Appends scalars to one event file; open it by `scalar_writer`."""
 
     def __init__(self, records: RecordWriter) -> None:
         """Append to an event file that is open."""

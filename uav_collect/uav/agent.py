@@ -1,7 +1,7 @@
-"""Everything one UAV does when it decides: look, share its bandwidth, check its reserve, choose.
+"""Everything one UAV does when it decides: hear, observe, share its bandwidth, choose.
 
-The compiled rollout calls the kernels, an agent node and the stepwise rollout the class; both run
-the same lines.
+`missions.batch_kernels.fly_on` calls the kernels; an agent node and `missions.simulation` call the
+class, which calls the same kernels.
 """
 
 from collections.abc import Callable
@@ -57,9 +57,7 @@ def allocate(allocator: int, briefing: Briefing, view: LocalView, workspace: Wor
     """
     if view.n_sensors == 0:
         return 0.0
-    for index in range(view.n_sensors):
-        workspace.signal_w[index] = briefing.tx_power_w * view.sensor_gain[index]
-        workspace.error_w[index] = briefing.tx_power_w * view.sensor_error_gain[index]
+    write_powers(briefing, view, workspace)
     hover_s, _ = share_bandwidth(
         allocator,
         workspace.signal_w,
@@ -74,7 +72,15 @@ def allocate(allocator: int, briefing: Briefing, view: LocalView, workspace: Wor
 
 
 @kernel
-def must_go_home(
+def write_powers(briefing: Briefing, view: LocalView, workspace: Workspace) -> None:
+    """Write the power received from each of the view's sensors, and the error's part of it."""
+    for index in range(view.n_sensors):
+        workspace.signal_w[index] = briefing.tx_power_w * view.sensor_gain[index]
+        workspace.error_w[index] = briefing.tx_power_w * view.sensor_error_gain[index]
+
+
+@kernel
+def reason_to_go_home(
     briefing: Briefing,
     uav: int,
     n_complete: int,
@@ -188,7 +194,7 @@ class Agent:
             self._workspace = new_workspace(view.n_sensors)
         hover_s = self._allocator(self._briefing, view, self._workspace)
         legal = self._workspace.legal
-        reason = must_go_home(
+        reason = reason_to_go_home(
             self._briefing, self._uav, self.belief.n_complete[0], view, hover_s, legal
         )
         if reason != NONE:

@@ -18,7 +18,7 @@ _Ints = TypeVar('_Ints')
 _Floats = TypeVar('_Floats')
 
 
-class BeliefRecord(NamedTuple, Generic[_Ints, _Floats]):
+class BeliefRows(NamedTuple, Generic[_Ints, _Floats]):
     """What one UAV believes, a row each; or what many do, tables of rows, (N, ...)."""
 
     complete: _Ints  # (C,) 1 where nothing is left to collect, as far as it knows
@@ -29,14 +29,14 @@ class BeliefRecord(NamedTuple, Generic[_Ints, _Floats]):
     peer_s: _Floats  # (U,) when; NEVER
 
 
-Belief = BeliefRecord[Row[int], Row[float]]
-Beliefs = BeliefRecord[Row[Row[int]], Row[Row[float]]]
+Belief = BeliefRows[Row[int], Row[float]]
+Beliefs = BeliefRows[Row[Row[int]], Row[Row[float]]]
 
 
 def new_beliefs(briefing: Briefing, n_beliefs: int) -> Beliefs:
     """Beliefs before the first look."""
     n_cells, n_uavs = briefing.cells_per_side * briefing.cells_per_side, briefing.n_uavs
-    return BeliefRecord(
+    return BeliefRows(
         complete=new_map_table(n_beliefs, n_cells),
         n_complete=new_table(n_beliefs, 1, 0),
         seen_bit=new_table(n_beliefs, n_cells, 0.0),
@@ -49,7 +49,7 @@ def new_beliefs(briefing: Briefing, n_beliefs: int) -> Beliefs:
 @row_kernel
 def belief_of(beliefs: Beliefs, index: int) -> Belief:
     """One belief of many."""
-    return BeliefRecord(
+    return BeliefRows(
         beliefs.complete[index],
         beliefs.n_complete[index],
         beliefs.seen_bit[index],

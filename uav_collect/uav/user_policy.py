@@ -23,7 +23,7 @@ import numpy as np
 from uav_collect.errors import PolicyMismatchError
 from uav_collect.kernels.arrays import Ints, Row
 from uav_collect.uav.action_codes import HOME, N_ACTIONS
-from uav_collect.uav.belief import Belief, BeliefRecord
+from uav_collect.uav.belief import Belief, BeliefRows
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.view import LocalView
 
@@ -184,7 +184,7 @@ def _situation(
     # Interpreted kernels hand out lists, and an empty list does not tell what it would hold.
     n_sensors = view.n_sensors
     complete = np.array(belief.complete, dtype=np.uint8)
-    own_belief: Any = BeliefRecord(*map(np.array, belief))._replace(complete=complete)
+    own_belief: Any = BeliefRows(*map(np.array, belief))._replace(complete=complete)
     return Situation(
         briefing=briefing,
         uav=uav,

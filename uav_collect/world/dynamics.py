@@ -2,7 +2,7 @@
 
 There is no time step. Every UAV has one running action with a start and an end; the next event is
 the earliest end, and then exactly one UAV, the deciding one, looks, hears and starts its next
-action. Only this module writes the rows of a mission.
+action.
 """
 
 from collections.abc import Sequence
@@ -26,7 +26,7 @@ _Ints = TypeVar('_Ints')
 _Floats = TypeVar('_Floats')
 
 
-class MissionRecord(NamedTuple, Generic[_Ints, _Floats]):
+class MissionRows(NamedTuple, Generic[_Ints, _Floats]):
     """A mission in flight: rows by UAV, sensor or cell; or many, tables of rows, (W, ...)."""
 
     seed: _Ints  # (1,)
@@ -54,8 +54,8 @@ class MissionRecord(NamedTuple, Generic[_Ints, _Floats]):
     upload_s: _Floats  # (S,) how long its data takes
 
 
-Mission = MissionRecord[Row[int], Row[float]]
-Missions = MissionRecord[Row[Row[int]], Row[Row[float]]]
+Mission = MissionRows[Row[int], Row[float]]
+Missions = MissionRows[Row[Row[int]], Row[Row[float]]]
 
 
 def new_missions(
@@ -73,9 +73,9 @@ def new_missions(
     counts = {'seed', 'phase', 'action', 'n_decisions', 'n_visits'}
     tables: dict[str, Any] = {
         name: new_table(n_worlds, sizes.get(name, n_uavs), 0 if name in counts else 0.0)
-        for name in MissionRecord._fields
+        for name in MissionRows._fields
     }
-    missions: Missions = MissionRecord(**tables)
+    missions: Missions = MissionRows(**tables)
     for world, seed in enumerate(mission_seeds):
         missions.seed[world][0] = seed
     restart(briefing, sensor_field, missions, n_worlds)
@@ -85,7 +85,7 @@ def new_missions(
 @row_kernel
 def mission_of(missions: Missions, world: int) -> Mission:
     """One mission of a batch."""
-    return MissionRecord(
+    return MissionRows(
         missions.seed[world],
         missions.clock_s[world],
         missions.collected_bit[world],
@@ -251,11 +251,13 @@ def look(
         visit = mission.n_visits[uav * len(mission.cell_bit) + cell]
         for sensor in range(sensor_field.first_sensor[cell], sensor_field.first_sensor[cell + 1]):
             if mission.waiting_bit[sensor] > 0.0:
-                _draw_channel(sensor_field, mission, uav, sensor, visit)
+                gain, error_gain = draw_channel(sensor_field, mission.seed[0], uav, sensor, visit)
+                mission.gain[sensor] = gain
+                mission.error_gain[sensor] = error_gain
                 rows.sensor[n_sensors] = sensor
                 rows.sensor_bit[n_sensors] = mission.waiting_bit[sensor]
-                rows.sensor_gain[n_sensors] = mission.gain[sensor]
-                rows.sensor_error_gain[n_sensors] = mission.error_gain[sensor]
+                rows.sensor_gain[n_sensors] = gain
+                rows.sensor_error_gain[n_sensors] = error_gain
                 n_sensors += 1
     return LocalView(
         time_s,
@@ -274,11 +276,12 @@ def look(
 
 
 @kernel
-def _draw_channel(
-    sensor_field: SensorField, mission: Mission, uav: int, sensor: int, visit: int
-) -> None:
+def draw_channel(
+    sensor_field: SensorField, mission_seed: int, uav: int, sensor: int, visit: int
+) -> tuple[float, float]:
+    """The gain of a channel on a UAV's visit to the sensor's cell, and its estimation error."""
     gain, path_gain = channel_draw(
-        mission.seed[0],
+        mission_seed,
         uav,
         sensor,
         visit,
@@ -288,8 +291,7 @@ def _draw_channel(
         sensor_field.nlos_attenuation,
         sensor_field.rician_factor[sensor],
     )
-    mission.gain[sensor] = gain
-    mission.error_gain[sensor] = path_gain * sensor_field.csi_error_variance
+    return gain, path_gain * sensor_field.csi_error_variance
 
 
 @kernel

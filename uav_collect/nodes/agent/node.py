@@ -12,7 +12,6 @@ import uuid
 
 from rclpy.clock import Clock, ClockType
 from rclpy.task import Future
-from rclpy.utilities import remove_ros_args
 from uav_collect.errors import ConfigError, NodeError, PolicyMismatchError
 from uav_collect.limits import ALLOCATOR_NAMES, MAX_UAVS
 from uav_collect.lockstep.inbox import Inbox
@@ -21,7 +20,7 @@ from uav_collect.nodes import convert, topics
 from uav_collect.nodes.agent.transitions import TransitionBuilder
 from uav_collect.nodes.agent.world_choice import WorldChoice
 from uav_collect.nodes.parameters import add_world_option, declare, help_text, Parameter
-from uav_collect.nodes.process import MISUSED, ProcessNode, run_node
+from uav_collect.nodes.process import MISUSED, parse_arguments, ProcessNode, run_node
 from uav_collect.nodes.topics import publisher, subscription
 from uav_collect.nodes.trainer_listener import subscribe_to_trainers
 from uav_collect.scenario.load import fingerprint, from_yaml, Scenario
@@ -342,7 +341,7 @@ def main(argv: Sequence[str]) -> int:
         '--bandwidth', choices=ALLOCATOR_NAMES, help='how bandwidth is shared among sensors'
     )
     add_world_option(parser)
-    arguments = parser.parse_args(remove_ros_args(list(argv)))
+    arguments = parse_arguments(parser, argv)
     return run_node(lambda: AgentNode(arguments), argv)
 
 

@@ -1,1 +1,1 @@
-"""What the paper and the project claim, judged by what was measured."""
+"""What the paper claims, judged by what was measured."""
