@@ -108,9 +108,12 @@ def is_in_the_code(name: str) -> bool:
         return re.search(rf'\b{name}\b', CODE) is not None
     parts = name.split('.')
     for length in range(len(parts), 0, -1):
-        module = ROOT / 'uav_collect' / f'{"/".join(parts[:length])}.py'
-        if module.is_file():
-            return length == len(parts) or '.'.join(parts[length:]) in defined_names(module)
+        module = ROOT / 'uav_collect' / '/'.join(parts[:length])
+        if length == len(parts) and module.is_dir():
+            return True
+        if module.with_suffix('.py').is_file():
+            rest = '.'.join(parts[length:])
+            return not rest or rest in defined_names(module.with_suffix('.py'))
     return False
 
 
