@@ -7,7 +7,7 @@ import io
 import numpy as np
 from uav_collect.analysis.statistics import column_estimates, Estimate
 from uav_collect.kernels.arrays import Floats
-from uav_collect.studies.jobs.jobs import CURVE, MISSIONS, POLICY
+from uav_collect.studies.jobs.jobs import CURVE, MISSIONS
 from uav_collect.studies.jobs.store import Store
 from uav_collect.studies.study import MissionSet, PanelMeasure, TrainedPolicies
 from uav_collect.training.curves import LearningCurve, mean_curve, rising
@@ -21,11 +21,6 @@ class Column:
 
     seed: Floats  # (M,) of the mission
     value: Floats  # (M,) nan where there is none
-
-    @property
-    def is_known(self) -> Floats:
-        """Which missions have a value, (M,)."""
-        return np.isfinite(self.value)
 
 
 class Findings:
@@ -74,10 +69,6 @@ class Findings:
             means.append(float(value[is_late].mean()) if is_late.any() else np.nan)
         return np.array(means)
 
-    def policy(self, digest: str) -> bytes:
-        """The file of a learned policy."""
-        return self._store.read(digest, POLICY)
-
     def file(self, digest: str, name: str) -> bytes:
         """A file that a job gave."""
         return self._store.read(digest, name)
@@ -103,7 +94,7 @@ def read_table(content: bytes) -> dict[str, Floats]:
 
 def estimate_column(column: Column) -> tuple[int, Estimate] | None:
     """How many missions count, and the estimate of their mean; None where none does."""
-    known = column.value[column.is_known]
+    known = column.value[np.isfinite(column.value)]
     if not len(known):
         return None
     return len(known), column_estimates(known[:, None], int(column.seed[0]))[0]
