@@ -153,6 +153,7 @@ def _engine(arguments: argparse.Namespace) -> 'JobEngine':
 
 def _draw(arguments: argparse.Namespace, plan: 'FiguresPlan') -> None:
     """Draw what can be drawn, and judge what can be judged."""
+    from uav_collect.studies import catalogue
     from uav_collect.studies.claims.claims import judge
     from uav_collect.studies.findings import Findings
     from uav_collect.studies.jobs.costs import spent_cost
@@ -168,7 +169,7 @@ def _draw(arguments: argparse.Namespace, plan: 'FiguresPlan') -> None:
         for kind in ('png', 'pdf'):
             files.write_atomically(folder / f'{name}.{kind}', drawn.picture(kind))
         print(folder / f'{name}.png')
-    not_run = [name for name in plan.known_names() if name not in whole]
+    not_run = [name for name in catalogue.study_names() if name not in whole]
     judged = judge(whole, findings)
     jobs = plan.jobs_of(whole)
     text = results_text(plan.scale, whole, judged, spent_cost(jobs, plan.store), not_run)

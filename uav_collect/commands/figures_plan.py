@@ -100,10 +100,6 @@ class FiguresPlan:
             if not self.store.missing(self.needs[name])
         }
 
-    def known_names(self) -> tuple[str, ...]:
-        """The names of all studies that there are."""
-        return catalogue.study_names()
-
     def jobs_of(self, studies: Mapping[str, Study]) -> dict[str, Job]:
         """The jobs that studies need."""
         digests = set().union(*(self.needs[name] for name in studies))

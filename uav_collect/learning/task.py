@@ -2,53 +2,23 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
 
 import numpy as np
 from uav_collect.errors import ConfigError
 from uav_collect.learning.collector import Collector
+from uav_collect.learning.fleet_source import FleetSource
 from uav_collect.learning.minibatch import Algorithm, make_minibatch, Minibatch
-from uav_collect.learning.network import Drqn
 from uav_collect.learning.replay import Replay
-from uav_collect.missions.experience import Episode
 from uav_collect.missions.rollout import fly
 from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.load import Scenario
 from uav_collect.scenario.site import build_site, Site
 from uav_collect.training.config import TrainingConfig
-from uav_collect.training.progress import RecentMissions
 from uav_collect.uav.briefing import brief, Briefing
 from uav_collect.uav.observation import observation_size
 from uav_collect.uav.policy_network import LearnedPolicy
 
-
-class EpisodeSource(Protocol):
-    """Where a task's episodes come from: a `Collector`, or a `FleetSource`."""
-
-    @property
-    def n_decisions(self) -> int:
-        """How many decisions were collected so far."""
-
-    @property
-    def n_missions(self) -> int:
-        """How many missions were collected so far."""
-
-    @property
-    def is_over(self) -> bool:
-        """Whether there are fewer than were last asked for, and there will be no more."""
-
-    @property
-    def recent(self) -> RecentMissions:
-        """Metrics of the missions collected last."""
-
-    def collect(self, agent: Drqn, n_decisions: int, epsilon: float) -> list[Episode]:
-        """The missions that end while so many decisions, or a few more, are made."""
-
-    def state(self) -> dict[str, Any]:
-        """All that it needs to go on; the inverse is `restore`."""
-
-    def restore(self, state: dict[str, Any]) -> None:
-        """Go on from where another one of the same settings was."""
+EpisodeSource = Collector | FleetSource  # where a task's episodes come from
 
 
 @dataclass(frozen=True, kw_only=True)

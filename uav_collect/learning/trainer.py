@@ -110,7 +110,7 @@ class Trainer:
             How it stands, about once a second, after each validation, and once experience is
             over. The weights change only between two of them: stop, save or look at any.
         """
-        speed = SpeedMeter(self)
+        speed = SpeedMeter(self.n_decisions, self.n_updates)
         is_over = False
         while not is_over and (share_done := self.share_done(budget)) < 1.0:
             loss = self._collect_and_update(share_done, speed)
@@ -293,7 +293,7 @@ class Trainer:
         share_done = self.share_done(budget)
         sources = [task.source for task in self._tasks]
         recent = [source.recent for source in sources]
-        decisions_per_s, updates_per_s, loss = speed.read()
+        decisions_per_s, updates_per_s, loss = speed.read(self.n_decisions, self.n_updates)
         return Progress(
             share_done=share_done,
             wall_s=self._trained_s,

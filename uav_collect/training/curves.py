@@ -193,7 +193,9 @@ def draw_curves(
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
     for index, curve in enumerate(curves):
-        _draw_curve(axes, curve, COLOURS[index % len(COLOURS)])
+        marker = 'o' if len(curve.over) == 1 else ''
+        colour = COLOURS[index % len(COLOURS)]
+        draw_curve(axes, curve, colour, linewidth=1.8, marker=marker)
     _draw_references(axes, references or {})
     unit = '' if measure.unit == '1' else f' [{measure.unit}]'
     axes.set_xlabel(axis.title)
@@ -225,11 +227,15 @@ def _write_legend(axes: Axes, figure: Figure) -> None:
     )
 
 
-def _draw_curve(axes: Axes, curve: LearningCurve, colour: str) -> None:
+def draw_curve(
+    axes: Axes, curve: LearningCurve, colour: str, *, linewidth: float, marker: str = ''
+) -> None:
+    """Draw the mean as a line, and the deviation over several seeds shaded around it."""
     n_seeds = len(curve.seeds)
     label = f'{curve.label} ({n_seeds} seed{"s" if n_seeds > 1 else ""})'
-    marker = 'o' if len(curve.over) == 1 else ''
-    axes.plot(curve.over, curve.mean, color=colour, linewidth=1.8, marker=marker, label=label)
+    axes.plot(
+        curve.over, curve.mean, color=colour, linewidth=linewidth, marker=marker, label=label
+    )
     if n_seeds > 1:
         low, high = curve.mean - curve.deviation, curve.mean + curve.deviation
         axes.fill_between(curve.over, low, high, color=colour, alpha=0.2, linewidth=0)

@@ -1,6 +1,6 @@
 """The folder of a training run, written while it runs: tables, TensorBoard, policies, record."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, ExitStack, suppress
 from dataclasses import asdict, replace
 import fcntl
@@ -21,7 +21,6 @@ from uav_collect.training.run_record import (
 
 if TYPE_CHECKING:  # loaded when training, so that --help answers at once
     from uav_collect.training.progress import Progress
-    from uav_collect.training.tensorboard import ScalarWriter
     from uav_collect.uav.policy_network import FrozenPolicy
 
 CHECKPOINT = 'checkpoint'
@@ -35,14 +34,18 @@ class TrainingFolder:
     """Writes the folder of one run; open it by `open_training_folder`."""
 
     def __init__(
-        self, run: PlannedRun, validations: TextIO, progress: TextIO, events: 'ScalarWriter'
+        self,
+        run: PlannedRun,
+        validations: TextIO,
+        progress: TextIO,
+        scalars: Callable[[int, Mapping[str, float]], None],
     ) -> None:
         """Append to open tables and an open TensorBoard file."""
         self.path = run.folder
         self._run = run
         self._validations = validations
         self._progress = progress
-        self._events = events
+        self._add_scalars = scalars
 
     @property
     def checkpoint(self) -> Path:
@@ -75,7 +78,7 @@ class TrainingFolder:
     ) -> None:
         scalars = {f'{group}/{column}': row[column] for column in columns[1:]}
         with files.naming(self.path / TENSORBOARD):
-            self._events.add(n_decisions, scalars)
+            self._add_scalars(n_decisions, scalars)
 
     def save(self, policy: 'FrozenPolicy | None', name: str) -> None:
         """Write a policy in place of the one of that name, if there is one to write.
@@ -121,8 +124,8 @@ def open_training_folder(run: PlannedRun, n_decisions: int) -> Iterator[Training
             )
         ]  # fmt: skip
         with files.naming(run.folder / TENSORBOARD):
-            events = stack.enter_context(scalar_writer(run.folder / TENSORBOARD, n_decisions + 1))
-        yield TrainingFolder(run, tables[0], tables[1], events)
+            scalars = stack.enter_context(scalar_writer(run.folder / TENSORBOARD, n_decisions + 1))
+        yield TrainingFolder(run, tables[0], tables[1], scalars)
 
 
 def _save_policy(policy: 'FrozenPolicy | None', path: Path) -> None:

@@ -3,7 +3,6 @@
 from collections import deque
 from dataclasses import dataclass
 from time import monotonic
-from typing import Protocol
 
 import numpy as np
 from uav_collect.uav.policy_network import policy_rank
@@ -93,25 +92,13 @@ class RecentMissions:
         self._metrics.extend(state)
 
 
-class TrainingCounts(Protocol):
-    """How many decisions and updates a training has made."""
-
-    @property
-    def n_decisions(self) -> int:
-        """Decisions flown so far."""
-
-    @property
-    def n_updates(self) -> int:
-        """Updates so far."""
-
-
 class SpeedMeter:
     """Measures how fast a training goes, by the wall clock, which no result depends on."""
 
-    def __init__(self, counted: TrainingCounts) -> None:
-        self._counted = counted
+    def __init__(self, n_decisions: int, n_updates: int) -> None:
+        """Start the clock after so many decisions and updates."""
         self._lap_from_s = self._read_s = monotonic()
-        self._read_at = counted.n_decisions, counted.n_updates
+        self._read_at = n_decisions, n_updates
         self._losses: list[float] = []
         self._loss = np.nan
 
@@ -139,10 +126,10 @@ class SpeedMeter:
         """Whether a second has passed since the last reading."""
         return monotonic() - self._read_s >= _REPORT_EVERY_S
 
-    def read(self) -> tuple[float, float, float]:
+    def read(self, n_decisions: int, n_updates: int) -> tuple[float, float, float]:
         """Decisions and updates per second, and the mean loss, since the last call."""
         now_s = monotonic()
-        here = self._counted.n_decisions, self._counted.n_updates
+        here = n_decisions, n_updates
         elapsed_s = max(now_s - self._read_s, 1e-9)
         speeds = [(new - old) / elapsed_s for new, old in zip(here, self._read_at, strict=True)]
         if self._losses:

@@ -4,7 +4,7 @@ TensorBoard's own writer works in a thread, where a full disk cannot be caught. 
 once.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 import os
 from pathlib import Path
@@ -18,26 +18,11 @@ from tensorboard.summary.writer.record_writer import RecordWriter
 _VERSION = 'brain.Event:2'
 
 
-class ScalarWriter:
-    """Appends scalars to one event file; open it by `scalar_writer`."""
-
-    def __init__(self, records: RecordWriter) -> None:
-        """Append to an event file that is open."""
-        self._records = records
-
-    def add(self, step: int, scalars: Mapping[str, float]) -> None:
-        """Write scalars by tag, as of one step.
-
-        Raises:
-            OSError: they cannot be written.
-        """
-        values = [Summary.Value(tag=tag, simple_value=value) for tag, value in scalars.items()]
-        _write(self._records, step=step, summary=Summary(value=values))
-
-
 @contextmanager
-def scalar_writer(folder: Path, first_step: int) -> Iterator[ScalarWriter]:
-    """A new event file in a folder.
+def scalar_writer(
+    folder: Path, first_step: int
+) -> Iterator[Callable[[int, Mapping[str, float]], None]]:
+    """A new event file in a folder; call what it yields with a step and its scalars by tag.
 
     Args:
         folder: to be made if it is not there.
@@ -53,7 +38,13 @@ def scalar_writer(folder: Path, first_step: int) -> Iterator[ScalarWriter]:
         records = RecordWriter(file)
         _write(records, file_version=_VERSION)
         _write(records, step=first_step, session_log=SessionLog(status=SessionLog.START))
-        yield ScalarWriter(records)
+        yield lambda step, scalars: _write(
+            records,
+            step=step,
+            summary=Summary(
+                value=[Summary.Value(tag=tag, simple_value=it) for tag, it in scalars.items()]
+            ),
+        )
 
 
 def _write(records: RecordWriter, **content: Any) -> None:  # noqa: ANN401 - a message of protobuf

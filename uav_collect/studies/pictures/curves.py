@@ -21,7 +21,7 @@ from uav_collect.studies.study import (
     PLAN,
     REWARD,
 )
-from uav_collect.training.curves import LearningCurve
+from uav_collect.training.curves import draw_curve, LearningCurve
 
 _SIZE_IN = (4.2, 3.9)
 _OVER = 'decisions in training [1]'
@@ -45,7 +45,8 @@ def draw(study: CurvesStudy, findings: Findings) -> Drawing:
             for index, trained in enumerate(panel.curves):
                 curve = findings.curve(trained, measure.key)
                 if curve is not None:
-                    _draw_curve(axes, curve, COLOUR.get(curve.label, COLOURS[index]))
+                    colour = COLOUR.get(curve.label, COLOURS[index])
+                    draw_curve(axes, curve, colour, linewidth=1.6)
                     rows += _rows(panel, curve, measure)
             if measure is EFFICIENCY:
                 rows += _draw_references(axes, panel, findings)
@@ -59,15 +60,6 @@ def draw(study: CurvesStudy, findings: Findings) -> Drawing:
     header = ('panel', 'line', 'measure', 'unit', 'n_seeds', 'n_missions', 'n_decisions', 'mean',
               'deviation', 'low', 'high')  # fmt: skip
     return Drawing(figure=figure, table=files.csv_of([header, *rows]))
-
-
-def _draw_curve(axes: Axes, curve: LearningCurve, colour: str) -> None:
-    n_seeds = len(curve.seeds)
-    label = count_label(curve.label, [n_seeds], 'seed')
-    axes.plot(curve.over, curve.mean, color=colour, linewidth=1.6, label=label)
-    if n_seeds > 1:
-        low, high = curve.mean - curve.deviation, curve.mean + curve.deviation
-        axes.fill_between(curve.over, low, high, color=colour, alpha=0.2, linewidth=0)
 
 
 def _rows(panel: CurvesPanel, curve: LearningCurve, measure: PanelMeasure) -> list[list[object]]:
