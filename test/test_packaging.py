@@ -16,7 +16,7 @@ import pytest
 import uav_collect
 
 from tools import structure
-from tools.structure import ORDER, Sources
+from tools.structure import Sources
 
 ROOT = Path(__file__).parent.parent
 EXECUTABLES = (
@@ -45,10 +45,10 @@ class Wall(NamedTuple):
     homes: tuple[str, ...]
 
 
-FROM_LEARNING_UP = tuple(f'{room}/' for room in ORDER[ORDER.index('learning') :])
+TORCH_HOMES = ('learning/', 'nodes/trainer/', 'studies/jobs/learning.py', 'commands/train.py')
 WALLS = {
     'ROS': Wall(ROS_MODULES, ('nodes/',)),
-    'torch': Wall({'torch'}, FROM_LEARNING_UP),
+    'torch': Wall({'torch'}, TORCH_HOMES),
     'TensorBoard': Wall({'tensorboard'}, ('training/tensorboard.py',)),
     'PettingZoo': Wall({'gymnasium', 'pettingzoo'}, ('pettingzoo_env.py',)),
     'Ray': Wall({'ray'}, ('studies/jobs/cluster.py',)),
