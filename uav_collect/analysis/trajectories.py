@@ -44,7 +44,8 @@ _DASHES = (4.0, 2.5)
 _GREEN = '#1A9641'
 _RED = '#E31A1C'
 _BLACK = '#111111'
-_GREY = '#A9A9A9'
+GREY = '#A9A9A9'
+GRID = '#E2E2E2'
 _FONT_PT = 9.0
 _LANE_SHARE = 0.13  # of a cell, between two lanes
 _LANES_SHARE = 0.6  # of a cell, at most, for all lanes of an edge
@@ -180,8 +181,8 @@ def _draw_area(axes: Axes, scenario: Scenario) -> None:
     n_cells, size_m = scenario.area.cells_per_side, scenario.area.cell_size_m
     side_m = n_cells * size_m
     for border in range(1, n_cells):
-        axes.axhline(border * size_m, color='#E2E2E2', linewidth=0.6, zorder=0)
-        axes.axvline(border * size_m, color='#E2E2E2', linewidth=0.6, zorder=0)
+        axes.axhline(border * size_m, color=GRID, linewidth=0.6, zorder=0)
+        axes.axvline(border * size_m, color=GRID, linewidth=0.6, zorder=0)
     axes.set(xlim=(0.0, side_m), ylim=(0.0, side_m), aspect='equal')
     axes.set_xlabel('east [m]', fontsize=_FONT_PT)
     axes.set_ylabel('north [m]', fontsize=_FONT_PT)
@@ -207,7 +208,7 @@ def _draw_sensors(
 ) -> None:
     has_data = demand_bit > 0
     area_pt2 = float(np.clip((0.085 * cell_pt) ** 2, 3.0, 14.0))
-    for chosen, colour, order in ((~has_data, _GREY, 2), (has_data, _BLACK, 6)):
+    for chosen, colour, order in ((~has_data, GREY, 2), (has_data, _BLACK, 6)):
         east_m, north_m = site.position_m[chosen].T
         axes.scatter(east_m, north_m, area_pt2, color=colour, linewidths=0, zorder=order)
     east_m, north_m = site.position_m[is_left].T
@@ -348,7 +349,7 @@ def _place_handles(scenario: Scenario) -> list[Line2D]:
 def _sensor_handles(demand_bit: Floats, summary: MissionMetrics) -> list[Line2D]:
     handles = [_marker_handle('o', _BLACK, 4, 'sensor with data')]
     if (demand_bit == 0).any():
-        handles.append(_marker_handle('o', _GREY, 4, 'sensor without data'))
+        handles.append(_marker_handle('o', GREY, 4, 'sensor without data'))
     if not summary.is_complete:
         handles.append(_marker_handle('o', 'none', 7, 'data left behind', edge=_RED))
     return handles

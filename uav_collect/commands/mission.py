@@ -12,7 +12,7 @@ from uav_collect.commands.ros_processes import Fleet, FleetProcess, ros_paramete
 from uav_collect.commands.terminal import INTERRUPTED, say
 from uav_collect.errors import FleetError, PolicyMismatchError
 from uav_collect.kernels.compile import interpret_kernels
-from uav_collect.recording.mission_folder import SCENARIO_FILE
+from uav_collect.recording.mission_folder import log_name, SCENARIO_FILE
 
 if TYPE_CHECKING:  # loaded when flying, so that --help answers at once
     from uav_collect.scenario.load import Scenario
@@ -73,7 +73,7 @@ def run(arguments: argparse.Namespace) -> int:
         return 1
     say(f'flown in {time.monotonic() - start_s:.1f} s\n')
     status = report.run(argparse.Namespace(path=folder, pictures=None))
-    _compare(_log_file(folder, arguments.seed), scenario, arguments.bandwidth)
+    _compare(folder / log_name(arguments.seed), scenario, arguments.bandwidth)
     return status
 
 
@@ -146,7 +146,7 @@ def _fly(
     for uav in range(1, scenario.n_uavs + 1):
         flags = ['--id', str(uav), '--policy', policy]
         fleet.start('uav_agent', f'uav_{uav}', [*flags, '--bandwidth', arguments.bandwidth])
-    _follow(fleet, world, _log_file(folder, arguments.seed))
+    _follow(fleet, world, folder / log_name(arguments.seed))
     _wait_for_recorder(fleet, recorder)
 
 
@@ -197,10 +197,6 @@ def _wait_for_recorder(fleet: Fleet, recorder: FleetProcess) -> None:
             raise FleetError(f'the recorder did not close the bag within {_RECORDER_S:g} s')
         time.sleep(_LOOK_S)
     fleet.check()
-
-
-def _log_file(folder: Path, seed: int) -> Path:
-    return folder / f'mission_{seed}.jsonl'
 
 
 def _make_folder(wanted: Path | None, scenario_name: str) -> Path:

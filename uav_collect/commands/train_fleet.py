@@ -11,6 +11,7 @@ from uav_collect.commands.ros_processes import Fleet, ros_parameters, running_fl
 from uav_collect.commands.terminal import INTERRUPTED, say
 from uav_collect.errors import FleetError
 from uav_collect.limits import FLEET_ALGORITHMS
+from uav_collect.recording.mission_folder import SCENARIO_FILE
 from uav_collect.training.seeds import first_training_seed
 
 if TYPE_CHECKING:  # loaded when training, so that --help answers at once
@@ -27,7 +28,6 @@ _MINUTES = 60.0
 _RUNS = Path('runs', 'train_fleet')
 _MAX_WORLDS = 16
 _PROCESSES = 'processes'  # of a run folder: what they say
-_SCENARIO_FILE = 'scenario.yaml'
 _LOOK_S = 0.2
 _SAVE_S = 120.0  # how long the trainer may take to save
 
@@ -106,10 +106,10 @@ def _start(
     allocator: str,
     max_decisions: int,
 ) -> None:
-    scenario_file = said / _SCENARIO_FILE
+    scenario_file = said / SCENARIO_FILE
     scenario_file.write_text(scenario.to_yaml(), encoding='utf-8')
-    if not (folder / _SCENARIO_FILE).exists():  # shows the trainer that the folder is for a run
-        (folder / _SCENARIO_FILE).write_text(scenario.to_yaml(), encoding='utf-8')
+    if not (folder / SCENARIO_FILE).exists():  # shows the trainer that the folder is for a run
+        (folder / SCENARIO_FILE).write_text(scenario.to_yaml(), encoding='utf-8')
     names = world_names(arguments.worlds)
     for number, name in enumerate(names):
         named, suffix = (['--world', name], f'_{name}') if name else ([], '')

@@ -9,6 +9,11 @@ from uav_collect.recording.mission_log import Events, LogWriter, MissionHeader
 SCENARIO_FILE = 'scenario.yaml'  # resolved
 
 
+def log_name(mission_seed: int) -> str:
+    """The file of a mission's log."""
+    return f'mission_{mission_seed}.jsonl'
+
+
 class MissionFolder:
     """Writes them as long as the disk takes them; a mission goes on without.
 
@@ -44,7 +49,7 @@ class MissionFolder:
         if self._folder is None:
             return None
         try:
-            path = self._folder / f'mission_{header.mission_seed}.jsonl'
+            path = self._folder / log_name(header.mission_seed)
             self._log = LogWriter(path, header)
         except OSError as error:
             return f'the mission log cannot be written: {error}'

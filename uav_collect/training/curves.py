@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter
 import numpy as np
 from uav_collect import files
-from uav_collect.analysis.trajectories import COLOURS, DPI
+from uav_collect.analysis.trajectories import COLOURS, DPI, GRID
 from uav_collect.errors import TrainingRunError
 from uav_collect.kernels.arrays import Floats
 from uav_collect.training.run_record import (
@@ -28,7 +28,7 @@ from uav_collect.training.run_record import (
     RunRecord,
 )
 
-_REFERENCE_STYLES = ((0.0, (5.0, 2.0)), (0.0, (1.5, 1.5)), (0.0, (5.0, 1.5, 1.0, 1.5)))
+REFERENCE_STYLES = ((0.0, (5.0, 2.0)), (0.0, (1.5, 1.5)), (0.0, (5.0, 1.5, 1.0, 1.5)))
 _TITLE_WIDTH, _LABEL_WIDTH = 100, 85  # characters
 _WIDTH_IN, _HEIGHT_IN = 7.2, 4.0  # of the picture, without what the curves are called
 _LABEL_HEIGHT_IN = 0.18
@@ -204,7 +204,7 @@ def draw_curves(
     axes.set_xlim(left=0.0)
     if axis.scale == 1.0:
         axes.xaxis.set_major_formatter(EngFormatter(sep=''))  # 500k, 2M
-    axes.grid(color='#E2E2E2', linewidth=0.6)
+    axes.grid(color=GRID, linewidth=0.6)
     axes.spines[['top', 'right']].set_visible(False)
     _write_legend(axes, figure)
     # No software name in the file: the bytes are the curves'.
@@ -243,6 +243,6 @@ def draw_curve(
 
 def _draw_references(axes: Axes, references: Mapping[str, float]) -> None:
     for index, (name, value) in enumerate(references.items()):
-        style = _REFERENCE_STYLES[index % len(_REFERENCE_STYLES)]
+        style = REFERENCE_STYLES[index % len(REFERENCE_STYLES)]
         label = f'{name}: {value:g}'
         axes.axhline(value, color='#555555', linewidth=1.2, linestyle=style, label=label)

@@ -15,6 +15,7 @@ from uav_collect.analysis.statistics import MEASURES as MEANS
 from uav_collect.errors import PolicyMismatchError
 from uav_collect.missions.rollout import fly
 from uav_collect.planning.bound import bound_of
+from uav_collect.recording.mission_folder import log_name
 from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.load import from_yaml
 from uav_collect.scenario.site import build_site
@@ -75,11 +76,6 @@ def run_plans(job: PlansJob, is_stopping: Callable[[], bool]) -> Iterator[Step]:
         if len(rows) % _AT_ONCE == 0:
             yield len(rows) / len(seeds)
     yield {MISSIONS: _csv([*rows[0]], [[*row.values()] for row in rows])}
-
-
-def log_name(mission_seed: int) -> str:
-    """The file of a mission's log."""
-    return f'mission_{mission_seed}.jsonl'
 
 
 def _policy(job: FlightsJob, policies: Mapping[str, bytes]) -> RulePolicy | LearnedPolicy:

@@ -8,20 +8,18 @@ import textwrap
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from uav_collect.analysis.trajectories import COLOURS, DPI
+from uav_collect.analysis.trajectories import COLOURS, DPI, GRID
 from uav_collect.studies.study import AIQL, AQMIX, HERT, PLAN, QMIX, SWEEP
+from uav_collect.training.curves import REFERENCE_STYLES
 
 COLOUR = {
     AQMIX: COLOURS[0], QMIX: COLOURS[1], AIQL: COLOURS[2], HERT: '#555555', SWEEP: '#009E73',
     PLAN: '#111111',
 }  # fmt: skip
-STYLE = {
-    HERT: (0.0, (5.0, 2.0)), SWEEP: (0.0, (1.5, 1.5)), PLAN: (0.0, (5.0, 1.5, 1.0, 1.5)),
-}  # fmt: skip
+STYLE = dict(zip((HERT, SWEEP, PLAN), REFERENCE_STYLES, strict=True))
 SOLID = (0.0, ())
 THIN = (0.0, (3.0, 1.0))
 _TITLE_WIDTH = 46  # characters for each panel beside another
-_GRID = '#E2E2E2'
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,7 +69,7 @@ def label_axes(axes: Axes, over: str, title: str, unit: str) -> None:
     axes.set_xlabel(over, fontsize=9)
     axes.set_ylabel(f'{title} [{unit}]', fontsize=9)
     axes.tick_params(labelsize=8)
-    axes.grid(color=_GRID, linewidth=0.6)
+    axes.grid(color=GRID, linewidth=0.6)
     axes.spines[['top', 'right']].set_visible(False)
 
 

@@ -3,11 +3,11 @@
 import numpy as np
 from uav_collect import files
 from uav_collect.analysis.metrics import mission_metrics
-from uav_collect.analysis.trajectories import draw_mission
+from uav_collect.analysis.trajectories import draw_mission, GREY
+from uav_collect.recording.mission_folder import log_name
 from uav_collect.recording.mission_log import from_jsonl, MissionLog
 from uav_collect.scenario.site import build_site
 from uav_collect.studies.findings import Findings
-from uav_collect.studies.jobs.flights import log_name
 from uav_collect.studies.pictures.drawing import Drawing, label_axes, panels
 from uav_collect.studies.study import TopologyStudy, TrajectoriesStudy
 from uav_collect.uav.action_codes import ACTION_NAMES
@@ -30,7 +30,7 @@ def draw_topology(study: TopologyStudy) -> Drawing:
     east_m, north_m = site.position_m.T
     silent, active = demand_mbit == 0, demand_mbit > 0
     axes.scatter(
-        east_m[silent], north_m[silent], 9, color='#A9A9A9', linewidths=0,
+        east_m[silent], north_m[silent], 9, color=GREY, linewidths=0,
         label=f'without data ({int(silent.sum())} sensors)',
     )  # fmt: skip
     dots = axes.scatter(
