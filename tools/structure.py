@@ -237,11 +237,11 @@ def flight_rows(package: Path) -> list[Row]:
     flown = {
         'by a rule': lambda: fly(site, [0], 'sweep'),
         'by a learned policy': lambda: fly(site, [0], _LEARNED),
-        'a rule as over ROS': lambda: _as_over_ros('sweep'),
-        'learned as over ROS': lambda: _as_over_ros(_LEARNED),
+        'a rule, agent by agent': lambda: _by_agents('sweep'),
+        'learned, by agents': lambda: _by_agents(_LEARNED),
     }
 
-    def _as_over_ros(policy: str) -> object:
+    def _by_agents(policy: str) -> object:
         return fly_by_agents(site, 0, lambda: policy_for(policy, scenario), 'exact')
 
     rows = []

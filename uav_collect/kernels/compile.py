@@ -87,7 +87,7 @@ def kernels_are_cached(kernels: Iterable[Callable[..., object]]) -> bool:
     """Whether kernels were compiled before, from the same sources.
 
     Args:
-        kernels: those that Python calls, as a module's `KERNELS` lists them.
+        kernels: those that take long to compile, as a module's `KERNELS` lists them.
     """
     return all(map(_is_cached, kernels))
 
