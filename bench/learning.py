@@ -26,7 +26,8 @@ from uav_collect.learning.minibatch import Algorithm, make_minibatch, Minibatch,
 from uav_collect.learning.network import Drqn
 from uav_collect.missions.experience import Episode
 from uav_collect.missions.vector_env import VectorEnv, VectorEnvConfig
-from uav_collect.scenario.load import load, Scenario
+from uav_collect.scenario.load import load
+from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.training.config import load_preset, TrainingConfig
 from uav_collect.uav.action_codes import NONE

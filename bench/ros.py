@@ -21,7 +21,8 @@ from rich.console import Console
 from rich.table import Table
 from uav_collect.commands.ros_processes import Fleet
 from uav_collect.kernels.compile import interpret_kernels
-from uav_collect.scenario.load import load, Scenario, with_uavs
+from uav_collect.scenario.load import load, with_uavs
+from uav_collect.scenario.model import Scenario
 
 MISSIONS = 30
 N_ROUND_TRIPS = 3_000

@@ -20,7 +20,8 @@ from rich.console import Console
 from rich.table import Table
 from uav_collect.commands.ros_processes import Fleet, FleetProcess, ros_parameters
 from uav_collect.commands.train_fleet import world_names
-from uav_collect.scenario.load import load, Scenario
+from uav_collect.scenario.load import load
+from uav_collect.scenario.model import Scenario
 from uav_collect.training.config import load_preset
 from uav_collect.training.seeds import first_training_seed
 from uav_collect.uav.policy_file import load_policy, policy_bytes

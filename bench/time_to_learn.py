@@ -24,7 +24,8 @@ from uav_collect.analysis.statistics import mission_seeds
 from uav_collect.learning.learner import keep_freed_memory
 from uav_collect.learning.trainer import Trainer
 from uav_collect.missions.rollout import fly
-from uav_collect.scenario.load import load, Scenario
+from uav_collect.scenario.load import load
+from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.training.config import load_preset
 from uav_collect.training.progress import Budget, ValidationResult

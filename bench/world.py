@@ -23,7 +23,8 @@ from uav_collect.missions.rollout import fly
 from uav_collect.missions.vector_env import VectorEnv, VectorEnvConfig
 from uav_collect.physics.bandwidth import EQUAL
 from uav_collect.physics.radio import channel_draw
-from uav_collect.scenario.load import load, Scenario
+from uav_collect.scenario.load import load
+from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.uav.action_codes import NONE
 from uav_collect.uav.heuristics import Heuristic

@@ -16,7 +16,8 @@ from uav_collect.kernels.arrays import Ints
 from uav_collect.missions.rollout import fly
 from uav_collect.missions.vector_env import VectorEnv, VectorEnvConfig
 from uav_collect.pettingzoo_env import env
-from uav_collect.scenario.load import load, Scenario
+from uav_collect.scenario.load import load
+from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.uav.action_codes import BACKWARD, FORWARD, HOME, N_ACTIONS, NONE, RIGHT
 from uav_collect.world.reward import Reward

@@ -28,7 +28,8 @@ from uav_collect.limits import MAX_SEED
 from uav_collect.missions import rollout
 from uav_collect.planning.bound import Bound, bound_of
 from uav_collect.recording.mission_log import MissionLog
-from uav_collect.scenario.load import load, Scenario
+from uav_collect.scenario.load import load
+from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site, Site
 from uav_collect.uav.agent import allocator_named
 from uav_collect.uav.policy import NamedPolicy, policy_for

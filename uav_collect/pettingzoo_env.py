@@ -34,7 +34,8 @@ from uav_collect.kernels.arrays import Bools
 from uav_collect.limits import MAX_SEED
 from uav_collect.missions.vector_env import VectorEnv, VectorEnvConfig
 from uav_collect.recording.mission_log import MissionLog
-from uav_collect.scenario.load import load, Scenario
+from uav_collect.scenario.load import load
+from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.uav.action_codes import N_ACTIONS, NONE
 from uav_collect.uav.observation import Layout, observation_bound

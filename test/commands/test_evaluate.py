@@ -15,7 +15,8 @@ from uav_collect.analysis.plan_shares import time_share
 from uav_collect.missions import rollout
 from uav_collect.planning.bound import bound_of
 from uav_collect.recording.mission_log import MissionLog
-from uav_collect.scenario.load import fingerprint, load, Scenario, with_uavs
+from uav_collect.scenario.load import fingerprint, load, with_uavs
+from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site, Site
 
 MEASURES = (

@@ -12,7 +12,8 @@ from uav_collect.commands import mission
 from uav_collect.errors import PolicyMismatchError
 from uav_collect.missions import rollout
 from uav_collect.recording.mission_log import MissionLog
-from uav_collect.scenario.load import load, Scenario
+from uav_collect.scenario.load import load
+from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.uav import policy as policy_module
 

@@ -16,7 +16,8 @@ from uav_collect.planning.bound import bound_of
 from uav_collect.recording import bag_reader
 from uav_collect.recording.bag_reader import RecordedMission
 from uav_collect.recording.mission_log import MissionLog, read
-from uav_collect.scenario.load import load, Scenario
+from uav_collect.scenario.load import load
+from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
 
 

@@ -3,7 +3,7 @@
 from tiny_world import fly_scripts
 from uav_collect.analysis.metrics import check_log, mission_metrics, MissionMetrics
 from uav_collect.planning.bound import Bound, bound_of, flight_actions, Plan
-from uav_collect.scenario.load import Scenario
+from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
 
 

@@ -14,7 +14,7 @@ from uav_collect.kernels.arrays import Floats, Ints
 from uav_collect.learning.minibatch import Algorithm, make_minibatch, Minibatch
 from uav_collect.missions.experience import Episode, N_UAV_SCALARS, new_records
 from uav_collect.missions.vector_env import VectorEnv, VectorEnvConfig
-from uav_collect.scenario.load import Scenario
+from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.training.config import load_preset, TrainingConfig
 from uav_collect.uav.action_codes import N_ACTIONS, NONE

@@ -14,7 +14,8 @@ from typing import Any
 from processes import DEADLINE_S, Processes, RunningProcess
 from uav_collect.missions.rollout import fly
 from uav_collect.missions.simulation import Event, Simulation
-from uav_collect.scenario.load import load, Scenario
+from uav_collect.scenario.load import load
+from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.uav.agent import Agent, allocator_named
 from uav_collect.uav.messages import Decision, RadioMessage

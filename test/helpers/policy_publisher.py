@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from uav_collect.missions.vector_env import VectorEnv, VectorEnvConfig
-from uav_collect.scenario.load import Scenario
+from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.uav.action_codes import NONE
 from uav_collect.uav.policy_file import policy_bytes

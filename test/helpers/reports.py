@@ -27,7 +27,8 @@ from uav_collect.kernels.arrays import new_row, Row
 from uav_collect.missions.experience import Episode
 from uav_collect.missions.simulation import Event, Simulation
 from uav_collect.missions.vector_env import VectorEnv, VectorEnvConfig
-from uav_collect.scenario.load import fingerprint, Scenario
+from uav_collect.scenario.load import fingerprint
+from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.uav.action_codes import HOME, NONE
 from uav_collect.uav.agent import Agent, allocator_named

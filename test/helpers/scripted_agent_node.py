@@ -15,7 +15,8 @@ from uav_collect.lockstep.inbox import Inbox
 from uav_collect.nodes import convert, topics
 from uav_collect.nodes.middleware import use_quick_discovery
 from uav_collect.nodes.topics import publisher, subscription
-from uav_collect.scenario.load import from_yaml, Scenario
+from uav_collect.scenario.load import from_yaml
+from uav_collect.scenario.model import Scenario
 from uav_collect.uav.agent import Agent, allocator_named
 from uav_collect.uav.briefing import brief
 from uav_collect.uav.messages import Decision, RadioMessage

@@ -12,7 +12,7 @@ from uav_collect.kernels.compile import kernels_are_compiled
 from uav_collect.studies.jobs.jobs import digest_of, FlightsJob, Job, training_job
 from uav_collect.studies.jobs.schedule import JobEngine, JobsStatus, run_jobs
 from uav_collect.studies.jobs.store import Store
-from uav_collect.studies.jobs.worker_messages import Report, Saved, Started, WorkItem
+from uav_collect.studies.jobs.worker_messages import JobReport, Saved, Started, WorkItem
 
 FLEET = uav(5.0, energy_budget_kj=25.0), uav(10.0, energy_budget_kj=12.0)
 FIELD = tiny(*FLEET)
@@ -87,7 +87,7 @@ class Saboteur:
     def start(self, task: WorkItem) -> None:
         self.engine.start(task)
 
-    def wait(self, timeout_s: float) -> Sequence[tuple[str, Report]]:
+    def wait(self, timeout_s: float) -> Sequence[tuple[str, JobReport]]:
         reports = self.engine.wait(timeout_s)
         for digest, report in reports:
             if isinstance(report, Started):

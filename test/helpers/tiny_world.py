@@ -16,7 +16,8 @@ from uav_collect.kernels.arrays import Row
 from uav_collect.missions.rollout import fly
 from uav_collect.missions.simulation import Event, Simulation
 from uav_collect.recording.mission_log import MissionLog
-from uav_collect.scenario.load import load, Scenario
+from uav_collect.scenario.load import load
+from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.uav.action_codes import HOME
 from uav_collect.uav.agent import Agent, allocator_named

@@ -14,7 +14,7 @@ from uav_collect.missions.experience import Episode
 from uav_collect.missions.rollout import fly
 from uav_collect.missions.vector_env import AwaitedDecisions, VectorEnv, VectorEnvConfig
 from uav_collect.recording.mission_log import MissionLog
-from uav_collect.scenario.load import Scenario
+from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.uav.action_codes import FORWARD, HOME, HOVER, NONE, RIGHT
 from uav_collect.world.reward import Reward

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from tiny_world import tiny, uav
 from uav_collect.learning.minibatch import Algorithm, Minibatch
-from uav_collect.scenario.load import Scenario
+from uav_collect.scenario.model import Scenario
 from uav_collect.uav.briefing import brief
 
 torch = single_threaded_torch()

@@ -6,7 +6,8 @@ import pytest
 from tiny_world import tiny, uav
 from uav_collect.learning.minibatch import Algorithm, Minibatch, NO_DECISION
 from uav_collect.missions.experience import Episode
-from uav_collect.scenario.load import load, Scenario
+from uav_collect.scenario.load import load
+from uav_collect.scenario.model import Scenario
 from uav_collect.uav.briefing import brief
 from uav_collect.uav.observation import Layout
 

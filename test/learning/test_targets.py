@@ -13,7 +13,7 @@ import pytest
 from tiny_world import tiny, uav
 from uav_collect.learning.minibatch import Algorithm, Minibatch
 from uav_collect.missions.experience import Episode
-from uav_collect.scenario.load import Scenario
+from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.training.config import TrainingConfig
 from uav_collect.uav.briefing import brief

@@ -13,7 +13,7 @@ from uav_collect.kernels.compile import kernels_are_compiled
 from uav_collect.learning.minibatch import Algorithm
 from uav_collect.learning.replay import replay_bytes
 from uav_collect.missions.rollout import fly
-from uav_collect.scenario.load import Scenario
+from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.training.config import TrainingConfig
 from uav_collect.uav.policy_network import LearnedPolicy

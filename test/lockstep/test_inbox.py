@@ -9,7 +9,7 @@ from fleets import Pilots
 import pytest
 from tiny_world import tiny, uav
 from uav_collect.lockstep.inbox import Inbox
-from uav_collect.scenario.load import Scenario
+from uav_collect.scenario.model import Scenario
 from uav_collect.uav.agent import Agent, allocator_named
 from uav_collect.uav.briefing import brief
 from uav_collect.uav.messages import Decision

@@ -11,7 +11,8 @@ from uav_collect.errors import AllocationError, PolicyMismatchError
 from uav_collect.kernels.arrays import Row
 from uav_collect.missions.rollout import fly
 from uav_collect.recording.mission_log import from_jsonl, MissionLog
-from uav_collect.scenario.load import fingerprint, load, Scenario
+from uav_collect.scenario.load import fingerprint, load
+from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.uav.action_codes import FORWARD, HOVER, LEFT, RIGHT
 from uav_collect.uav.belief import Belief

@@ -14,7 +14,8 @@ from uav_collect.kernels.arrays import Floats, Ints, new_row, Row
 from uav_collect.missions.rollout import fly
 from uav_collect.missions.vector_env import AwaitedDecisions, VectorEnv, VectorEnvConfig
 from uav_collect.recording.mission_log import MissionLog
-from uav_collect.scenario.load import load, Scenario
+from uav_collect.scenario.load import load
+from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.uav.action_codes import BACKWARD, FORWARD, HOME, HOVER, N_ACTIONS, NONE, RIGHT
 from uav_collect.uav.belief import Belief

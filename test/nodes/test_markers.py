@@ -5,7 +5,8 @@ from collections.abc import Iterable, Sequence
 import pytest
 from tiny_world import CELL_A, CELL_B, Flight, HOVER_W, MOVE_10_J, tiny, uav
 from uav_collect.missions.simulation import Event, Simulation
-from uav_collect.scenario.load import load, Scenario
+from uav_collect.scenario.load import load
+from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.uav.action_codes import BACKWARD, FORWARD, HOME, HOVER, LEFT, RIGHT
 

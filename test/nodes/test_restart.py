@@ -11,7 +11,7 @@ from uav_collect.analysis.metrics import mission_metrics
 from uav_collect.analysis.tables import mission_warnings
 from uav_collect.missions.simulation import mission_header
 from uav_collect.recording.mission_log import read
-from uav_collect.scenario.load import Scenario
+from uav_collect.scenario.model import Scenario
 from uav_collect.uav import action_codes
 from uav_collect.uav.messages import Decision
 

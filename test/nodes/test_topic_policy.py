@@ -13,7 +13,7 @@ import pytest
 from random_policies import header, random_policy
 from uav_collect.missions.simulation import Simulation
 from uav_collect.recording.mission_log import from_jsonl
-from uav_collect.scenario.load import Scenario
+from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.uav.observation import Layout, observation_size
 from uav_collect.uav.policy_file import policy_bytes

@@ -8,7 +8,8 @@ import numpy as np
 from processes import Processes
 import pytest
 from uav_collect.kernels.arrays import new_row
-from uav_collect.scenario.load import fingerprint, Scenario
+from uav_collect.scenario.load import fingerprint
+from uav_collect.scenario.model import Scenario
 from uav_collect.uav.observation import encode, Layout, observation_size
 
 pytest.importorskip('rclpy')

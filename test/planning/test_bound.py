@@ -18,7 +18,8 @@ from uav_collect.planning import bound as bound_module
 from uav_collect.planning.bound import Bound, bound_of
 from uav_collect.planning.problem import PlanProblem, problem_of
 from uav_collect.planning.relaxation import least_completion_s, least_energy_j
-from uav_collect.scenario.load import load, Scenario
+from uav_collect.scenario.load import load
+from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.world.sensor_field import lay_out
 

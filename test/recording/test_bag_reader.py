@@ -11,7 +11,8 @@ from uav_collect.errors import BagError, RecordingError
 from uav_collect.missions.rollout import fly
 from uav_collect.recording.bag_reader import read_missions, RecordedMission
 from uav_collect.recording.mission_log import MissionLog
-from uav_collect.scenario.load import load, Scenario
+from uav_collect.scenario.load import load
+from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site, Site
 
 

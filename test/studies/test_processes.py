@@ -17,7 +17,7 @@ from study_jobs import (
 from uav_collect.studies.jobs.jobs import digest_of, FlightsJob, Job
 from uav_collect.studies.jobs.processes import ProcessEngine
 from uav_collect.studies.jobs.store import Store
-from uav_collect.studies.jobs.worker_messages import Advanced, Report
+from uav_collect.studies.jobs.worker_messages import Advanced, JobReport
 
 
 @pytest.fixture(scope='module')
@@ -63,7 +63,7 @@ def test_a_call_that_is_interrupted_saves_what_runs_and_the_next_one_goes_on(
     begun: list[str] = []
     wait_for_reports = engine.wait
 
-    def wait(timeout_s: float) -> Sequence[tuple[str, Report]]:
+    def wait(timeout_s: float) -> Sequence[tuple[str, JobReport]]:
         reports = wait_for_reports(timeout_s)
         begun.extend(digest for digest, report in reports if isinstance(report, Advanced))
         return reports

@@ -12,8 +12,8 @@ from uav_collect.studies.jobs.worker_messages import (
     Cost,
     Failed,
     Finished,
+    JobReport,
     Lost,
-    Report,
     Saved,
     Stopped,
     WorkItem,
@@ -24,10 +24,10 @@ from uav_collect.studies.jobs.worker_messages import (
 class Scripted:
     """An engine that answers each task as a script says, one report at a time."""
 
-    script: Mapping[str, Sequence[Sequence[Report]]]  # by digest, for each time it is begun
+    script: Mapping[str, Sequence[Sequence[JobReport]]]  # by digest, for each time it is begun
     n_slots: int = 1
     begun: list[WorkItem] = field(default_factory=list)
-    reports: list[tuple[str, Report]] = field(default_factory=list)
+    reports: list[tuple[str, JobReport]] = field(default_factory=list)
     is_closed: bool = False
 
     def start(self, task: WorkItem) -> None:
@@ -35,7 +35,7 @@ class Scripted:
         self.begun.append(task)
         self.reports += [(task.digest, report) for report in self.script[task.digest][times]]
 
-    def wait(self, timeout_s: float) -> Sequence[tuple[str, Report]]:
+    def wait(self, timeout_s: float) -> Sequence[tuple[str, JobReport]]:
         del timeout_s
         return [self.reports.pop(0)] if self.reports else []
 

@@ -6,7 +6,7 @@ from uav_collect.errors import AllocationError, PolicyMismatchError
 from uav_collect.kernels.arrays import Row, row_of
 from uav_collect.limits import ALLOCATOR_NAMES
 from uav_collect.missions.simulation import Simulation
-from uav_collect.scenario.load import Scenario
+from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.uav.action_codes import (
     BY_POLICY,

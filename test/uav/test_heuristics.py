@@ -11,7 +11,8 @@ from uav_collect.analysis.metrics import mission_metrics
 from uav_collect.kernels.arrays import Row
 from uav_collect.missions.rollout import fly
 from uav_collect.recording.mission_log import MissionLog
-from uav_collect.scenario.load import load, Scenario
+from uav_collect.scenario.load import load
+from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.uav.action_codes import HOME, N_ACTIONS, REASON_NAMES
 from uav_collect.uav.belief import Belief

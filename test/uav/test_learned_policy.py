@@ -16,7 +16,8 @@ from uav_collect.errors import PolicyMismatchError
 from uav_collect.kernels.arrays import Row, row_of
 from uav_collect.missions.rollout import fly
 from uav_collect.missions.simulation import Simulation
-from uav_collect.scenario.load import load, Scenario
+from uav_collect.scenario.load import load
+from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.uav import policy as policy_module
 from uav_collect.uav.agent import Agent, allocator_named

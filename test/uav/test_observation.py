@@ -5,7 +5,7 @@ import pytest
 from tiny_world import Flight, tiny, uav
 from uav_collect.errors import ConfigError
 from uav_collect.kernels.arrays import Floats, new_row, row_of
-from uav_collect.scenario.load import Scenario
+from uav_collect.scenario.model import Scenario
 from uav_collect.uav.action_codes import FORWARD, HOVER, N_ACTIONS, RIGHT
 from uav_collect.uav.agent import reason_to_go_home
 from uav_collect.uav.belief import Belief, belief_of, hear, merge, new_beliefs

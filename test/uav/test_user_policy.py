@@ -15,7 +15,7 @@ from uav_collect.analysis.metrics import check_log, mission_metrics
 from uav_collect.errors import PolicyMismatchError
 from uav_collect.missions.rollout import fly
 from uav_collect.recording.mission_log import MissionLog
-from uav_collect.scenario.load import Scenario
+from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.uav.policy import policy_for
 from uav_collect.uav.user_policy import is_user_policy_name, user_policy

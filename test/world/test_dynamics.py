@@ -14,7 +14,7 @@ from tiny_world import (
     uav,
 )
 from uav_collect.analysis.metrics import mission_metrics
-from uav_collect.scenario.load import Scenario
+from uav_collect.scenario.model import Scenario
 from uav_collect.uav.action_codes import FORWARD, HOME, HOVER, LEFT, NONE, RIGHT
 
 

@@ -12,7 +12,8 @@ from uav_collect.errors import ConfigError
 from uav_collect.kernels.arrays import Floats
 from uav_collect.missions.rollout import fly
 from uav_collect.recording.mission_log import MissionLog
-from uav_collect.scenario.load import load, Scenario
+from uav_collect.scenario.load import load
+from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.uav.action_codes import ACTION_NAMES, REASON_NAMES
 

@@ -9,7 +9,8 @@ from uav_collect.analysis.metrics import mission_metrics
 from uav_collect.kernels.arrays import row_of
 from uav_collect.missions.rollout import fly
 from uav_collect.recording.mission_log import MissionLog
-from uav_collect.scenario.load import load, Scenario
+from uav_collect.scenario.load import load
+from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.uav.action_codes import BACKWARD, FORWARD, HOVER, LEFT, RIGHT
 from uav_collect.uav.briefing import brief, Briefing

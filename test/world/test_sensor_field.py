@@ -7,7 +7,7 @@ import pytest
 from tiny_world import tiny, uav
 from uav_collect.kernels.arrays import Floats, new_row
 from uav_collect.missions.simulation import Simulation
-from uav_collect.scenario.load import Scenario
+from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.world.sensor_field import draw_demand, lay_out
 

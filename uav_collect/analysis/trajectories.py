@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from uav_collect.analysis.metrics import mission_metrics, MissionMetrics, percent
 from uav_collect.kernels.arrays import Bools, check_shape, Floats, Ints
 from uav_collect.recording.mission_log import MissionLog
-from uav_collect.scenario.load import Scenario
+from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import Site
 from uav_collect.uav.action_codes import HOME, HOVER
 

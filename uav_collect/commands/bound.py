@@ -11,7 +11,7 @@ from uav_collect.commands import options, terminal
 if TYPE_CHECKING:  # loaded when searching, so that --help answers at once
     from uav_collect.analysis.statistics import Estimate
     from uav_collect.planning.bound import Bound
-    from uav_collect.scenario.load import Scenario
+    from uav_collect.scenario.model import Scenario
 
 _DESCRIPTION = """
 Plans missions whose demand and channels are all known, once for the shortest time and once for the

@@ -18,7 +18,7 @@ if TYPE_CHECKING:  # loaded when flying, so that --help answers at once
     from uav_collect.analysis.metrics import MissionMetrics
     from uav_collect.analysis.statistics import Estimate
     from uav_collect.planning.bound import Bound
-    from uav_collect.scenario.load import Scenario
+    from uav_collect.scenario.model import Scenario
     from uav_collect.uav.policy import NamedPolicy
 
 _DESCRIPTION = """

@@ -15,7 +15,7 @@ from uav_collect.kernels.compile import interpret_kernels
 from uav_collect.recording.mission_folder import log_name, SCENARIO_FILE
 
 if TYPE_CHECKING:  # loaded when flying, so that --help answers at once
-    from uav_collect.scenario.load import Scenario
+    from uav_collect.scenario.model import Scenario
 
 _DESCRIPTION = """
 Starts recorder, world_sim and one uav_agent per UAV as processes that talk over DDS, shows the

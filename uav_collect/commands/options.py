@@ -12,7 +12,7 @@ from uav_collect.errors import TrainingRunError
 from uav_collect.limits import ALLOCATOR_NAMES, MAX_DECISIONS, MAX_SEED, MAX_UAVS
 
 if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
-    from uav_collect.scenario.load import Scenario
+    from uav_collect.scenario.model import Scenario
 
 DEFAULT_SCENARIO = 'paper_10x10'
 _ALLOCATOR = 'exact'

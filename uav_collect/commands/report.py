@@ -14,7 +14,7 @@ if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
     from rich.console import Console
     from uav_collect.api import FlownMission
     from uav_collect.planning.bound import Bound
-    from uav_collect.scenario.load import Scenario
+    from uav_collect.scenario.model import Scenario
     from uav_collect.scenario.site import Site
 
 _DESCRIPTION = """

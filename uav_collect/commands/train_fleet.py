@@ -15,7 +15,7 @@ from uav_collect.recording.mission_folder import SCENARIO_FILE
 from uav_collect.training.seeds import first_training_seed
 
 if TYPE_CHECKING:  # loaded when training, so that --help answers at once
-    from uav_collect.scenario.load import Scenario
+    from uav_collect.scenario.model import Scenario
 
 _DESCRIPTION = """
 Starts world_sims that fly mission after mission, their uav_agents, and the trainer, as processes

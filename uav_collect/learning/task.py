@@ -11,7 +11,7 @@ from uav_collect.learning.minibatch import Algorithm, make_minibatch, Minibatch
 from uav_collect.learning.replay import Replay
 from uav_collect.missions.rollout import fly
 from uav_collect.recording.mission_log import MissionLog
-from uav_collect.scenario.load import Scenario
+from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site, Site
 from uav_collect.training.config import TrainingConfig
 from uav_collect.uav.briefing import brief, Briefing

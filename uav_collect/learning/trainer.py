@@ -14,7 +14,8 @@ from uav_collect.learning.learner import Learner
 from uav_collect.learning.minibatch import Algorithm
 from uav_collect.learning.task import EpisodeSource, make_tasks
 from uav_collect.revision import git_revision
-from uav_collect.scenario.load import fingerprint, from_yaml, Scenario
+from uav_collect.scenario.load import fingerprint, from_yaml
+from uav_collect.scenario.model import Scenario
 from uav_collect.training.config import TrainingConfig
 from uav_collect.training.progress import Budget, Progress, SpeedMeter, ValidationResult
 from uav_collect.training.seeds import VALIDATION_SEED

@@ -7,7 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from uav_collect.kernels.arrays import grow_table, new_table, Row
 from uav_collect.recording.mission_log import EVENT_DTYPE, Events, MissionHeader, UavHeader
-from uav_collect.scenario.load import fingerprint, Scenario
+from uav_collect.scenario.load import fingerprint
+from uav_collect.scenario.model import Scenario
 
 _ALL_BITS = 2**64 - 1
 

@@ -10,7 +10,7 @@ from functools import partial
 from uav_collect.missions.simulation import fly_by_agents
 from uav_collect.missions.vector_env import VectorEnv, VectorEnvConfig
 from uav_collect.recording.mission_log import MissionLog
-from uav_collect.scenario.load import Scenario
+from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import Site
 from uav_collect.uav.agent import allocator_named
 from uav_collect.uav.heuristics import RulePolicy

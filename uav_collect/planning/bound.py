@@ -29,7 +29,8 @@ from uav_collect.kernels.compile import cache_folder
 from uav_collect.planning.problem import PlanProblem, problem_of
 from uav_collect.planning.relaxation import climb, least_completion_s, least_energy_j
 from uav_collect.planning.search import Aim, best_routes, Routes, search
-from uav_collect.scenario.load import fingerprint, Scenario
+from uav_collect.scenario.load import fingerprint
+from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import Site
 from uav_collect.uav.action_codes import BACKWARD, FORWARD, HOVER, LEFT, RIGHT
 

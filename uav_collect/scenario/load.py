@@ -22,41 +22,10 @@ from uav_collect.scenario import sensor_files
 from uav_collect.scenario.model import (
     AreaConfig,
     CsvSensors,
-    DemandConfig,
-    DrawnSensors,
     FleetConfig,
-    ListedSensor,
     ListedSensors,
-    Place,
-    PropulsionConfig,
-    RadioConfig,
-    RewardConfig,
     Scenario,
-    UavConfig,
 )
-
-__all__ = [
-    'AreaConfig',
-    'CsvSensors',
-    'DemandConfig',
-    'DrawnSensors',
-    'FleetConfig',
-    'ListedSensor',
-    'ListedSensors',
-    'Place',
-    'PropulsionConfig',
-    'RadioConfig',
-    'RewardConfig',
-    'Scenario',
-    'UavConfig',
-    'fingerprint',
-    'from_yaml',
-    'load',
-    'parse_override',
-    'scenario_folders',
-    'scenario_names',
-    'with_uavs',
-]
 
 
 def load(name_or_path: str | Path, overrides: Mapping[str, object] | None = None) -> Scenario:

@@ -9,7 +9,7 @@ from uav_collect.kernels import keyed_random
 from uav_collect.kernels.arrays import Floats, Ints, Row
 from uav_collect.kernels.compile import kernel
 from uav_collect.kernels.keyed_random import draw_poisson, draw_uniform, shuffle_first
-from uav_collect.scenario.load import DrawnSensors, ListedSensors, Scenario
+from uav_collect.scenario.model import DrawnSensors, ListedSensors, Scenario
 
 _BIT_PER_MBIT = 1e6
 _DENSE_CELL = keyed_random.DENSE_CELL

@@ -2,7 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 
-from uav_collect.scenario.load import from_yaml, load, Scenario, with_uavs
+from uav_collect.scenario.load import from_yaml, load, with_uavs
+from uav_collect.scenario.model import Scenario
 from uav_collect.studies.requests import Requests
 from uav_collect.studies.scale import FieldConfig
 from uav_collect.studies.study import (

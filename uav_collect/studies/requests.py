@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-from uav_collect.scenario.load import Scenario
+from uav_collect.scenario.model import Scenario
 from uav_collect.studies.jobs.jobs import digest_of, FlightsJob, Job, PlansJob, training_job
 from uav_collect.studies.scale import ScaleConfig
 from uav_collect.studies.study import LEARNED, MissionSet, PLAN, RULES, TrainedPolicies

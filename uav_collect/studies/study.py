@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from uav_collect.scenario.load import Scenario
+from uav_collect.scenario.model import Scenario
 
 AQMIX, QMIX, AIQL, HERT, SWEEP, PLAN = 'AQMIX', 'QMIX', 'AIQL', 'HERT', 'sweep', 'plan'
 LEARNED = {AQMIX: 'aqmix', QMIX: 'qmix', AIQL: 'aiql'}  # the paper's order

@@ -14,7 +14,7 @@ from uav_collect.revision import git_revision, package_versions
 from uav_collect.training.run_record import RunRecord
 
 if TYPE_CHECKING:  # loaded when training, so that --help answers at once
-    from uav_collect.scenario.load import Scenario
+    from uav_collect.scenario.model import Scenario
     from uav_collect.training.config import TrainingConfig
     from uav_collect.uav.policy_network import FrozenPolicy
 

@@ -5,7 +5,7 @@ import math
 from uav_collect.errors import ConfigError
 from uav_collect.kernels.arrays import new_row, Row
 from uav_collect.kernels.compile import kernel
-from uav_collect.scenario.load import Scenario
+from uav_collect.scenario.model import Scenario
 from uav_collect.uav.action_codes import (
     COLUMN_STEP,
     FORWARD,

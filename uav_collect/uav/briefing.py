@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from uav_collect.kernels.arrays import Row, row_of
 from uav_collect.physics.energy import propulsion_power_w
-from uav_collect.scenario.load import Scenario
+from uav_collect.scenario.model import Scenario
 
 
 class Briefing(NamedTuple):

@@ -7,7 +7,7 @@ from typing import Protocol
 from uav_collect.config.installed import shared_folders
 from uav_collect.errors import PolicyMismatchError
 from uav_collect.kernels.arrays import Row
-from uav_collect.scenario.load import Scenario
+from uav_collect.scenario.model import Scenario
 from uav_collect.uav.belief import Belief
 from uav_collect.uav.briefing import brief, Briefing
 from uav_collect.uav.heuristics import Heuristic, RulePolicy

@@ -15,7 +15,7 @@ from uav_collect.kernels.keyed_random import (
     shuffle_first,
 )
 from uav_collect.physics import radio
-from uav_collect.scenario.load import Scenario
+from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import Site
 
 

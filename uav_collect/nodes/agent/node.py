@@ -23,7 +23,8 @@ from uav_collect.nodes.parameters import add_world_option, declare, help_text, P
 from uav_collect.nodes.process import MISUSED, parse_arguments, ProcessNode, run_node
 from uav_collect.nodes.topics import publisher, subscription
 from uav_collect.nodes.trainer_listener import subscribe_to_trainers
-from uav_collect.scenario.load import fingerprint, from_yaml, Scenario
+from uav_collect.scenario.load import fingerprint, from_yaml
+from uav_collect.scenario.model import Scenario
 from uav_collect.uav.agent import Agent, allocator_named
 from uav_collect.uav.briefing import brief, Briefing
 from uav_collect.uav.observation import Layout

@@ -23,11 +23,11 @@ import uav_collect
 from uav_collect.kernels.compile import sources_digest
 from uav_collect.studies.jobs.work import run_job
 from uav_collect.studies.jobs.worker_messages import (
-    Event,
     Failed,
     Finished,
+    JobEvent,
+    JobReport,
     Lost,
-    Report,
     Started,
     Stopped,
     WorkItem,
@@ -75,7 +75,7 @@ class RayEngine:
         """Start a job wherever the cluster has a free core."""
         self._streams[self._perform.remote(task, sources_digest())] = task.digest
 
-    def wait(self, timeout_s: float) -> Sequence[tuple[str, Report]]:
+    def wait(self, timeout_s: float) -> Sequence[tuple[str, JobReport]]:
         """Reports of jobs; of one whose machine or process is gone, that it is lost."""
         if not self._streams:
             return []
@@ -104,9 +104,9 @@ class RayEngine:
         if self._is_ours:
             ray.shutdown()
 
-    def _next(self, stream: Any) -> Report:  # noqa: ANN401 - Ray's
+    def _next(self, stream: Any) -> JobReport:  # noqa: ANN401 - Ray's
         try:
-            report: Report = ray.get(next(stream), timeout=_GET_S)
+            report: JobReport = ray.get(next(stream), timeout=_GET_S)
         except StopIteration:
             return Stopped()
         except TaskCancelledError:
@@ -127,7 +127,7 @@ def _first_line(error: BaseException) -> str:
     return f'{type(error).__name__}: {text[0] if text else ""}'
 
 
-def _performed(task: WorkItem, sources: str) -> Iterator[Event]:
+def _performed(task: WorkItem, sources: str) -> Iterator[JobEvent]:
     """The events of a job, on a machine of the cluster."""
     for event in run_job(task):
         if isinstance(event, Started) and event.sources != sources:

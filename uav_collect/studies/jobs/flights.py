@@ -32,12 +32,12 @@ MISSION_COLUMNS = (
 )  # fmt: skip
 _AT_ONCE = 50  # missions between two looks
 
-Step = float | Mapping[str, bytes]
+FlightStep = float | Mapping[str, bytes]
 
 
 def run_flights(
     job: FlightsJob, policies: Mapping[str, bytes], is_stopping: Callable[[], bool]
-) -> Iterator[Step]:
+) -> Iterator[FlightStep]:
     """Fly missions.
 
     Args:
@@ -62,7 +62,7 @@ def run_flights(
     yield {MISSIONS: _csv(MISSION_COLUMNS, rows), SUMMARY: summary, **kept}
 
 
-def run_plans(job: PlansJob, is_stopping: Callable[[], bool]) -> Iterator[Step]:
+def run_plans(job: PlansJob, is_stopping: Callable[[], bool]) -> Iterator[FlightStep]:
     """Plan missions; what has no plan within the budgets has empty cells."""
     site = build_site(from_yaml(job.scenario))
     seeds = mission_seeds(job.first_seed, job.n_missions)

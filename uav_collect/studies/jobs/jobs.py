@@ -12,7 +12,7 @@ from pathlib import Path
 from uav_collect.config import layers
 from uav_collect.config.rules import validated
 from uav_collect.revision import VERSION
-from uav_collect.scenario.load import Scenario
+from uav_collect.scenario.model import Scenario
 from uav_collect.training.config import TrainingConfig
 
 # Raised when a job's result means something else than before, though its fields are the same.

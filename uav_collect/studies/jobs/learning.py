@@ -33,7 +33,7 @@ _NEVER = 10**9  # updates
 _SETTLED_SHARE = 0.3  # of the time: until then there may be nothing to learn from
 
 # How far it is; or that and what to go on from; or the files that came out.
-Step = float | tuple[float, Any] | Mapping[str, bytes]
+TrainingStep = float | tuple[float, Any] | Mapping[str, bytes]
 
 
 def run_training(
@@ -41,7 +41,7 @@ def run_training(
     state: Any,  # noqa: ANN401 - what an earlier step yielded
     checkpoint_s: float,
     is_stopping: Callable[[], bool],
-) -> Iterator[Step]:
+) -> Iterator[TrainingStep]:
     """Train a policy.
 
     Raises:

@@ -13,8 +13,8 @@ from traceback import format_exc
 from uav_collect.studies.jobs.worker_messages import (
     Failed,
     Finished,
+    JobReport,
     Lost,
-    Report,
     Stopped,
     WorkItem,
 )
@@ -52,9 +52,9 @@ class ProcessEngine:
         worker.digest = task.digest
         _send(worker, task)
 
-    def wait(self, timeout_s: float) -> Sequence[tuple[str, Report]]:
+    def wait(self, timeout_s: float) -> Sequence[tuple[str, JobReport]]:
         """Reports of jobs; of one whose process is gone, that it is lost."""
-        reports: list[tuple[str, Report]] = []
+        reports: list[tuple[str, JobReport]] = []
         by_connection = {worker.connection: worker for worker in self._workers}
         for connection in wait([*by_connection], timeout_s):
             worker = by_connection[connection]  # type: ignore[index]
@@ -93,9 +93,9 @@ class ProcessEngine:
         self._workers.append(worker)
         return worker
 
-    def _receive(self, worker: _Worker) -> Report:
+    def _receive(self, worker: _Worker) -> JobReport:
         try:
-            report: Report = worker.connection.recv()
+            report: JobReport = worker.connection.recv()
         except (EOFError, OSError):
             self._workers.remove(worker)
             worker.connection.close()
@@ -135,7 +135,7 @@ def _do_job(task: WorkItem, connection: Connection) -> None:
         return asked
 
     steps = run_job(task, is_stopping)
-    last: Report | None = None
+    last: JobReport | None = None
     while not isinstance(last, Finished | Failed | Stopped):
         try:
             last = next(steps, Stopped())

@@ -10,8 +10,8 @@ from uav_collect.studies.jobs.worker_messages import (
     Advanced,
     Failed,
     Finished,
+    JobReport,
     Lost,
-    Report,
     Saved,
     Started,
     Stopped,
@@ -32,7 +32,7 @@ class JobEngine(Protocol):
     def start(self, task: WorkItem) -> None:
         """Start a job."""
 
-    def wait(self, timeout_s: float) -> Sequence[tuple[str, Report]]:
+    def wait(self, timeout_s: float) -> Sequence[tuple[str, JobReport]]:
         """Reports that came meanwhile, each with the digest of its job; none if the time is up."""
 
     def stop(self) -> None:
@@ -94,7 +94,7 @@ class _Run:
             )
         )
 
-    def handle(self, digest: str, report: Report) -> None:
+    def handle(self, digest: str, report: JobReport) -> None:
         match report:
             case Started(host=host):
                 self.status.hosts[digest] = host

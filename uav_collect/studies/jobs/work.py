@@ -27,8 +27,8 @@ from uav_collect.studies.jobs.jobs import FlightsJob, Job, PlansJob, TrainingJob
 from uav_collect.studies.jobs.worker_messages import (
     Advanced,
     Cost,
-    Event,
     Finished,
+    JobEvent,
     Saved,
     Started,
     WorkItem,
@@ -56,7 +56,7 @@ class _Meter:
         )
 
 
-def run_job(task: WorkItem, is_stopping: Callable[[], bool] = lambda: False) -> Iterator[Event]:
+def run_job(task: WorkItem, is_stopping: Callable[[], bool] = lambda: False) -> Iterator[JobEvent]:
     """Do a job.
 
     Args:
@@ -70,7 +70,7 @@ def run_job(task: WorkItem, is_stopping: Callable[[], bool] = lambda: False) -> 
     return _compile_in_turn(task.job, _perform(task, is_stopping))
 
 
-def _compile_in_turn(job: Job, events: Iterator[Event]) -> Iterator[Event]:
+def _compile_in_turn(job: Job, events: Iterator[JobEvent]) -> Iterator[JobEvent]:
     """Events of a job; where its kernels are not compiled yet, up to the first step in turn."""
     if not kernels_are_compiled():
         yield from events
@@ -103,7 +103,7 @@ def kernels_of(job: Job) -> tuple[Callable[..., object], ...]:
             return bound.KERNELS
 
 
-def _perform(task: WorkItem, is_stopping: Callable[[], bool]) -> Iterator[Event]:
+def _perform(task: WorkItem, is_stopping: Callable[[], bool]) -> Iterator[JobEvent]:
     yield Started(host=socket.gethostname(), process=os.getpid(), sources=sources_digest())
     state, before = None, Cost()
     if task.state is not None:

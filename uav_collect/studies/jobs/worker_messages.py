@@ -62,7 +62,7 @@ class Finished:
     cost: Cost
 
 
-Event = Started | Advanced | Saved | Finished
+JobEvent = Started | Advanced | Saved | Finished
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,4 +85,4 @@ class Stopped:
     """The worker left the job unfinished, as it was asked to."""
 
 
-Report = Event | Lost | Failed | Stopped
+JobReport = JobEvent | Lost | Failed | Stopped
