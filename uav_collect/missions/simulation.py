@@ -33,6 +33,7 @@ from uav_collect.uav.view import LocalView
 from uav_collect.world.dynamics import (
     end_s,
     has_landed,
+    LANDED,
     look,
     mission_of,
     next_uav,
@@ -198,8 +199,8 @@ class Simulation:
         return float(self._mission.energy_left_j[uav])
 
     def phase(self, uav: int, time_s: float) -> int:
-        """0 active, 1 flying home, 2 landed."""
-        return 2 if has_landed(self._mission, uav, time_s) else self._mission.phase[uav]
+        """ACTIVE, FLYING_HOME or LANDED, see `world.dynamics`."""
+        return LANDED if has_landed(self._mission, uav, time_s) else self._mission.phase[uav]
 
     def known_complete(self, uav: int) -> Row[int]:
         """The completion map that a UAV's radio keeps, (C,)."""

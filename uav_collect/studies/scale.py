@@ -12,7 +12,7 @@ from uav_collect.config import layers
 from uav_collect.config.installed import shared_folders
 from uav_collect.config.rules import number, Section, text, validated, whole
 from uav_collect.errors import ConfigError
-from uav_collect.limits import MAX_DECISIONS, MAX_UAVS
+from uav_collect.limits import MAX_DECISIONS, MAX_SEED, MAX_UAVS
 
 _Count = Annotated[int, whole(1, 1000)]
 _Decisions = Annotated[int, whole(1, MAX_DECISIONS)]
@@ -65,7 +65,7 @@ class TrainingsConfig(Section):
 class TestsConfig(Section):
     """How many missions test a policy, from which seed on, in how many jobs."""
 
-    first_seed: Annotated[int, whole(0, 2**62)]
+    first_seed: Annotated[int, whole(0, MAX_SEED)]
     missions: Annotated[int, whole(1, 100_000)]
     missions_per_job: Annotated[int, whole(1, 100_000)]
     plan_rounds: Annotated[int, whole(0, 10**9)]

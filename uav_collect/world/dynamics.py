@@ -21,6 +21,7 @@ from uav_collect.world.sensor_field import draw_demand, SensorField
 # Phases of a UAV.
 ACTIVE = 0
 FLYING_HOME = 1
+LANDED = 2  # no row holds it: it follows from the time
 
 _Ints = TypeVar('_Ints')
 _Floats = TypeVar('_Floats')
