@@ -106,7 +106,7 @@ help:  ## this list
 	@echo '  PYTHON     which Python to use (the first 3.11 or 3.12 of python3, python3.12, python3.11)'
 
 setup: $(BUILT)  ## everything that missions need, in .venv, build and install (2 minutes once)
-	@echo 'set-up: ready; "make mission" flies, ". install/setup.bash" puts the executables in reach'
+	@echo 'set-up: ready; "make mission" flies, README.md shows how to reach the executables'
 
 mission: $(BUILT)  ## fly a mission over ROS 2 and show it, as SCENARIO=lillgrund POLICY=hert SEED=7
 	@. install/setup.sh && $(VENV)/bin/python -m uav_collect mission $(MISSION_OPTIONS)

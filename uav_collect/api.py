@@ -45,7 +45,7 @@ _COLUMNS = 99  # of a table as text
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FlownMission:
-    """A mission that was flown, and where; printed, it is the tables of `make mission`."""
+    """A mission that was flown, and where; printed, it is what it achieved, UAV by UAV."""
 
     log: MissionLog
     site: Site
@@ -79,7 +79,7 @@ class Evaluation:
     """What policies achieve in the same missions; printed, it is a table of means."""
 
     title: str
-    metrics: Mapping[str, Sequence[MissionMetrics]]  # by policy, in the order of the seeds
+    metrics: Mapping[str, Sequence[MissionMetrics]]  # by policy as given, in the seeds' order
     estimates: Mapping[str, Mapping[str, Estimate]]  # by policy and measure, such as completion_s
     seed: int  # of the first mission; keys the bootstrap
 
@@ -148,7 +148,7 @@ def evaluate(
     _check_range('seed', seed, 0, MAX_SEED - missions)
     site = build_site(_loaded(scenario))
     given = [policies] if isinstance(policies, str) or callable(policies) else policies
-    contenders = _by_name([_policy(policy, site.scenario) for policy in given])
+    contenders = _by_name(given, site.scenario)
     seeds = mission_seeds(seed, missions)
     flown = {name: _metrics(site, seeds, it, bandwidth) for name, it in contenders.items()}
     return Evaluation(
@@ -180,12 +180,17 @@ def _policy(policy: AnyPolicy, scenario: Scenario) -> NamedPolicy:
     return policy_for(policy, scenario) if isinstance(policy, str) else policy_of(policy)
 
 
-def _by_name(policies: Sequence[NamedPolicy]) -> dict[str, NamedPolicy]:
-    named = {policy.name: policy for policy in policies}
-    if not policies or len(named) < len(policies):
-        names = ', '.join(policy.name for policy in policies) or 'none'
-        raise PolicyMismatchError(f'policies are {names}: must be one or more, each once')
-    return named
+def _by_name(given: Sequence[AnyPolicy], scenario: Scenario) -> dict[str, NamedPolicy]:
+    """The policies by the names that they were given by; a function by its own."""
+    policies = [_policy(policy, scenario) for policy in given]
+    names = [
+        name if isinstance(name, str) else policy.name
+        for name, policy in zip(given, policies, strict=True)
+    ]
+    if not names or len({*names}) < len(names):
+        shown = ', '.join(names) or 'none'
+        raise PolicyMismatchError(f'policies are {shown}: must be one or more, each once')
+    return dict(zip(names, policies, strict=True))
 
 
 def _fly(
