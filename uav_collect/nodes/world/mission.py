@@ -277,7 +277,7 @@ def mission_msg(mission: MissionInFlight, world_instance: str, index: int, phase
     return message
 
 
-def summary(message: Mission) -> str:
+def mission_summary(message: Mission) -> str:
     """The end of a mission in one line."""
     word = 'ended' if message.phase == Mission.ENDED else f'was aborted, {message.note},'
     return (

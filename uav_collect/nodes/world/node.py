@@ -24,8 +24,8 @@ from uav_collect.nodes.world.diagnostics import WorldDiagnostics
 from uav_collect.nodes.world.mission import (
     FAILSAFE_DECISION,
     mission_msg,
+    mission_summary,
     MissionInFlight,
-    summary,
 )
 from uav_collect.nodes.world.publishers import ViewerPublisher, WorldPublishers
 from uav_collect.nodes.world.settings import PARAMETERS, read_settings
@@ -335,7 +335,7 @@ class WorldNode(ProcessNode):
         self._folder.end()
         message = self._publish_mission(mission, phase, note)
         self._viewers.publish(mission.simulation.end_s, now=True)
-        self.get_logger().info(summary(message))
+        self.get_logger().info(mission_summary(message))
         self._schedule.plan_after(mission.seed)
         if self._schedule.is_over:
             self._diagnostics.publish(self._roster, self._mission)
