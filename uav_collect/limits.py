@@ -1,5 +1,7 @@
 """Bounds and choices that commands, messages, files and kernels share."""
 
+import signal
+
 MAX_UAVS = 64  # the UAVs that one has heard travel as bits of a 64-bit word
 EGOCENTRIC_MAX_UAVS = 6  # UAVs that the egocentric observation tells apart
 MAX_SEED = 2**62  # mission seeds count up from here and stay inside 63 bits
@@ -10,3 +12,12 @@ FLEET_ALGORITHMS = ('aqmix', 'aiql')  # those whose UAVs do not wait for each ot
 
 # How bandwidth may be shared; the first two are known to kernels, by their place here.
 ALLOCATOR_NAMES = ('exact', 'equal', 'cvxpy')
+
+
+def stop_signals() -> tuple[signal.Signals, ...]:
+    """The signals by which this process is asked to end, and to keep what it has.
+
+    SIGHUP is one of them, a terminal that is closed, unless nohup has switched it off.
+    """
+    asked = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    return asked[:-1] if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN else asked

@@ -1,11 +1,12 @@
 """Whoever is asked to stop does: cleanly, soon, with nothing left running and nothing lost."""
 
 from pathlib import Path
+import re
 import signal
 import sys
 
 from fleets import Fleet, logs, scenario_of, wait_until
-from processes import Processes, RunningProcess
+from processes import executable, Processes, RunningProcess
 import pytest
 from rosbags.highlevel import AnyReader
 from uav_collect.recording.bag_reader import read_missions
@@ -20,8 +21,8 @@ ABORTED = 2  # Mission.ABORTED
 
 every_signal = pytest.mark.parametrize(
     'signals',
-    [[signal.SIGINT], [signal.SIGINT, signal.SIGINT], [signal.SIGTERM]],
-    ids=['Ctrl-C', 'Ctrl-C twice', 'SIGTERM'],
+    [[signal.SIGINT], [signal.SIGINT, signal.SIGINT], [signal.SIGTERM], [signal.SIGHUP]],
+    ids=['Ctrl-C', 'Ctrl-C twice', 'SIGTERM', 'SIGHUP'],
 )
 
 
@@ -112,3 +113,47 @@ def test_an_interrupted_mission_command_takes_its_processes_along_and_keeps_the_
     assert f'interrupted; what was flown is in {folder}' in command.output
     (recorded,) = read_missions(folder / 'bag')
     assert recorded.log.to_jsonl() == fleet.log(SEED)
+
+
+# Runs a command on a terminal of its own, and closes that when the file {ready} has so many lines.
+TERMINAL = """
+import os, pathlib, pty, select, sys
+ready, n_lines, *command = sys.argv[1:]
+pid, terminal = pty.fork()
+if pid == 0:
+    os.execvp(command[0], command)
+ready = pathlib.Path(ready)
+while not ready.exists() or ready.read_bytes().count(b'\\n') < int(n_lines):
+    if select.select([terminal], [], [], 0.01)[0]:
+        os.read(terminal, 65536)
+os.close(terminal)
+print('closed', os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]))
+"""
+
+
+def test_a_terminal_that_is_closed_leaves_a_closed_bag_and_an_aborted_mission(
+    processes: Processes, tmp_path: Path
+) -> None:
+    folder = tmp_path / 'run'
+    options = ['--real-time-factor', str(PACED), '--seed', str(SEED), '--output', str(folder)]
+    command = [sys.executable, '-m', 'uav_collect', 'mission', *options]
+    ready = [str(folder / f'mission_{SEED}.jsonl'), '10']
+    terminal = processes.run('terminal', sys.executable, '-c', TERMINAL, *ready, *command)
+    assert terminal.wait_for(r'closed (-?\d+)')[1] == '130', terminal.output
+    assert terminal.wait_for_exit() == 0
+    assert processes.survivors() == []
+    assert phases(folder / 'bag') == [0, ABORTED]
+    (recorded,) = read_missions(folder / 'bag')
+    assert recorded.log.to_jsonl() == (folder / f'mission_{SEED}.jsonl').read_bytes()
+
+
+def test_a_recorder_under_nohup_outlives_its_terminal(
+    processes: Processes, tmp_path: Path
+) -> None:
+    bag, path = tmp_path / 'bag', executable('recorder')
+    recorder = processes.run('recorder', 'nohup', str(path), '--output', str(bag))
+    recorder.wait_for('recording 8 topics')
+    status = Path(f'/proc/{recorder.pid}/status').read_text()
+    (ignored,) = re.findall(r'^SigIgn:\s*(\w+)', status, re.MULTILINE)
+    assert int(ignored, 16) >> (signal.SIGHUP - 1) & 1
+    stop(recorder, [signal.SIGTERM])

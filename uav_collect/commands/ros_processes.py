@@ -9,6 +9,7 @@ import signal
 import subprocess
 import time
 
+from uav_collect.commands.terminal import ignore_signals, interrupted_by_signals
 from uav_collect.errors import FleetError
 
 _STOP_S = 5.0  # how long a process may take to end after SIGINT
@@ -156,19 +157,15 @@ def running_fleet(folder: Path, n_processes: int) -> Iterator[Fleet]:
     """A fleet whose processes end with the context, however it is left.
 
     Raises:
-        KeyboardInterrupt: SIGINT came, or SIGTERM.
+        KeyboardInterrupt: a signal asked this process to end.
     """
     fleet = Fleet(folder, n_processes)
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        yield fleet
-    finally:
-        for number in before:  # impatience must not leave a process behind
-            signal.signal(number, signal.SIG_IGN)
-        fleet.stop()
-        for number, handler in before.items():
-            signal.signal(number, handler)
+    with interrupted_by_signals():
+        try:
+            yield fleet
+        finally:
+            ignore_signals()  # impatience must not leave a process behind
+            fleet.stop()
 
 
 def _yaml(value: object) -> str:

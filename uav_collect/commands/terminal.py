@@ -9,6 +9,7 @@ from time import monotonic
 from types import FrameType
 
 from uav_collect.kernels.compile import kernels_are_cached, kernels_are_compiled
+from uav_collect.limits import stop_signals
 
 INTERRUPTED = 130  # exit status after Ctrl-C, as shells have it
 _NOTICE = b'\nstopping at the next step and saving; again: stop at once, without saving\n'
@@ -64,7 +65,7 @@ def say(text: str) -> None:
 
 
 class Interruption:
-    """Remembers whether SIGINT or SIGTERM came."""
+    """Remembers whether a signal came that asks this process to end."""
 
     def __init__(self) -> None:
         """Start without a signal."""
@@ -86,14 +87,39 @@ class Interruption:
 
 @contextmanager
 def deferred_interruption() -> Iterator[Interruption]:
-    """Note SIGINT and SIGTERM instead of stopping."""
+    """Note signals that ask this process to end, instead of ending."""
     interruption = Interruption()
-    before = {
-        number: signal.signal(number, interruption.note)
-        for number in (signal.SIGINT, signal.SIGTERM)
-    }
-    try:
+    with _handled_by(interruption.note):
         yield interruption
+
+
+@contextmanager
+def interrupted_by_signals() -> Iterator[None]:
+    """Raise KeyboardInterrupt at every signal that asks this process to end."""
+    with _handled_by(signal.default_int_handler):
+        yield
+
+
+def ignore_signals() -> None:
+    """Let nothing more interrupt this process, until the context around it is left."""
+    for number in stop_signals():
+        signal.signal(number, signal.SIG_IGN)
+
+
+@contextmanager
+def _handled_by(handle: Callable[[int, FrameType | None], None]) -> Iterator[None]:
+    terminals = [number for number in (1, 2) if os.isatty(number)]
+
+    def handle_one(signal_number: int, frame: FrameType | None) -> None:
+        for number in terminals:
+            if not os.isatty(number):  # closed: whatever is still said would fail
+                with open(os.devnull, 'wb') as nowhere:
+                    os.dup2(nowhere.fileno(), number)
+        handle(signal_number, frame)
+
+    before = {number: signal.signal(number, handle_one) for number in stop_signals()}
+    try:
+        yield
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

@@ -11,6 +11,7 @@ import signal
 import sys
 
 from uav_collect.kernels.compile import interpret_kernels
+from uav_collect.limits import stop_signals
 
 
 def world_sim() -> int:
@@ -48,7 +49,7 @@ def trainer() -> int:
 @contextmanager
 def _loading(*, interprets: bool = True) -> Iterator[None]:
     """End silently if a signal comes before there is a node to stop."""
-    numbers = (signal.SIGINT, signal.SIGTERM)
+    numbers = stop_signals()
     before = [signal.signal(number, lambda *_: os._exit(0)) for number in numbers]
     if interprets:
         interpret_kernels()

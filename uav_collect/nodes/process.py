@@ -23,6 +23,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 from rclpy.utilities import remove_ros_args
 from uav_collect.errors import NodeError
+from uav_collect.limits import stop_signals
 from uav_collect.nodes.middleware import use_quick_discovery
 
 FAILED = 1  # exit status of a node that could not go on
@@ -68,16 +69,17 @@ class ProcessNode(Node):
 
 
 class _Stop:
-    """Remembers that SIGINT or SIGTERM came, once or many times."""
+    """Remembers that a signal asked the process to end, once or many times."""
 
     def __init__(self) -> None:
         self.asked = False
-        for number in (signal.SIGINT, signal.SIGTERM):
+        self._numbers = stop_signals()
+        for number in self._numbers:
             signal.signal(number, self._on_signal)
 
     def ignore_more(self) -> None:
         """Make further signals harmless; Python's own exit would restore their deadly default."""
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in self._numbers:
             signal.signal(number, signal.SIG_IGN)
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
@@ -107,7 +109,7 @@ def run_node(make_node: Callable[[], ProcessNode], argv: Sequence[str]) -> int:
         argv: what follows the program's name on the command line, `--ros-args` included.
 
     Returns:
-        Exit status of the process: 0 after SIGINT or SIGTERM, else what the node asked for.
+        Exit status of the process: 0 after a signal to end, else what the node asked for.
     """
     stop = _Stop()
     use_quick_discovery()

@@ -34,8 +34,8 @@ from uav_collect_msgs.msg import Epoch, Mission
 
 _DESCRIPTION = """
 Records every topic of a mission, as received, into one bag (rosbag2 layout, MCAP). Start it in any
-order with the other nodes; it adds the topics of each UAV that it sees. SIGINT and SIGTERM close
-the bag; after anything worse, --repair makes it readable up to the last flushed chunk.
+order with the other nodes; it adds the topics of each UAV that it sees. SIGINT, SIGTERM and SIGHUP
+close the bag; after anything worse, --repair makes it readable up to the last flushed chunk.
 """
 _READER_DEPTH = 10_000  # messages of a topic that wait while a chunk is written
 _LOOK_PERIOD_S = 0.05  # between looks for new UAVs; latched histories bridge it

@@ -113,7 +113,8 @@ def _send(worker: _Worker, what: WorkItem | str) -> None:
 
 def _worker_loop(connection: Connection) -> None:
     """Do jobs until there is nobody who gives any."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # who started us says when to stop
+    for number in (signal.SIGINT, signal.SIGHUP):  # who started us says when to stop
+        signal.signal(number, signal.SIG_IGN)
     try:
         while True:
             task = connection.recv()
