@@ -186,7 +186,6 @@ def listener(*topics: Any) -> Iterator[Listener]:  # noqa: ANN401
     import rclpy
     from rclpy.executors import SingleThreadedExecutor
     from uav_collect.nodes.middleware import use_quick_discovery
-    from uav_collect.nodes.topics import subscription
 
     use_quick_discovery()
     context = rclpy.Context()
@@ -196,7 +195,7 @@ def listener(*topics: Any) -> Iterator[Listener]:  # noqa: ANN401
     executor.add_node(node)
     heard: dict[str, list[Any]] = {topic.name: [] for topic in topics}
     for topic in topics:
-        subscription(node, topic, heard[topic.name].append)
+        node.create_subscription(topic.message, topic.name, heard[topic.name].append, topic.qos)
     try:
         yield Listener(node, executor, heard)
     finally:  # else a test that fails would publish on, in a domain that another one takes

@@ -14,7 +14,7 @@ import rclpy
 from uav_collect.lockstep.inbox import Inbox
 from uav_collect.nodes import convert, topics
 from uav_collect.nodes.middleware import use_quick_discovery
-from uav_collect.nodes.topics import publisher, subscription
+from uav_collect.nodes.topics import publisher
 from uav_collect.scenario.load import from_yaml
 from uav_collect.scenario.model import Scenario
 from uav_collect.uav.agent import Agent, allocator_named
@@ -84,7 +84,10 @@ class ScriptedAgents:
     def listen(self, topic: Any) -> None:  # noqa: ANN401
         """Keep what comes on a topic of the table."""
         self.heard[topic.name] = []
-        subscription(self.node, topic, self.heard[topic.name].append)
+        self._subscribe(topic, self.heard[topic.name].append)
+
+    def _subscribe(self, topic: Any, callback: Callable[[Any], None]) -> None:  # noqa: ANN401
+        self.node.create_subscription(topic.message, topic.name, callback, topic.qos)
 
     def wait_until(self, condition: Callable[[], bool]) -> None:
         """Listen until something holds."""
@@ -144,7 +147,7 @@ class ScriptedAgents:
             (own.observation, inbox.add_observation),
         ):
             self.heard[topic.name] = []
-            subscription(self.node, topic, _both(self.heard[topic.name].append, note))
+            self._subscribe(topic, _both(self.heard[topic.name].append, note))
         self.commands[uav] = publisher(self.node, own.command)
         self.radio[uav] = publisher(self.node, own.radio_tx)
         self._inboxes[uav] = inbox

@@ -78,7 +78,9 @@ class FakeWorld:
         self._scenarios = publisher(agents.node, topics.SCENARIO)
         scenario = scenario_of(1)
         identity = WorldIdentity(started_s=started_s, instance=instance)
-        self._scenarios.publish(scenario_msg(identity, build_site(scenario)))
+        self._scenarios.publish(
+            scenario_msg(identity, build_site(scenario), f'/world/vouch_{instance}')
+        )
 
     def serve(self) -> 'FakeWorld':
         """Answer agents from now on."""

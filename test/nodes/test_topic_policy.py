@@ -198,7 +198,9 @@ def test_an_agent_that_missed_the_policy_of_a_mission_asks_the_world_for_it(
     with listener(command) as listening:
         listening.node.create_service(Join, topics.JOIN_SERVICE, answer)
         shown = publisher(listening.node, topics.uav_topics(1).observation)
-        publisher(listening.node, topics.SCENARIO).publish(scenario_msg(world, site))
+        publisher(listening.node, topics.SCENARIO).publish(
+            scenario_msg(world, site, '/world/vouch_x')
+        )
         fleet = Fleet(processes=processes, scenario=scenario, folder=tmp_path / 'run')
         agent = fleet.start_agent(1, 'topic')
         listening.wait_until(lambda: n_asked == 1)

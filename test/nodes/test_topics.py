@@ -11,9 +11,9 @@ from uav_collect.nodes import topics
 pytestmark = pytest.mark.ros
 
 
-def test_a_fleet_has_five_topics_per_uav_and_eight_of_its_own() -> None:
+def test_a_fleet_has_six_topics_per_uav_and_eight_of_its_own() -> None:
     names = [topic.name for topic in topics.fleet_topics(16)]
-    assert len(set(names)) == len(names) == 8 + 16 * 5
+    assert len(set(names)) == len(names) == 8 + 16 * 6
     assert '/uav_16/radio_rx' in names
 
 
@@ -26,17 +26,19 @@ def test_only_the_clock_may_lose_messages() -> None:
     assert unreliable == ['/clock']
 
 
-def test_who_starts_late_gets_all_but_clock_and_diagnostics() -> None:
+def test_who_starts_late_gets_all_but_what_counts_now() -> None:
     forgotten = [
         topic.name
         for topic in topics.fleet_topics(1)
         if topic.qos.durability != DurabilityPolicy.TRANSIENT_LOCAL
     ]
-    assert forgotten == ['/clock', '/diagnostics']
+    assert forgotten == ['/clock', '/diagnostics', '/uav_1/refusal']
 
 
 def test_a_uav_of_a_whole_mission_fits_its_history() -> None:
     for topic in topics.topics_of_uav(1):
+        if topic == topics.uav_topics(1).refusal:
+            continue
         assert topic.qos.depth >= 1000
     assert topics.EPOCH.qos.depth >= 10_000
 

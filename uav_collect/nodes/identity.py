@@ -5,10 +5,13 @@ import math
 from typing import Any
 
 from uav_collect.nodes.convert import stamp
+from uav_collect.nodes.incidents import in_one_line
 from uav_collect.scenario.load import fingerprint
 from uav_collect.scenario.site import Site
 from uav_collect_msgs.msg import Scenario as ScenarioMsg
 
+_DIGITS = 9  # of a mission's running number
+_NAME = 64  # characters of a scenario's name that are shown
 _SHORT = 8  # characters of an instance that the ids of its missions begin with
 
 
@@ -23,13 +26,24 @@ class WorldIdentity:
         """Whether this is the later one; the instance breaks ties."""
         return (self.started_s, self.instance) > (other.started_s, other.instance)
 
+    @property
+    def short(self) -> str:
+        """The beginning of the instance, by which missions and services are named."""
+        return self.instance[:_SHORT]
+
     def mission_id(self, index: int) -> str:
         """Names the mission with a running number."""
-        return f'{self.instance[:_SHORT]}-{index}'
+        return f'{self.short}-{index}'
+
+    def owns(self, mission_id: str, n_started: int) -> bool:
+        """Whether a mission is one of the so many that this world has started."""
+        _, _, number = mission_id.rpartition('-')
+        is_number = number.isdecimal() and len(number) <= _DIGITS
+        return is_number and int(number) < n_started and self.mission_id(int(number)) == mission_id
 
     def refusal_of(self, mission_id: str, decision: int) -> str:
         """Why a decision is refused that is not of the mission in flight."""
-        if mission_id.startswith(f'{self.instance[:_SHORT]}-'):
+        if mission_id.startswith(f'{self.short}-'):
             return f'decision {decision} is of mission {mission_id}, which is not in flight'
         return f'mission {mission_id!r} is not of this world'
 
@@ -45,20 +59,22 @@ def identity_of(msg: Any) -> WorldIdentity:
 
 def rival_warning(msg: Any, *, gives_way: bool) -> str:
     """What to log when another world publishes its scenario."""
-    name = str(msg.yaml).partition('\n')[0].removeprefix('name:').strip()
+    name = in_one_line(msg.yaml.partition('\n')[0].removeprefix('name:'))[:_NAME]
     text = f'another world_sim flies scenario {name} in this ROS domain'
     if gives_way:
         return f'{text}: this one gives way; set another ROS_DOMAIN_ID'
     return f'{text}; it came later and has to give way'
 
 
-def scenario_msg(identity: WorldIdentity, site: Site) -> ScenarioMsg:
+def scenario_msg(identity: WorldIdentity, site: Site, vouch_service: str) -> ScenarioMsg:
     """What a world publishes of itself, its scenario and its site."""
     return ScenarioMsg(
         stamp=stamp(identity.started_s),
         world_instance=identity.instance,
+        vouch_service=vouch_service,
         yaml=site.scenario.to_yaml(),
         fingerprint=fingerprint(site.scenario),
+        n_uavs=site.scenario.n_uavs,
         sensor_id=list(site.sensor_ids),
         sensor_x_m=site.position_m[:, 0].tolist(),
         sensor_y_m=site.position_m[:, 1].tolist(),

@@ -1,9 +1,30 @@
-"""What went wrong and was survived: named in the log and in diagnostics."""
+"""What went wrong and was survived: named in log and diagnostics, however often it comes."""
 
 from collections import Counter, deque
 from dataclasses import dataclass, field
 
+MOST_CHARACTERS = 400  # of the text of an incident; others write it, as long as they like
 _N_KEPT = 5  # latest incidents that diagnostics spell out
+_MOST_LINES = 50  # of one kind within a period
+_PERIOD_S = 10.0
+
+
+def in_one_line(text: str) -> str:
+    """A text of others as it may stand in a log: one line, no control characters, not too long."""
+    words = ' '.join(text[: 2 * MOST_CHARACTERS].split())
+    shown = ''.join(each if each.isprintable() else '?' for each in words)
+    if len(shown) <= MOST_CHARACTERS and len(text) <= 2 * MOST_CHARACTERS:
+        return shown
+    return f'{shown[: MOST_CHARACTERS - 3]}...'
+
+
+@dataclass
+class _Told:
+    """How much was logged of a kind since a time."""
+
+    since_s: float
+    n_lines: int = 0
+    n_silent: int = 0
 
 
 @dataclass
@@ -12,18 +33,34 @@ class Incidents:
 
     counts: Counter[str] = field(default_factory=Counter)
     latest: deque[str] = field(default_factory=lambda: deque(maxlen=_N_KEPT))
+    _told: dict[str, _Told] = field(default_factory=dict)
 
-    def note(self, kind: str, text: str) -> bool:
+    def note(self, kind: str, text: str, now_s: float) -> str | None:
         """Count an incident of a kind such as 'command refused'.
 
+        Args:
+            text: what happened; it is cut, and kept in one line.
+            now_s: monotonic time.
+
         Returns:
-            Whether it is worth a line: the latest ones read otherwise.
+            The line to log; None if the latest incidents read the same, or there were too many of
+            this kind of late: how many, the next line tells.
         """
+        text = in_one_line(text)
         self.counts[kind] += 1
-        is_new = text not in self.latest
-        if is_new:
-            self.latest.append(text)
-        return is_new
+        if text in self.latest:
+            return None
+        self.latest.append(text)
+        told = self._told.get(kind)
+        if told is None or now_s - told.since_s > _PERIOD_S:
+            n_silent = 0 if told is None else told.n_silent
+            self._told[kind] = _Told(since_s=now_s, n_lines=1)
+            return f'{text} (and {n_silent} more: {kind})' if n_silent else text
+        if told.n_lines == _MOST_LINES:
+            told.n_silent += 1
+            return None
+        told.n_lines += 1
+        return text
 
     def summary(self) -> list[tuple[str, str]]:
         """Keys and values for diagnostics: how many of each kind, then the latest ones."""

@@ -24,6 +24,7 @@ from rclpy.subscription import Subscription
 from rclpy.utilities import remove_ros_args
 from uav_collect.errors import NodeError
 from uav_collect.limits import stop_signals
+from uav_collect.nodes.incidents import Incidents
 from uav_collect.nodes.middleware import use_quick_discovery
 
 FAILED = 1  # exit status of a node that could not go on
@@ -44,7 +45,19 @@ class ProcessNode(Node):
     def __init__(self, node_name: str, **options: Any) -> None:
         """Begin as a Node does, with the same options."""
         super().__init__(node_name, **options)
+        self.incidents = Incidents()
         self._retired: deque[Subscription] = deque(maxlen=_N_RETIRED)
+
+    def warn(self, kind: str, text: str) -> bool:
+        """Count an incident of a kind such as 'command refused', and log it.
+
+        Returns:
+            Whether it was logged: what repeats itself, or comes too often, is only counted.
+        """
+        line = self.incidents.note(kind, text, time.monotonic())
+        if line is not None:
+            self.get_logger().warning(line)
+        return line is not None
 
     def retire(self, subscription: Subscription) -> None:
         """Destroy a subscription that has no callbacks for events: one that has them must stay.

@@ -14,7 +14,9 @@ trainer and diagnostics are common to them. The constants here are the names wit
 """
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -24,8 +26,10 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 from rosgraph_msgs.msg import Clock
+from uav_collect.nodes.process import ProcessNode
 from uav_collect_msgs.msg import (
     Command,
     Epoch,
@@ -33,6 +37,7 @@ from uav_collect_msgs.msg import (
     Observation,
     Policy,
     RadioMessage,
+    Refusal,
     Scenario,
     Transition,
 )
@@ -59,6 +64,8 @@ _FROM_UAV = QoSProfile(depth=3_000, durability=_LATCHED, **_NOTICED)
 _LEARNED = QoSProfile(depth=4, durability=_LATCHED, **_NOTICED)
 _LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 _REPORTS = QoSProfile(depth=10)
+
+_MOST_BYTES = 64_000_000  # of a message; the largest, a policy, takes one or two millions
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,6 +95,7 @@ class UavTopics:
     command: Topic  # agent -> world
     radio_tx: Topic  # agent -> world
     radio_rx: Topic  # world -> agent
+    refusal: Topic  # world -> agent
     transition: Topic  # agent -> learner
 
 
@@ -115,6 +123,7 @@ class WorldTopics:
     completed_cells: Topic
     join_service: str
     control_service: str
+    vouch_prefix: str  # before the beginning of a world's instance: each world has its own
 
     def uav(self, uav: int) -> UavTopics:
         """The topics of the UAV with an id, from 1."""
@@ -138,6 +147,7 @@ def world_topics(namespace: str = '') -> WorldTopics:
         completed_cells=COMPLETED_CELLS.within(namespace),
         join_service=f'{namespace}{JOIN_SERVICE}',
         control_service=f'{namespace}{CONTROL_SERVICE}',
+        vouch_prefix=f'{namespace}/world/vouch_',
     )
 
 
@@ -160,6 +170,7 @@ def uav_topics(uav: int, namespace: str = '') -> UavTopics:
         command=Topic(name=f'{own}/command', message=Command, qos=_FROM_UAV),
         radio_tx=Topic(name=f'{own}/radio_tx', message=RadioMessage, qos=_FROM_UAV),
         radio_rx=Topic(name=f'{own}/radio_rx', message=RadioMessage, qos=_TO_UAV),
+        refusal=Topic(name=f'{own}/refusal', message=Refusal, qos=_REPORTS),
         transition=Topic(name=f'{own}/transition', message=Transition, qos=_FROM_UAV),
     )
 
@@ -182,10 +193,11 @@ def publisher(node: Node, topic: Topic) -> Publisher:
 
 
 def subscription(
-    node: Node,
+    node: ProcessNode,
     topic: Topic,
     callback: Callable[[Any], None],
     *,
+    qos: QoSProfile | None = None,
     on_event: SubscriptionEventCallbacks | None = None,
 ) -> Subscription:
     """A subscription to a topic of the table.
@@ -194,8 +206,29 @@ def subscription(
         node: that listens.
         topic: to listen to.
         callback: gets each message.
+        qos: how to listen; None: as the table says.
         on_event: what to do when a publisher comes, goes or falls silent.
     """
+    # Raw: rclpy raises in its executor, where nobody can catch it, when bytes are no message.
     return node.create_subscription(
-        topic.message, topic.name, callback, topic.qos, event_callbacks=on_event
+        topic.message,
+        topic.name,
+        partial(_receive, node, topic, callback),
+        topic.qos if qos is None else qos,
+        event_callbacks=on_event,
+        raw=True,
     )
+
+
+def _receive(
+    node: ProcessNode, topic: Topic, callback: Callable[[Any], None], content: bytes
+) -> None:
+    """Hand a message on, or refuse what is none."""
+    msg = None
+    with suppress(Exception):  # the middleware's errors have no class that is public
+        if len(content) <= _MOST_BYTES:
+            msg = deserialize_message(content, topic.message)
+    if msg is None:
+        node.warn('no message', f'{topic.name}: {len(content)} bytes are no {topic.type_name}')
+        return
+    callback(msg)

@@ -34,7 +34,6 @@ from uav_collect.learning.learner import keep_freed_memory
 from uav_collect.learning.replay import replay_bytes
 from uav_collect.missions import batch_kernels
 from uav_collect.nodes import topics
-from uav_collect.nodes.incidents import Incidents
 from uav_collect.nodes.parameters import help_text
 from uav_collect.nodes.process import FAILED, MISUSED, parse_arguments, ProcessNode, run_node
 from uav_collect.nodes.trainer.settings import (
@@ -82,7 +81,6 @@ class TrainerNode(ProcessNode):
             raise NodeError(str(error)) from error
         except OSError as error:
             raise NodeError(f'output_dir: {error}') from error
-        self._incidents = Incidents()
         self._instance, self._sequence = str(uuid.uuid4()), 0
         self._version = ''
         self._n_lost = 0
@@ -162,9 +160,7 @@ class TrainerNode(ProcessNode):
         try:
             joined = self._joiners[namespace].add(report)
         except RefusedError as error:
-            _, _, what = str(error).partition(': ')
-            if self._incidents.note('refused', what):
-                self.get_logger().warning(f'refused: {error}; its mission is dropped')
+            self.warn('refused', f'refused: {error}; its mission is dropped')
             return
         if joined is not None:
             self._learning.source.add(joined)

@@ -4,10 +4,9 @@ from collections.abc import Collection
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from rclpy.node import Node
 from uav_collect.lockstep.roster import Roster
 from uav_collect.nodes import topics
-from uav_collect.nodes.incidents import Incidents
+from uav_collect.nodes.process import ProcessNode
 from uav_collect.nodes.topics import publisher
 from uav_collect.nodes.world.mission import MissionInFlight
 
@@ -17,19 +16,17 @@ _PERIOD_S = 1.0
 class WorldDiagnostics:
     """The incidents of a world, and its publisher of diagnostics."""
 
-    def __init__(self, node: Node, namespace: str) -> None:
+    def __init__(self, node: ProcessNode, namespace: str) -> None:
         """Advertise diagnostics for the world of a namespace, '' or such as '/a'."""
         self._node = node
         # Worlds share /diagnostics: the names of their parts begin with their own.
         self._prefix = f'{namespace[1:]}/' if namespace else ''
-        self._incidents = Incidents()
         self._published_s = 0.0
         self._publisher = publisher(node, topics.DIAGNOSTICS)
 
     def warn(self, kind: str, text: str) -> None:
         """Log and publish an incident of a kind such as 'command refused'."""
-        if self._incidents.note(kind, text):
-            self._node.get_logger().warning(text)
+        if self._node.warn(kind, text):
             self._published_s = 0.0  # soon
 
     def warn_if_lost(self, failure: str | None) -> None:
@@ -54,7 +51,7 @@ class WorldDiagnostics:
         self._publisher.publish(message)
 
     def _mission_status(self, mission_id: str) -> DiagnosticStatus:
-        values = [KeyValue(key=key, value=value) for key, value in self._incidents.summary()]
+        values = [KeyValue(key=key, value=value) for key, value in self._node.incidents.summary()]
         level = DiagnosticStatus.WARN if values else DiagnosticStatus.OK
         text = f'mission {mission_id} in flight' if mission_id else 'no mission in flight'
         return _status(level, f'{self._prefix}world_sim: mission', text, values)

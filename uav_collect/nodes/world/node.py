@@ -36,7 +36,7 @@ from uav_collect.uav.actions import check_can_start
 from uav_collect.uav.briefing import brief
 from uav_collect.uav.policy import TOPIC
 from uav_collect_msgs.msg import Mission
-from uav_collect_msgs.srv import ControlMission, Join
+from uav_collect_msgs.srv import ControlMission, Join, Vouch
 
 _DESCRIPTION = """
 Simulates sensors, radio, flight and energy of a mission, hands each UAV's agent what it observes,
@@ -100,7 +100,9 @@ class WorldNode(ProcessNode):
         warn = self._diagnostics.warn
         subscribe_to_trainers(self, self._policies, partial(warn, 'policy refused'))
         self._diagnostics.warn_if_lost(self._folder.keep_scenario(scenario.to_yaml()))
-        self._pubs.publish_scenario(scenario_msg(self._identity, self._site))
+        vouch_service = f'{self._names.vouch_prefix}{self._identity.short}'
+        self.create_service(Vouch, vouch_service, self._on_vouch)
+        self._pubs.publish_scenario(scenario_msg(self._identity, self._site, vouch_service))
         self.get_logger().info(
             f'scenario {scenario.name}: {scenario.n_uavs} UAVs, {self._site.n_sensors} sensors'
         )
@@ -143,6 +145,11 @@ class WorldNode(ProcessNode):
             self._mission.fill_history(response, pilot)
         elif self._policies.latest is not None and pilot.policy == TOPIC:
             response.policy = self._policies.latest.message
+        return response
+
+    def _on_vouch(self, request: Any, response: Any) -> Any:
+        response.world_instance = self._identity.instance
+        response.is_own = self._identity.owns(request.mission_id, self._schedule.n_started)
         return response
 
     def _on_liveliness(self, uav: int, event: Any) -> None:

@@ -1,0 +1,104 @@
+"""Asks worlds whether they live and a mission is theirs: a recording played back cannot answer."""
+
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import dataclass
+import time
+
+from rclpy.client import Client
+from rclpy.clock import Clock, ClockType
+from rclpy.exceptions import InvalidServiceNameException
+from rclpy.task import Future
+from uav_collect.nodes.process import ProcessNode
+from uav_collect_msgs.srv import Vouch
+
+ANSWER_S = 3.0  # a world that is there answers much sooner, even on a busy machine
+_LOOK_S = 0.02
+_MOST_CLIENTS = 8
+_MOST_QUESTIONS = 1_000
+
+
+@dataclass(eq=False)
+class _Question:
+    service: str
+    world_instance: str
+    mission_id: str
+    on_answer: Callable[[bool], None]
+    until_s: float
+    future: Future | None = None
+
+
+class Vouching:
+    """The questions of one node that worlds have not answered yet."""
+
+    def __init__(self, node: ProcessNode) -> None:
+        """Ask on behalf of a node."""
+        self._node = node
+        self._clients: OrderedDict[str, Client] = OrderedDict()  # by service, the latest last
+        self._open: list[_Question] = []
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._timer = node.create_timer(_LOOK_S, self._look, clock=steady, autostart=False)
+
+    def ask(
+        self,
+        service: str,
+        world_instance: str,
+        mission_id: str,
+        on_answer: Callable[[bool], None],
+    ) -> None:
+        """Ask a world whether it lives and, unless `mission_id` is empty, whether that is its own.
+
+        Args:
+            service: as the world's Scenario message names it.
+            world_instance: of that message.
+            on_answer: called once, later: with False if nobody answers in time.
+        """
+        until_s = time.monotonic() + ANSWER_S
+        question = _Question(service, world_instance, mission_id, on_answer, until_s)
+        if len(self._open) >= _MOST_QUESTIONS:
+            question.until_s = 0.0
+        self._open.append(question)
+        self._timer.reset()
+
+    def _look(self) -> None:
+        """Ask what can be asked by now, and give up what was not answered."""
+        now_s = time.monotonic()
+        for question in [*self._open]:
+            if question.future is not None and question.future.done():
+                self._answer(question, _is_confirmed(question, question.future))
+            elif now_s > question.until_s:
+                self._answer(question, is_vouched=False)
+            elif question.future is None:
+                self._send(question)
+        if not self._open:
+            self._timer.cancel()
+
+    def _send(self, question: _Question) -> None:
+        client = self._client(question.service)
+        if client is None:
+            self._answer(question, is_vouched=False)
+        elif client.service_is_ready():
+            question.future = client.call_async(Vouch.Request(mission_id=question.mission_id))
+
+    def _client(self, service: str) -> Client | None:
+        """The client of a service; None if there cannot be one of that name."""
+        if service not in self._clients:
+            try:
+                self._clients[service] = self._node.create_client(Vouch, service)
+            except (InvalidServiceNameException, ValueError):
+                return None
+            if len(self._clients) > _MOST_CLIENTS:
+                _, oldest = self._clients.popitem(last=False)
+                self._node.destroy_client(oldest)
+        return self._clients[service]
+
+    def _answer(self, question: _Question, is_vouched: bool) -> None:
+        self._open.remove(question)
+        question.on_answer(is_vouched)
+
+
+def _is_confirmed(question: _Question, future: Future) -> bool:
+    answer = future.result()
+    if answer is None or answer.world_instance != question.world_instance:
+        return False
+    return bool(answer.is_own) or not question.mission_id
