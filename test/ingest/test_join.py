@@ -173,6 +173,7 @@ def test_a_mission_that_lacks_a_message_is_dropped_whole_once_later_ones_were_jo
     assert [one.mission_id for one in found] == [f'world-{seed}' for seed in range(20, 29)]
     assert joiner.counts.dropped == {DropReason.MISSING: 1}
     assert joiner.n_waiting == 0
+    assert joiner.counts.n_missing == (kind is TransitionReport)  # nothing follows the event
     assert joiner.counts.reports[ReportOutcome.DROPPED] == needed(first)
     assert joined(joiner, [lost]) == []  # too late, and no ghost of a mission
     assert joiner.counts.reports[ReportOutcome.LATE] == 1

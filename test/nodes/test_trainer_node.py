@@ -7,7 +7,7 @@ import signal
 from typing import Any
 
 from episodes import single_threaded_torch
-from fleets import wait_until
+from fleets import listener, wait_until
 from processes import Processes
 import pytest
 from reports import same
@@ -16,6 +16,7 @@ from uav_collect.uav.policy_file import load_policy
 
 torch = single_threaded_torch()
 pytest.importorskip('rclpy')
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from trainings import (
     fleet_of,
     in_process,
@@ -27,13 +28,17 @@ from trainings import (
     TRAINED_S,
 )
 from uav_collect.errors import ConfigError, PolicyMismatchError, TrainingRunError
+from uav_collect.nodes import topics
 from uav_collect.nodes.trainer.settings import PARAMETERS, planned_run, TrainerSettings
 from uav_collect.training.folder import open_training_folder
 from uav_collect.training.progress import Budget
+from uav_collect_msgs.msg import Epoch
 
 pytestmark = pytest.mark.ros
 
 N_KILLS = 20
+N_LOST = 50_000
+BRIEF = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 def test_what_is_learned_over_ros_and_from_a_bag_is_what_is_learned_in_one_process(
@@ -130,6 +135,23 @@ def test_agents_and_worlds_that_die_cost_their_mission_and_no_more(
     assert ' 0 refused' in trainer.output.splitlines()[-2]
     episodes, _ = replayed(folder)
     assert max(one.mission_seed for one in episodes) >= 10**6
+
+
+def test_a_trainer_that_messages_never_reach_learns_on_and_stops_when_asked(
+    processes: Processes, tmp_path: Path
+) -> None:
+    # Its history of one message is full before the trainer has asked for any: most are lost. A
+    # middleware that is asked to say so may stand still for ever (ros2/rmw_fastrtps#890).
+    trainer = start_trainer(processes, tmp_path / 'run')
+    trainer.wait_for('waiting for missions')
+    with listener() as flooding:
+        epochs = flooding.node.create_publisher(Epoch, topics.EPOCH.name, BRIEF)
+        flooding.wait_until(lambda: epochs.get_subscription_count() > 0)
+        for number in range(N_LOST):
+            epochs.publish(Epoch(mission_id='flood-0', event=number, uav=1))
+    trainer.wait_for('waiting for missions')
+    trainer.send(signal.SIGINT)
+    assert trainer.wait_for_exit(TRAINED_S) == 0
 
 
 def test_two_worlds_make_the_experience_of_one_trainer(

@@ -59,6 +59,7 @@ class JoinCounts:
     n_joined: int = 0  # missions, those that were cut off among them
     dropped: Counter[DropReason] = field(default_factory=Counter)  # missions
     reports: Counter[ReportOutcome] = field(default_factory=Counter)
+    n_missing: int = 0  # reports that dropped missions lacked, as far as those beside them show
 
     @staticmethod
     def sum(parts: 'Iterable[JoinCounts]') -> 'JoinCounts':
@@ -68,6 +69,7 @@ class JoinCounts:
             total.n_joined += part.n_joined
             total.dropped += part.dropped
             total.reports += part.reports
+            total.n_missing += part.n_missing
         return total
 
 
@@ -88,6 +90,13 @@ class _PartialMission:
     @property
     def n_reports(self) -> int:
         return len(self.events) + len(self.transitions)
+
+    @property
+    def n_missing(self) -> int:
+        """How many reports lie in the gaps between those that are here."""
+        n_events = 1 + max((*self.events, *self.transitions), default=-1)
+        decided = {event.event for event in self.events.values() if event.is_decision}
+        return n_events - len(self.events) + len(decided - self.transitions.keys())
 
     @property
     def is_ready(self) -> bool:
@@ -253,6 +262,7 @@ class MissionJoiner:
         self.counts.dropped[reason] += 1
         self.counts.reports[ReportOutcome.DROPPED] += self._missions[mission_id].n_reports
         is_missing = reason is DropReason.MISSING
+        self.counts.n_missing += self._missions[mission_id].n_missing if is_missing else 0
         self._close(mission_id, ReportOutcome.LATE if is_missing else ReportOutcome.DROPPED)
 
     def _close(self, mission_id: str, stragglers: ReportOutcome) -> None:

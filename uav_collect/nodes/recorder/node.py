@@ -1,7 +1,6 @@
 """The recorder: every topic of a mission, as received, into one bag."""
 
 import argparse
-from collections import Counter
 from collections.abc import Callable, Sequence
 from functools import partial
 import math
@@ -13,7 +12,6 @@ from typing import Any
 
 from ament_index_python.packages import get_package_share_directory
 from rclpy.clock import Clock, ClockType
-from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 from rosbags.interfaces import (
@@ -93,7 +91,6 @@ class RecorderNode(ProcessNode):
         self._last_epoch = b''
         self._heard_s = 0.0  # when the last message came that is not just the clock
         self._uavs: set[int] = set()
-        self._n_lost: Counter[str] = Counter()
         fleet_wide = self._world.recorded()
         for topic in fleet_wide:
             self._record(topic)
@@ -104,10 +101,7 @@ class RecorderNode(ProcessNode):
         self.get_logger().info(f'recording {len(fleet_wide)} topics to {self._bag.folder}')
 
     def on_stop(self) -> None:
-        """Name in the bag what was lost, and close it."""
-        for topic, n_lost in self._n_lost.items():
-            self._bag.remark(f'messages lost of {topic}', str(n_lost))
-            self.get_logger().warning(f'lost {n_lost} messages of {topic}')
+        """Close the bag."""
         self._write(self._bag.close)
         self.get_logger().info(f'recorded {self._bag.n_messages} messages to {self._bag.folder}')
 
@@ -132,13 +126,11 @@ class RecorderNode(ProcessNode):
             world.epoch.name: self._on_epoch,
         }
         on_message = own.get(topic.name, self._on_message)
-        events = SubscriptionEventCallbacks(message_lost=partial(self._on_lost, topic))
         self.create_subscription(
             topic.message,
             topic.name,
             partial(on_message, stored),
             _reader_qos(topic.qos),
-            event_callbacks=None if topic.name == world.clock.name else events,
             raw=True,
         )
 
@@ -162,9 +154,6 @@ class RecorderNode(ProcessNode):
             if self._missions_left == 0:
                 self._ended_s = time.monotonic()
                 self._unfinished = mission.mission_id if mission.phase == Mission.ENDED else ''
-
-    def _on_lost(self, topic: Topic, event: Any) -> None:
-        self._n_lost[topic.name] = event.total_count
 
     def _flush(self) -> None:
         self._write(self._bag.flush)

@@ -13,7 +13,6 @@ from typing import Any
 import uuid
 
 from rclpy.clock import Clock, ClockType
-from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import QoSProfile
 from uav_collect.errors import (
     BagError,
@@ -83,7 +82,6 @@ class TrainerNode(ProcessNode):
             raise NodeError(f'output_dir: {error}') from error
         self._instance, self._sequence = str(uuid.uuid4()), 0
         self._version = ''
-        self._n_lost = 0
         self._shown_s = self._logged_s = -math.inf
         self._closing = ExitStack()
         self._show = self._closing.enter_context(
@@ -149,7 +147,6 @@ class TrainerNode(ProcessNode):
                 topic.name,
                 partial(self._on_message, namespace, convert),
                 _reader_qos(topic.qos),
-                event_callbacks=SubscriptionEventCallbacks(message_lost=self._on_lost),
             )
 
     def _on_message(self, namespace: str, convert: Callable[[Any], FleetReport], msg: Any) -> None:
@@ -164,9 +161,6 @@ class TrainerNode(ProcessNode):
             return
         if joined is not None:
             self._learning.source.add(joined)
-
-    def _on_lost(self, event: Any) -> None:
-        self._n_lost += event.total_count_change
 
     def _read(self, bags: Sequence[Path]) -> Iterator[None]:
         """Ingest message after message of recordings."""
@@ -249,7 +243,7 @@ class TrainerNode(ProcessNode):
             f'policy {self._version}' if self._version else 'no policy yet',
             f'{total.n_joined} missions joined, dropped: {dropped}',
             f'messages: {n_waiting} wait, {total.reports[ReportOutcome.DUPLICATE]} twice,'
-            f' {total.reports[ReportOutcome.LATE]} late, {self._n_lost} lost',
+            f' {total.reports[ReportOutcome.LATE]} late, {total.n_missing} missing',
         )
 
     def _end(self, ending: Ending) -> None:
