@@ -8,7 +8,7 @@ import sys
 
 import pytest
 import uav_collect
-from uav_collect import api, HOME, HOVER, Situation, step_towards, UavCollectError
+from uav_collect import api, FORWARD, HOME, HOVER, Situation, step_towards, UavCollectError
 
 FACE = Path(uav_collect.__file__)
 HEAVY = {
@@ -95,6 +95,25 @@ def test_a_mission_has_a_log_metrics_tables_and_a_picture(tmp_path: Path) -> Non
     assert mission.demand_bit.sum() == pytest.approx(mission.metrics.total_bit)
     mission.draw(tmp_path / 'mission.png')
     assert (tmp_path / 'mission.png').read_bytes().startswith(b'\x89PNG')
+
+
+def go_round(situation: Situation) -> int:
+    """Takes the first legal move, which leads round the eastern columns."""
+    return FORWARD + int(situation.legal[FORWARD:].argmax())
+
+
+def test_a_policy_that_circles_is_guarded_as_patiently_as_is_asked_for() -> None:
+    mission = uav_collect.fly('paper_8x8', go_round, seed=3)
+    assert mission.metrics.is_complete
+    assert 'by the guard' in str(mission)
+    impatient, alone = (
+        uav_collect.evaluate('paper_8x8', go_round, missions=1, seed=3, guard_after=after)
+        for after in (1, 0)
+    )
+    assert impatient.metrics['go_round'][0].completion_s < mission.metrics.completion_s
+    assert 'go_round: the guard took' in str(impatient)
+    assert alone.metrics['go_round'][0].n_guarded == 0
+    assert not alone.metrics['go_round'][0].is_complete
 
 
 def test_scenarios_are_given_by_name_file_or_as_loaded(tmp_path: Path) -> None:
@@ -184,6 +203,10 @@ def test_what_is_wrong_is_said_in_one_line(call: partial[object], message: str) 
     ('call', 'message'),
     [
         (partial(uav_collect.fly, 'paper_8x8', 'sweep', seed=-1), 'seed is -1: must be 0..'),
+        (
+            partial(uav_collect.fly, 'paper_8x8', 'sweep', guard_after=-1),
+            'guard_after is -1: must be 0..10000',
+        ),
         (partial(uav_collect.bound, 'paper_8x8', seed=2**63), r'must be 0\.\.4611686018427387904'),
         (partial(uav_collect.evaluate, 'paper_8x8', 'sweep', 0), 'missions is 0: must be 1..'),
     ],

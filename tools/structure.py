@@ -226,6 +226,7 @@ def flight_rows(package: Path) -> list[Row]:
     """What decisions run through, by how they are flown."""
     os.environ['UAV_COLLECT_KERNELS'] = 'interpreted'  # or else nothing could be traced
     sys.path.insert(0, str(package.parent))
+    from uav_collect.limits import GUARD_AFTER
     from uav_collect.missions.rollout import fly
     from uav_collect.missions.simulation import fly_by_agents
     from uav_collect.scenario.load import load
@@ -242,7 +243,7 @@ def flight_rows(package: Path) -> list[Row]:
     }
 
     def _by_agents(policy: str) -> object:
-        return fly_by_agents(site, 0, lambda: policy_for(policy, scenario), 'exact')
+        return fly_by_agents(site, 0, lambda: policy_for(policy, scenario), 'exact', GUARD_AFTER)
 
     rows = []
     for title, flight in flown.items():

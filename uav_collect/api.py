@@ -24,7 +24,7 @@ from uav_collect.analysis.statistics import (
 from uav_collect.analysis.tables import evaluation_table, mission_tables
 from uav_collect.errors import PolicyMismatchError
 from uav_collect.kernels.arrays import Floats
-from uav_collect.limits import MAX_SEED
+from uav_collect.limits import GUARD_AFTER, MAX_GUARD_AFTER, MAX_SEED
 from uav_collect.missions import rollout
 from uav_collect.planning.bound import Bound, bound_of
 from uav_collect.recording.mission_log import MissionLog
@@ -104,7 +104,12 @@ def flown_mission(log: MissionLog, site: Site) -> FlownMission:
 
 
 def fly(
-    scenario: AnyScenario, policy: AnyPolicy, *, seed: int = 0, bandwidth: str = 'exact'
+    scenario: AnyScenario,
+    policy: AnyPolicy,
+    *,
+    seed: int = 0,
+    bandwidth: str = 'exact',
+    guard_after: int = GUARD_AFTER,
 ) -> FlownMission:
     """Fly one mission in this process.
 
@@ -112,15 +117,18 @@ def fly(
         policy: of every UAV.
         seed: draws demand and channels, 0..2^62; the mission is that of `mission --seed`.
         bandwidth: how a hover shares it: exact, equal or cvxpy.
+        guard_after: decisions that teach a UAV of no complete cell, after which its guard takes
+            over, unless a rule flies, until it knows more; 0: never.
 
     Raises:
         UavCollectError: the scenario is not valid, there is no such policy or bandwidth, or the
             policy does not fit the scenario or takes an illegal action.
-        ValueError: the seed is out of range.
+        ValueError: the seed or the guard's patience is out of range.
     """
     _check_range('seed', seed, 0, MAX_SEED)
+    _check_range('guard_after', guard_after, 0, MAX_GUARD_AFTER)
     site = build_site(_loaded(scenario))
-    [log] = _fly(site, [seed], _policy(policy, site.scenario), bandwidth)
+    [log] = _fly(site, [seed], _policy(policy, site.scenario), bandwidth, guard_after)
     return flown_mission(log, site)
 
 
@@ -131,6 +139,7 @@ def evaluate(
     *,
     seed: int = 0,
     bandwidth: str = 'exact',
+    guard_after: int = GUARD_AFTER,
 ) -> Evaluation:
     """Fly the same missions with each policy.
 
@@ -139,18 +148,22 @@ def evaluate(
         missions: how many to fly with each.
         seed: of the first mission; the others have those after it.
         bandwidth: how a hover shares it: exact, equal or cvxpy.
+        guard_after: as for `fly`.
 
     Raises:
         UavCollectError: as for `fly`, or two policies have the same name.
-        ValueError: seed or number of missions is out of range.
+        ValueError: seed, number of missions or the guard's patience is out of range.
     """
     _check_range('missions', missions, 1, MAX_SEED)
     _check_range('seed', seed, 0, MAX_SEED - missions)
+    _check_range('guard_after', guard_after, 0, MAX_GUARD_AFTER)
     site = build_site(_loaded(scenario))
     given = [policies] if isinstance(policies, str) or callable(policies) else policies
     contenders = _by_name(given, site.scenario)
     seeds = mission_seeds(seed, missions)
-    flown = {name: _metrics(site, seeds, it, bandwidth) for name, it in contenders.items()}
+    flown = {
+        name: _metrics(site, seeds, it, bandwidth, guard_after) for name, it in contenders.items()
+    }
     return Evaluation(
         title=f'{site.scenario.name}, {site.scenario.n_uavs} UAVs, {missions} missions from seed'
         f' {seed}, {bandwidth} bandwidth',
@@ -194,18 +207,18 @@ def _by_name(given: Sequence[AnyPolicy], scenario: Scenario) -> dict[str, NamedP
 
 
 def _fly(
-    site: Site, seeds: Sequence[int], policy: NamedPolicy, bandwidth: str
+    site: Site, seeds: Sequence[int], policy: NamedPolicy, bandwidth: str, guard_after: int
 ) -> list[MissionLog]:
     # Each UAV gets a memory of its own.
-    return rollout.fly(site, seeds, partial(replace, policy), bandwidth)
+    return rollout.fly(site, seeds, partial(replace, policy), bandwidth, guard_after)
 
 
 def _metrics(
-    site: Site, seeds: Sequence[int], policy: NamedPolicy, bandwidth: str
+    site: Site, seeds: Sequence[int], policy: NamedPolicy, bandwidth: str, guard_after: int
 ) -> list[MissionMetrics]:
     flown = []
     for start in range(0, len(seeds), _AT_ONCE):
-        logs = _fly(site, seeds[start : start + _AT_ONCE], policy, bandwidth)
+        logs = _fly(site, seeds[start : start + _AT_ONCE], policy, bandwidth, guard_after)
         flown += [mission_metrics(log) for log in logs]
     return flown
 

@@ -6,6 +6,8 @@ MAX_UAVS = 64  # the UAVs that one has heard travel as bits of a 64-bit word
 EGOCENTRIC_MAX_UAVS = 6  # UAVs that the egocentric observation tells apart
 MAX_SEED = 2**62  # mission seeds count up from here and stay inside 63 bits
 MAX_DECISIONS = 10**12  # of a training
+GUARD_AFTER = 12  # decisions without news after which a UAV's guard decides, unless users say else
+MAX_GUARD_AFTER = 10_000
 
 ALGORITHMS = ('aqmix', 'qmix', 'aiql')  # of a training
 FLEET_ALGORITHMS = ('aqmix', 'aiql')  # those whose UAVs do not wait for each other

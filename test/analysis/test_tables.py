@@ -6,8 +6,11 @@ from bounds import bound, plans
 import pytest
 from uav_collect.analysis.metrics import mission_metrics
 from uav_collect.analysis.plan_shares import efficiency_share, time_share
-from uav_collect.analysis.tables import comparison_table, mission_tables
+from uav_collect.analysis.statistics import estimates
+from uav_collect.analysis.tables import comparison_table, evaluation_table, mission_tables
+from uav_collect.limits import GUARD_AFTER
 from uav_collect.missions.rollout import fly
+from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.load import load
 from uav_collect.scenario.site import build_site
 
@@ -41,3 +44,38 @@ def test_tables_of_a_mission_tell_how_near_it_came() -> None:
         [line] = [line for line in rows.splitlines() if f'{name} plan' in line]
         assert f'{plan.completion_s:.1f}' in line
         assert f'{plan.total_energy_j / 1e3:.2f}' in line
+
+
+def guarded(policy: str, guard_after: int = GUARD_AFTER) -> MissionLog:
+    less = {'fleet.default.energy_budget_kj': 100.0}
+    site = build_site(load('paper_8x8', less))
+    [log] = fly(site, [4], policy, 'equal', guard_after)
+    return log
+
+
+def test_tables_count_what_the_guard_took_where_it_took_any() -> None:
+    log = guarded('user_policies:Wanderer')
+    mission = mission_metrics(log)
+    assert all(unit.n_guarded > 0 for unit in mission.uavs)
+    lines = shown(mission_tables(log.header, mission)).splitlines()
+    assert f'{mission.n_guarded} by the guard' in next(line for line in lines if 'decis' in line)
+    for unit in mission.uavs:
+        [row] = [line.split() for line in lines if line.split()[:1] == [str(unit.id)]]
+        assert row[7:9] == [str(unit.n_decisions), str(unit.n_guarded)]
+    without = guarded('user_policies:Wanderer', 0)
+    assert 'guard' not in shown(mission_tables(without.header, mission_metrics(without)))
+
+
+def test_an_evaluation_says_in_how_many_missions_guards_decided() -> None:
+    flown = {
+        name: [mission_metrics(guarded('user_policies:Wanderer', guard_after))]
+        for name, guard_after in (('guarded', GUARD_AFTER), ('alone', 0))
+    }
+    rows = {name: estimates(missions, 4) for name, missions in flown.items()}
+    text = shown(evaluation_table(flown, rows))
+    n_guarded = flown['guarded'][0].n_guarded
+    assert (
+        f'guarded: the guard took {n_guarded} decisions, in 1 of 1 missions (first in seed 4)'
+        in text
+    )
+    assert 'alone: the guard' not in text

@@ -204,11 +204,11 @@ def test_ctrl_c_shows_what_was_flown_and_writes_nothing(
     whole = rollout.fly
 
     def fly_some(
-        site: Site, seeds: Sequence[int], policy: Callable, allocator: str
+        site: Site, seeds: Sequence[int], policy: Callable, allocator: str, guard_after: int
     ) -> list[MissionLog]:
         if next(calls) == 3:  # the second policy's second turn
             raise KeyboardInterrupt
-        return whole(site, seeds, policy, allocator)
+        return whole(site, seeds, policy, allocator, guard_after)
 
     monkeypatch.setattr(rollout, 'fly', fly_some)
     arguments = ['--missions', '120', '--policy', 'hert', 'sweep']

@@ -12,6 +12,7 @@ import time
 from typing import Any
 
 from processes import DEADLINE_S, Processes, RunningProcess
+from uav_collect.limits import GUARD_AFTER
 from uav_collect.missions.rollout import fly
 from uav_collect.missions.simulation import Event, Simulation
 from uav_collect.scenario.load import load
@@ -33,10 +34,14 @@ def scenario_of(n_uavs: int = 2, **overrides: object) -> Scenario:
 
 
 def logs(
-    scenario: Scenario, seeds: Sequence[int], policy: str = 'sweep', allocator: str = 'exact'
+    scenario: Scenario,
+    seeds: Sequence[int],
+    policy: str = 'sweep',
+    allocator: str = 'exact',
+    guard_after: int = GUARD_AFTER,
 ) -> list[bytes]:
     """The logs of missions flown in this process."""
-    flown = fly(build_site(scenario), seeds, policy, allocator)
+    flown = fly(build_site(scenario), seeds, policy, allocator, guard_after)
     return [log.to_jsonl() for log in flown]
 
 

@@ -107,7 +107,7 @@ def fly_scripts(
 ) -> MissionLog:
     """The log of a mission, each UAV flown by its list of actions."""
     site = build_site(scenario)
-    return fly(site, [seed], lambda: Script(scripts), allocator)[0]
+    return fly(site, [seed], lambda: Script(scripts), allocator, guard_after=0)[0]
 
 
 class Flight:

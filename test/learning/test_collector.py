@@ -53,7 +53,7 @@ def flown_again(episode: Episode, scenario: Scenario) -> MissionLog:
     records = episode.records
     scripts = [records.action[records.uav == each].tolist() for each in range(scenario.n_uavs)]
     site = build_site(scenario)
-    return fly(site, [episode.mission_seed], lambda: Script(scripts), 'equal')[0]
+    return fly(site, [episode.mission_seed], lambda: Script(scripts), 'equal', guard_after=0)[0]
 
 
 def whole_missions() -> list[Episode]:

@@ -162,7 +162,8 @@ def test_a_validation_tells_how_the_policy_flies_its_missions() -> None:
     assert progress.validation is not None
     assert policy.header.validation.missions == 2
     seeds = [2**60, 2**60 + 1]
-    logs = fly(build_site(scenario), seeds, lambda: LearnedPolicy('it', policy), 'equal')
+    learned = LearnedPolicy('it', policy)
+    logs = fly(build_site(scenario), seeds, lambda: learned, 'equal', guard_after=0)
     efficiencies = [
         log.events['collected_bit'].sum() / log.events['energy_j'].sum() / 1e3 for log in logs
     ]

@@ -1,5 +1,7 @@
 """Who may fly which UAV."""
 
+from dataclasses import replace
+
 import pytest
 from uav_collect.lockstep.roster import Pilot, Roster
 
@@ -73,3 +75,13 @@ def test_nothing_is_lost_or_regained_where_nobody_was(roster: Roster) -> None:
     assert roster.mark_gone(2) is None
     roster.mark_alive(2)
     assert roster.missing() == [2]
+
+
+def test_a_mission_goes_on_under_the_guard_that_it_began_with(roster: Roster) -> None:
+    roster.join(replace(pilot(2, 'B'), guard_after=12))
+    roster.begin_mission()
+    roster.mark_gone(2)
+    answer = roster.join(replace(pilot(2, 'C'), guard_after=5))
+    assert not answer.accepted
+    assert answer.reason.endswith("not policy 'sweep' (1), bandwidth 'exact', guard after 5")
+    assert roster.join(replace(pilot(2, 'C'), guard_after=12)).accepted

@@ -1,5 +1,5 @@
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import hashlib
 
 from interpreted import interpreted
@@ -9,6 +9,7 @@ from tiny_world import Script, tiny, TOTAL_BIT, uav
 from uav_collect.analysis.metrics import check_log, mission_metrics
 from uav_collect.errors import AllocationError, PolicyMismatchError
 from uav_collect.kernels.arrays import Row
+from uav_collect.limits import GUARD_AFTER
 from uav_collect.missions.rollout import fly
 from uav_collect.recording.mission_log import from_jsonl, MissionLog
 from uav_collect.scenario.load import fingerprint, load
@@ -60,11 +61,13 @@ def logs(
     policy: str | Callable[[], Policy],
     allocator: str = 'exact',
 ) -> list[MissionLog]:
-    return fly(build_site(scenario), seeds, policy, allocator)
+    return fly(build_site(scenario), seeds, policy, allocator, guard_after=0)
 
 
 def text(log: MissionLog) -> bytes:
-    return log.to_jsonl()
+    # A rule has no guard to tell of; behind the protocol it has one that is switched off.
+    uavs = tuple(replace(unit, guard_after=GUARD_AFTER) for unit in log.header.uavs)
+    return replace(log, header=replace(log.header, uavs=uavs)).to_jsonl()
 
 
 def digest(flown: list[MissionLog]) -> str:

@@ -64,7 +64,7 @@ def test_an_unknown_action_is_refused(action: int) -> None:
 
 @pytest.mark.parametrize(
     ('action', 'reason'),
-    [(HOME, -1), (HOME, FAILSAFE), (HOME, 4), (HOME, 255), (LEFT, MAP_COMPLETE), (LEFT, 4)],
+    [(HOME, -1), (HOME, FAILSAFE), (HOME, 4), (HOME, 255), (LEFT, MAP_COMPLETE), (LEFT, 5)],
 )
 def test_a_reason_that_an_agent_cannot_have_is_refused(action: int, reason: int) -> None:
     refused = refusal(over_b(), decision(action, reason=reason))

@@ -177,6 +177,7 @@ def test_a_request_to_join_says_who_asks() -> None:
         policy='sweep',
         policy_version='sweep 1',
         allocator='equal',
+        guard_after=5,
     )
     request = Join.Request(
         uav=3,
@@ -186,6 +187,7 @@ def test_a_request_to_join_says_who_asks() -> None:
         policy='sweep',
         policy_version='sweep 1',
         allocator='equal',
+        guard_after=5,
     )
     assert convert.pilot_from_request(sent(request)) == pilot
 
@@ -225,3 +227,7 @@ def test_what_arrives_leads_an_agent_to_the_decisions_that_were_taken_without_me
 def test_a_stamp_is_rounded_to_the_nanosecond(time_s: float, sec: int, nanosec: int) -> None:
     stamp = convert.stamp(time_s)
     assert (stamp.sec, stamp.nanosec) == (sec, nanosec)
+
+
+def test_a_request_that_tells_of_no_guard_has_none() -> None:
+    assert convert.pilot_from_request(sent(Join.Request(uav=1))).guard_after == action_codes.NONE

@@ -6,6 +6,7 @@ from fleets import Fleet, logs, scenario_of
 from processes import Processes
 import pytest
 from random_policies import header, saved
+from uav_collect.recording.bag_reader import messages, read_missions
 from uav_collect.uav.observation import Layout
 
 pytestmark = pytest.mark.ros
@@ -32,24 +33,32 @@ def test_missions_over_ros_equal_those_flown_at_once_in_one_process(
     assert b'"policy": "mine"' in expected[0]
 
 
+@pytest.mark.parametrize('guard_after', [0, 30])
 def test_a_restarted_agent_remembers_what_its_policy_did_before_it_died(
-    processes: Processes, tmp_path: Path
+    guard_after: int, processes: Processes, tmp_path: Path
 ) -> None:
     scenario = scenario_of(2, fleet__default__energy_budget_kj=600.0)  # some 1500 events
     policy = str(saved(tmp_path, 'mine', header(), seed=1))
-    (expected,) = logs(scenario, SEEDS[:1], policy)
+    (expected,) = logs(scenario, SEEDS[:1], policy, guard_after=guard_after)
+    n_guarded = expected.count(b'"reason": "guard"')
+    assert (n_guarded > 10) is (guard_after > 0)
     n_events = expected.count(b'\n') - 1
     fleet = Fleet(processes=processes, scenario=scenario, folder=tmp_path / 'run')
-    agents = fleet.start_agents(policy)
+    agents = fleet.start_agents(policy, guard_after=guard_after)
+    recorder = fleet.start_recorder(stop_after_missions=1)
     world = fleet.start_world(seed=SEEDS[0], decision_timeout_s=ENOUGH_S)
-    for event, uav in ((30, 1), (200, 2), (400, 1)):
+    for event, uav in ((30, 1), (n_events // 6, 2), (n_events // 3, 1)):
         fleet.wait_for_events(SEEDS[0], event)
         agents[uav - 1].kill()
         assert fleet.n_events(SEEDS[0]) < n_events
-        agents[uav - 1] = fleet.start_agent(uav, policy)
+        agents[uav - 1] = fleet.start_agent(uav, policy, guard_after=guard_after)
         agents[uav - 1].wait_for(f'UAV {uav} flies, policy mine')
     assert world.wait_for_exit() == 0
-    assert fleet.log(SEEDS[0]) == expected
+    assert recorder.wait_for_exit() == 0
+    [mission] = read_missions(fleet.bag)
+    assert mission.log.to_jsonl() == fleet.log(SEEDS[0]) == expected
+    *_, (_, ended) = messages(fleet.bag, lambda name: name.endswith('/mission'))
+    assert sum(unit.guarded for unit in ended.uavs) == n_guarded
 
 
 def test_an_agent_whose_file_is_broken_ends_at_once_with_one_line(

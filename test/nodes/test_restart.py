@@ -100,8 +100,9 @@ def flown_with_failsafe(scenario: Scenario, seed: int, uav: int, decision: int) 
     while (event := simulation.next_event()) is not None:
         is_lost = (event.uav + 1, event.decision) == (uav, decision)
         simulation.start(event, FAILSAFE if is_lost else pilots.decide(event))
-    policies, allocators = ['random'] * scenario.n_uavs, ['exact'] * scenario.n_uavs
-    header = mission_header(scenario, seed, simulation.demand_bit, policies, allocators)
+    n_uavs = scenario.n_uavs
+    pilots_of = ['random'] * n_uavs, ['exact'] * n_uavs, [action_codes.NONE] * n_uavs
+    header = mission_header(scenario, seed, simulation.demand_bit, *pilots_of)
     return simulation.log(header).to_jsonl()
 
 

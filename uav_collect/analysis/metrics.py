@@ -11,12 +11,12 @@ import numpy as np
 from uav_collect.errors import MissionLogError
 from uav_collect.recording.mission_log import Events, MissionLog, UavHeader
 from uav_collect.uav import action_codes
-from uav_collect.uav.action_codes import COLUMN_STEP, HOME, HOVER, REASON_NAMES, ROW_STEP
+from uav_collect.uav.action_codes import COLUMN_STEP, GUARD, HOME, HOVER, REASON_NAMES, ROW_STEP
 
 FAILSAFE = REASON_NAMES[action_codes.FAILSAFE]  # how a UAV ended that the world flew home
 METRIC_COLUMNS = (
     'mission_seed', 'efficiency_kbit_per_j', 'completion_s', 'energy_kj', 'collected_mbit',
-    'total_mbit', 'collected_share', 'decisions', 'is_safe', 'is_complete',
+    'total_mbit', 'collected_share', 'decisions', 'is_safe', 'is_complete', 'guarded',
 )  # fmt: skip
 UNFINISHED = 'unfinished'  # how a UAV ended that the log leaves in the air
 
@@ -36,6 +36,7 @@ class UavMetrics:
     flight_s: float  # moving, way home included
     hover_s: float
     n_decisions: int  # actions chosen; the way home is none
+    n_guarded: int  # of them by its guard
     outcome: str  # why it flew home, one of REASON_NAMES, or UNFINISHED
     landed_s: float  # nan while it has not
 
@@ -63,6 +64,7 @@ class MissionMetrics:
     energy_j: float  # of all UAVs
     completion_s: float  # when the last UAV landed; nan if one has not
     n_decisions: int
+    n_guarded: int  # of them by guards
     n_contacts: int  # over all events, how many other UAVs the deciding one was in contact with
     uavs: tuple[UavMetrics, ...]
 
@@ -123,6 +125,7 @@ def mission_metrics(log: MissionLog) -> MissionMetrics:
         energy_j=sum(uav.energy_j for uav in uavs),
         completion_s=max((uav.landed_s for uav in uavs), key=_nan_is_last, default=math.nan),
         n_decisions=sum(uav.n_decisions for uav in uavs),
+        n_guarded=sum(uav.n_guarded for uav in uavs),
         n_contacts=sum(int(heard).bit_count() for heard in events['heard']),
         uavs=uavs,
     )
@@ -134,7 +137,7 @@ def metrics_row(mission: MissionMetrics) -> dict[str, float]:
         mission.mission_seed, mission.efficiency_kbit_per_j, mission.completion_s,
         mission.energy_kj, mission.collected_bit / 1e6, mission.total_bit / 1e6,
         mission.collected_share, mission.n_decisions, int(mission.is_safe),
-        int(mission.is_complete),
+        int(mission.is_complete), mission.n_guarded,
     )  # fmt: skip
     return dict(zip(METRIC_COLUMNS, values, strict=True))
 
@@ -159,6 +162,7 @@ def _uav_metrics(header: UavHeader, events: Events) -> UavMetrics:
         flight_s=float(own['duration_s'][~is_hover].sum()),
         hover_s=float(own['duration_s'][is_hover].sum()),
         n_decisions=int((~is_home).sum()),
+        n_guarded=int((own['reason'] == GUARD).sum()),
         outcome=REASON_NAMES[home['reason'][0]] if landed else UNFINISHED,
         landed_s=float(home['time_s'][0] + home['duration_s'][0]) if landed else math.nan,
     )

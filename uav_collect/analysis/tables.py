@@ -103,7 +103,8 @@ def _fleet_table(
         f'{mission.efficiency_kbit_per_j:.3f} kbit/J',
         _plan_share_text(efficiency_share, mission, bound),
     )
-    table.add_row('decisions', str(mission.n_decisions))
+    by_guard = f'{mission.n_guarded} by the guard' if mission.n_guarded else ''
+    table.add_row('decisions', str(mission.n_decisions), by_guard)
     if n_radio_messages is None:
         table.add_row('radio contacts', str(mission.n_contacts))
     else:
@@ -126,10 +127,14 @@ def _uav_table(mission: MissionMetrics) -> Table:
         'decisions\n',
     ):  # fmt: skip
         table.add_column(heading, justify='right', no_wrap=True)
+    if mission.n_guarded:
+        table.add_column('by the\nguard', justify='right', no_wrap=True)
     table.add_column('went home by\n', no_wrap=True)
     for uav in mission.uavs:
         is_bad = uav.outcome in (FAILSAFE, UNFINISHED) or not uav.is_safe
-        table.add_row(*_uav_row(uav), style=_WARNING if is_bad else None)
+        by_guard = (str(uav.n_guarded),) if mission.n_guarded else ()
+        cells = (*_uav_row(uav), *by_guard, uav.outcome)
+        table.add_row(*cells, style=_WARNING if is_bad else None)
     return table
 
 
@@ -143,7 +148,6 @@ def _uav_row(uav: UavMetrics) -> tuple[str, ...]:
         f'{uav.flight_s:.1f}',
         f'{uav.hover_s:.1f}',
         str(uav.n_decisions),
-        uav.outcome,
     )
 
 
@@ -224,6 +228,14 @@ def number_text(value: float) -> str:
 def _remarks(policy: str, missions: Sequence[MissionMetrics]) -> list[Text]:
     n_decisions = sum(mission.n_decisions for mission in missions) / len(missions)
     lines = [Text(f'{policy}: {n_decisions:.1f} decisions per mission', style='dim')]
+    circled = [mission for mission in missions if mission.n_guarded]
+    if circled:
+        n_guarded = sum(mission.n_guarded for mission in circled)
+        text = (
+            f'{policy}: the guard took {n_guarded} decisions, in {len(circled)} of'
+            f' {len(missions)} missions (first in seed {circled[0].mission_seed})'
+        )
+        lines.append(Text(text, style='yellow'))
     left = [mission for mission in missions if not mission.is_complete]
     if left:
         worst = min(left, key=lambda mission: mission.collected_share)

@@ -79,6 +79,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     options.add_seed_option(parser, 'seed of the first mission')
     options.add_allocator_option(parser, several=True)
+    options.add_guard_option(parser)
     parser.add_argument(
         '--compare',
         action='store_true',
@@ -159,7 +160,8 @@ def _fly(
                 found |= {seed: bound.bound_of(site, seed, bandwidth) for seed in some}
             for contender, missions in flown.items():
                 make_policy = partial(replace, contender.policy)
-                logs = fly(site, some, make_policy, contender.bandwidth)
+                bandwidth, guard_after = contender.bandwidth, arguments.guard_after
+                logs = fly(site, some, make_policy, bandwidth, guard_after)
                 missions += [mission_metrics(log) for log in logs]
                 advance(len(some))
 

@@ -42,6 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     options.add_seed_option(parser, 'seed of the mission')
     options.add_allocator_option(parser)
+    options.add_guard_option(parser)
     parser.add_argument(
         '--real-time-factor',
         type=float,
@@ -144,8 +145,9 @@ def _fly(
         ),
     )
     for uav in range(1, scenario.n_uavs + 1):
-        flags = ['--id', str(uav), '--policy', policy]
-        fleet.start('uav_agent', f'uav_{uav}', [*flags, '--bandwidth', arguments.bandwidth])
+        flags = ['--id', str(uav), '--policy', policy, '--bandwidth', arguments.bandwidth]
+        flags += ['--guard-after', str(arguments.guard_after)]
+        fleet.start('uav_agent', f'uav_{uav}', flags)
     _follow(fleet, world, folder / log_name(arguments.seed))
     _wait_for_recorder(fleet, recorder)
 

@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING
 
 from uav_collect import files
 from uav_collect.errors import TrainingRunError
-from uav_collect.limits import ALLOCATOR_NAMES, MAX_DECISIONS, MAX_SEED, MAX_UAVS
+from uav_collect.limits import (
+    ALLOCATOR_NAMES,
+    GUARD_AFTER,
+    MAX_DECISIONS,
+    MAX_GUARD_AFTER,
+    MAX_SEED,
+    MAX_UAVS,
+)
 
 if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
     from uav_collect.scenario.model import Scenario
@@ -156,6 +163,19 @@ def add_allocator_option(parser: argparse.ArgumentParser, *, several: bool = Fal
         default=[_ALLOCATOR] if several else _ALLOCATOR,
         help='how a hovering UAV shares its bandwidth: exact (shortest hover), equal (as much for'
         f' each sensor) or cvxpy (exact by a general solver, slow) (default: {_ALLOCATOR})',
+    )
+
+
+def add_guard_option(parser: argparse.ArgumentParser) -> None:
+    """Add when guards step in."""
+    parser.add_argument(
+        '--guard-after',
+        type=whole_number(0, MAX_GUARD_AFTER),
+        default=GUARD_AFTER,
+        metavar='K',
+        help='decisions that teach a UAV of no complete cell, after which its guard takes over'
+        ' from a learned policy or a function, until it knows more: it hovers where it may, else'
+        ' makes for the nearest open cell; 0: never (default: %(default)s)',
     )
 
 

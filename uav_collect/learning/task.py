@@ -43,8 +43,11 @@ class Task:
         )
 
     def validate(self, policy: LearnedPolicy, mission_seeds: Sequence[int]) -> list[MissionLog]:
-        """Fly missions as the scenario has them, bandwidth shared equally as the paper trains."""
-        return fly(self.site, mission_seeds, lambda: policy, 'equal')
+        """Fly missions as the scenario has them, bandwidth shared equally as the paper trains.
+
+        Without a guard: a policy that circles is to be seen to.
+        """
+        return fly(self.site, mission_seeds, lambda: policy, 'equal', guard_after=0)
 
 
 def make_tasks(

@@ -2,6 +2,9 @@
 
 from dataclasses import dataclass, field
 
+from uav_collect.limits import GUARD_AFTER
+from uav_collect.uav.action_codes import NONE
+
 
 @dataclass(frozen=True, kw_only=True)
 class Pilot:
@@ -14,6 +17,7 @@ class Pilot:
     policy: str
     policy_version: str
     allocator: str
+    guard_after: int = NONE  # decisions without news after which its guard decides; 0: never
 
     def __str__(self) -> str:
         """Name the process and its host for people."""
@@ -22,7 +26,12 @@ class Pilot:
     @property
     def configuration(self) -> str:
         """What decides; it stays the same within a mission, whichever process flies."""
-        return f'policy {self.policy!r} ({self.policy_version}), bandwidth {self.allocator!r}'
+        guard = (
+            '' if self.guard_after in (NONE, GUARD_AFTER) else f', guard after {self.guard_after}'
+        )
+        return (
+            f'policy {self.policy!r} ({self.policy_version}), bandwidth {self.allocator!r}{guard}'
+        )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,7 +13,14 @@ from uav_collect.missions.event_log import EventLog, new_log
 from uav_collect.missions.experience import new_records, record, Records
 from uav_collect.scenario.site import Site
 from uav_collect.uav.action_codes import BY_POLICY, HOME, HOVER, N_ACTIONS, NONE
-from uav_collect.uav.agent import allocate, new_workspace, reason_to_go_home, Workspace
+from uav_collect.uav.agent import (
+    allocate,
+    guarded,
+    new_workspace,
+    reason_to_go_home,
+    WATCH_SIZE,
+    Workspace,
+)
 from uav_collect.uav.belief import belief_of, Beliefs, forget, hear, new_beliefs, observe
 from uav_collect.uav.briefing import brief, Briefing
 from uav_collect.uav.exploration import explore
@@ -65,6 +72,7 @@ class Settings(NamedTuple):
     is_synchronous: int = 0  # UAVs wait for each other and decide at the same instants
     is_logged: int = 0
     n_rows: int = 0  # decisions of a mission that there is room to record
+    guard_after: int = NONE  # decisions without news after which a guard decides; 0: never
 
 
 class Waiting(NamedTuple):
@@ -90,6 +98,7 @@ class Batch(NamedTuple):
     missions: Missions
     beliefs: Beliefs  # by mission, then UAV: (W * U, ...)
     memory: Row[Row[int]]  # of the rules, the same
+    watch: Row[Row[int]]  # of the guards, the same
     complete: Row[Row[int]]  # (W, C) the union of the UAVs' maps, where news are rewarded
     n_events: Row[int]  # (W,)
     earnings: Earnings
@@ -123,6 +132,7 @@ def new_batch(
         missions=new_missions(briefing, sensor_field, mission_seeds),
         beliefs=new_beliefs(briefing, n_worlds * n_uavs),
         memory=new_table(n_worlds * n_uavs, MEMORY_SIZE, 0),
+        watch=new_table(n_worlds * n_uavs, WATCH_SIZE, NONE),
         complete=new_map_table(n_worlds if is_news_wanted else 1, n_cells),
         n_events=new_row(n_worlds, 0),
         earnings=new_earnings(n_worlds),
@@ -159,6 +169,8 @@ def restart(batch: Batch, world: int) -> None:
         forget(belief_of(batch.beliefs, place))
         for index in range(MEMORY_SIZE):
             batch.memory[place][index] = 0
+        for index in range(WATCH_SIZE):
+            batch.watch[place][index] = NONE
     if batch.settings.reward == _ENERGY:
         for cell in range(len(batch.complete[world])):
             batch.complete[world][cell] = 0
@@ -238,17 +250,27 @@ def fly_on(batch: Batch, world: int) -> None:
 
 
 @kernel
-def answer(batch: Batch, world: int, uav: int, action: int) -> None:
-    """Carry out what was chosen for the UAV that a mission waits for."""
+def answer(batch: Batch, world: int, uav: int, chosen: int) -> None:
+    """Carry out what was chosen for the UAV that a mission waits for, unless its guard decides."""
     mission, waiting = mission_of(batch.missions, world), batch.waiting
     # A second look shows the same channels as the first.
     view = look(batch.briefing, batch.sensor_field, mission, uav, batch.view_rows)
+    place = world * batch.briefing.n_uavs + uav
+    action, reason = guarded(
+        batch.settings.guard_after,
+        batch.briefing,
+        belief_of(batch.beliefs, place),
+        view,
+        waiting.legal[world],
+        chosen,
+        batch.watch[place],
+    )
     if action == HOVER:
         allocate(batch.settings.allocator, batch.briefing, view, batch.workspace)
     if waiting.n_records[world] > 0:
         row = world * batch.settings.n_rows + waiting.n_records[world] - 1
         batch.records.action[row] = action
-    carry_out(batch, world, uav, view, action, BY_POLICY, waiting.heard[world])
+    carry_out(batch, world, uav, view, action, reason, waiting.heard[world])
 
 
 @kernel

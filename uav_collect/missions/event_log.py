@@ -6,9 +6,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from uav_collect.kernels.arrays import grow_table, new_table, Row
+from uav_collect.limits import GUARD_AFTER
 from uav_collect.recording.mission_log import EVENT_DTYPE, Events, MissionHeader, UavHeader
 from uav_collect.scenario.load import fingerprint
 from uav_collect.scenario.model import Scenario
+from uav_collect.uav.action_codes import NONE
 
 _ALL_BITS = 2**64 - 1
 
@@ -69,8 +71,13 @@ def mission_header(
     demand_bit: Iterable[float],
     policies: Sequence[str],
     allocators: Sequence[str],
+    guards: Sequence[int],
 ) -> MissionHeader:
-    """The log header of a mission; policies and allocators by UAV."""
+    """The log header of a mission; policies, allocators and guards by UAV.
+
+    Args:
+        guards: decisions without news after which each guard decides; NONE: there is none to tell.
+    """
     uavs = tuple(
         UavHeader(
             id=index + 1,
@@ -79,6 +86,7 @@ def mission_header(
             energy_margin_j=uav.energy_margin_j,
             policy=policies[index],
             allocator=allocators[index],
+            guard_after=GUARD_AFTER if guards[index] == NONE else guards[index],
         )
         for index, uav in enumerate(scenario.uavs)
     )

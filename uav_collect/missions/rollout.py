@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
+from uav_collect.limits import GUARD_AFTER
 from uav_collect.missions.simulation import fly_by_agents
 from uav_collect.missions.vector_env import VectorEnv, VectorEnvConfig
 from uav_collect.recording.mission_log import MissionLog
@@ -14,7 +15,7 @@ from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import Site
 from uav_collect.uav.agent import allocator_named
 from uav_collect.uav.heuristics import RulePolicy
-from uav_collect.uav.policy import Policy, policy_for
+from uav_collect.uav.policy import guard_for, Policy, policy_for
 from uav_collect.uav.policy_network import LearnedPolicy
 
 
@@ -23,6 +24,7 @@ def fly(
     mission_seeds: Sequence[int],
     policy: str | Callable[[], Policy],
     allocator: str = 'exact',
+    guard_after: int = GUARD_AFTER,
 ) -> list[MissionLog]:
     """Fly missions, all UAVs by the same policy.
 
@@ -30,6 +32,8 @@ def fly(
         policy: a name that `policy.policy_for` knows, or what makes one UAV's policy.
         mission_seeds: one per mission, 0..2^63-1.
         allocator: how bandwidth is shared, one of `limits.ALLOCATOR_NAMES`.
+        guard_after: decisions without news after which a UAV's guard decides, unless a rule flies;
+            0: never.
 
     Raises:
         PolicyMismatchError: there is no such policy, it does not fit the scenario, or it breaks
@@ -40,9 +44,18 @@ def fly(
     make_policy = _maker(policy, site.scenario)
     allocator_named(allocator)  # raises before anything flies
     if allocator == 'cvxpy':  # no kernel: each UAV's agent shares its bandwidth by itself
-        return [fly_by_agents(site, seed, make_policy, allocator) for seed in mission_seeds]
+        return [
+            fly_by_agents(site, seed, make_policy, allocator, guard_after)
+            for seed in mission_seeds
+        ]
     pilot = make_policy()
-    config = VectorEnvConfig(layout=None, allocator=allocator, reward=None, is_logged=True)
+    config = VectorEnvConfig(
+        layout=None,
+        allocator=allocator,
+        reward=None,
+        is_logged=True,
+        guard_after=guard_for(pilot, guard_after),
+    )
     match pilot:
         case RulePolicy(heuristic=rule):
             env = VectorEnv(site, mission_seeds, replace(config, rule=rule))

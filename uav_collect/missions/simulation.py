@@ -23,12 +23,12 @@ from uav_collect.physics.bandwidth import EXACT, hover_time_s
 from uav_collect.recording.mission_log import Events, MissionHeader, MissionLog
 from uav_collect.scenario.site import Site
 from uav_collect.uav import action_codes, actions
-from uav_collect.uav.action_codes import BY_POLICY, HOME, HOVER, NONE
+from uav_collect.uav.action_codes import BY_POLICY, GUARD, HOME, HOVER, NONE
 from uav_collect.uav.actions import check_can_start
 from uav_collect.uav.agent import Agent, allocator_named, write_powers
 from uav_collect.uav.belief import Belief, belief_of, merge
 from uav_collect.uav.messages import Decision, RadioMessage
-from uav_collect.uav.policy import Policy
+from uav_collect.uav.policy import guard_for, Policy
 from uav_collect.uav.view import LocalView
 from uav_collect.world.dynamics import (
     end_s,
@@ -42,6 +42,7 @@ from uav_collect.world.dynamics import (
 )
 
 _FIRST_CAPACITY = 512  # events that the log has room for before it must grow
+_REASONS_TO_GO_ON = (BY_POLICY, GUARD)
 _REASONS_TO_GO_HOME = (BY_POLICY, action_codes.MAP_COMPLETE, action_codes.ENERGY_RESERVE)
 _BANDWIDTH_TOLERANCE = 1e-9  # relative; what a sum of shares may lose in rounding
 _LEAST_SHARE = 1e-100  # of the bandwidth; its noise and rate are still normal numbers
@@ -128,7 +129,7 @@ class Simulation:
         action, view = decision.action, event.view
         if action not in range(HOME + 1):
             return f'action {action} is none of 0..{HOME}'
-        if decision.reason not in (_REASONS_TO_GO_HOME if action == HOME else (BY_POLICY,)):
+        if decision.reason not in (_REASONS_TO_GO_HOME if action == HOME else _REASONS_TO_GO_ON):
             return f'reason {decision.reason} is none for action {action}'
         if action == HOME:
             return None
@@ -254,9 +255,16 @@ class Simulation:
 
 
 def fly_by_agents(
-    site: Site, mission_seed: int, make_policy: Callable[[], Policy], allocator: str
+    site: Site,
+    mission_seed: int,
+    make_policy: Callable[[], Policy],
+    allocator: str,
+    guard_after: int,
 ) -> MissionLog:
     """Fly a mission agent by agent, as nodes do, in one process.
+
+    Args:
+        guard_after: decisions without news after which a UAV's guard decides, but for rules.
 
     Raises:
         AllocationError: there is no such allocator.
@@ -264,9 +272,11 @@ def fly_by_agents(
         PolicyMismatchError: a policy does not fit, or breaks the rules in flight.
     """
     simulation, n_uavs = Simulation(site, mission_seed), site.scenario.n_uavs
+    policies = [make_policy() for _ in range(n_uavs)]
+    guards = [guard_for(policy, guard_after) for policy in policies]
     agents = [
-        Agent(simulation.briefing, uav, make_policy(), allocator_named(allocator))
-        for uav in range(n_uavs)
+        Agent(simulation.briefing, uav, policy, allocator_named(allocator), guard_after=guard)
+        for uav, (policy, guard) in enumerate(zip(policies, guards, strict=True))
     ]
     while (event := simulation.next_event()) is not None:
         agent = agents[event.uav]
@@ -281,7 +291,9 @@ def fly_by_agents(
             raise PolicyMismatchError(f'UAV {event.uav + 1}, event {event.index}: {refusal}')
         simulation.start(event, decision)
     names, allocators = [agent.policy.name for agent in agents], [allocator] * n_uavs
-    header = mission_header(site.scenario, mission_seed, simulation.demand_bit, names, allocators)
+    header = mission_header(
+        site.scenario, mission_seed, simulation.demand_bit, names, allocators, guards
+    )
     return simulation.log(header)
 
 

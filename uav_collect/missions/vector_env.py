@@ -53,6 +53,7 @@ class VectorEnvConfig:
     is_synchronous: bool = False  # UAVs wait for each other and decide at the same instants
     is_logged: bool = False  # missions leave a log
     max_decisions: int = 0  # so many decisions of a mission are recorded for a learner
+    guard_after: int = NONE  # decisions without news after which a UAV's guard decides; 0: never
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -214,7 +215,14 @@ class VectorEnv:
 
     def _header(self, policy_name: str) -> MissionHeader:
         n_uavs, allocator = self._scenario.n_uavs, self._config.allocator
-        return mission_header(self._scenario, 0, (), [policy_name] * n_uavs, [allocator] * n_uavs)
+        return mission_header(
+            self._scenario,
+            0,
+            (),
+            [policy_name] * n_uavs,
+            [allocator] * n_uavs,
+            [self._config.guard_after] * n_uavs,
+        )
 
     def _log_under(self, header: MissionHeader, world: int) -> MissionLog:
         batch = self._batch
@@ -251,6 +259,7 @@ class VectorEnv:
     def arrays(self) -> list[NDArray[Any]]:
         """All that changes in flight, in a fixed order; writing into them sets the flights back.
 
+        What guards keep is left out: learners fly without.
         Only where kernels are compiled: interpreted ones work on lists.
         """
         batch = self._batch
@@ -300,4 +309,5 @@ def _settings(config: VectorEnvConfig) -> Settings:
         is_synchronous=int(config.is_synchronous),
         is_logged=int(config.is_logged),
         n_rows=config.max_decisions + 1 if config.max_decisions else 0,
+        guard_after=config.guard_after,
     )

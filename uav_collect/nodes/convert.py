@@ -119,6 +119,7 @@ def pilot_from_request(request: Any) -> Pilot:
         policy=request.policy,
         policy_version=request.policy_version,
         allocator=request.allocator,
+        guard_after=request.guard_after,
     )
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from uav_collect.errors import MissionLogError
+from uav_collect.limits import GUARD_AFTER
 from uav_collect.uav.action_codes import ACTION_NAMES, REASON_NAMES
 
 FORMAT = 'uav_collect mission log'
@@ -53,6 +54,9 @@ class UavHeader:
     energy_margin_j: float  # to be left when home
     policy: str
     allocator: str  # how it shares its bandwidth: exact, equal or cvxpy
+    # Decisions without news after which the policy's guard decides; the line has no other value
+    # than this one, nor has it any for what has no guard.
+    guard_after: int = GUARD_AFTER
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,6 +121,9 @@ class LogWriter:
 def header_line(header: MissionHeader) -> str:
     """The header as one line of JSON."""
     fields = {'format': FORMAT, 'version': FORMAT_VERSION, **asdict(header)}
+    for uav in fields['uavs']:
+        if uav['guard_after'] == GUARD_AFTER:
+            del uav['guard_after']
     return json.dumps(fields, separators=(', ', ': '))
 
 

@@ -18,4 +18,5 @@ BY_POLICY = 0
 MAP_COMPLETE = 1
 ENERGY_RESERVE = 2
 FAILSAFE = 3
-REASON_NAMES = ('policy', 'map complete', 'energy reserve', 'failsafe')
+GUARD = 4  # the policy flew in circles, see `agent.guarded`
+REASON_NAMES = ('policy', 'map complete', 'energy reserve', 'failsafe', 'guard')

@@ -16,11 +16,16 @@ from uav_collect.limits import ALLOCATOR_NAMES
 from uav_collect.physics.bandwidth import EQUAL, EXACT, share_bandwidth
 from uav_collect.uav import action_codes, actions
 from uav_collect.uav.action_codes import HOME, HOVER, N_ACTIONS, NONE
-from uav_collect.uav.belief import belief_of, forget, hear, new_beliefs, observe
+from uav_collect.uav.belief import Belief, belief_of, forget, hear, new_beliefs, observe
 from uav_collect.uav.briefing import Briefing
+from uav_collect.uav.heuristics import step_towards
 from uav_collect.uav.messages import Decision, RadioMessage
 from uav_collect.uav.policy import Policy
 from uav_collect.uav.view import LocalView
+
+WATCH_SIZE = 2  # what a guard keeps of a UAV's decisions, NONE before the first
+_KNOWN = 0  # complete cells at the latest decision
+_IDLE = 1  # decisions before it since there were fewer
 
 _ROOM = 64  # sensors of a view that an agent has rows for before it makes longer ones
 
@@ -104,6 +109,78 @@ def reason_to_go_home(
     return NONE if n_legal > 0 else action_codes.ENERGY_RESERVE
 
 
+@kernel
+def guarded(
+    guard_after: int,
+    briefing: Briefing,
+    belief: Belief,
+    view: LocalView,
+    legal: Row[int],
+    chosen: int,
+    watch: Row[int],
+) -> tuple[int, int]:
+    """What a UAV does when its policy has chosen, and why: it never circles.
+
+    Once so many decisions in a row taught it of no complete cell, by its own look or by radio, the
+    guard decides until it knows more: hover, or make for the nearest other cell that is open, not
+    complete on its map. A policy that chooses to fly home does.
+
+    While its energy lasts for what the guard wants, a UAV over C = H x H cells decides at most
+    C (guard_after + 2 H + 1) times. There are C news at most, and each hover is one, as is an open
+    cell that is seen to be empty. Between two news the policy has guard_after decisions, the guard
+    a hover and the way to the nearest open cell: 2 (H - 1) moves, each of which brings it nearer,
+    and two more where the first would be straight back, which is not legal, and is a step aside.
+    No later move is straight back: what is nearest then is so because the last move led there.
+
+    Energy that does not last for a move of the guard is less than two moves above the reserve;
+    where it does not last for a hover, less than that hover. What is left pays for no more moves
+    than that and the way home.
+
+    Args:
+        guard_after: decisions without news; 0 or less: there is no guard.
+        legal: 1 for each legal action, shape (N_ACTIONS,), at least one.
+        chosen: a legal action, or HOME.
+        watch: read and written, shape (WATCH_SIZE,), NONE before the first decision.
+
+    Returns:
+        The action, and GUARD if it is another one than the policy chose, else BY_POLICY.
+    """
+    if guard_after <= 0:
+        return chosen, action_codes.BY_POLICY
+    watch[_IDLE] += 1
+    if belief.n_complete[0] > watch[_KNOWN]:
+        watch[_KNOWN] = belief.n_complete[0]
+        watch[_IDLE] = 0
+    if watch[_IDLE] < guard_after or chosen == HOME:
+        return chosen, action_codes.BY_POLICY
+    action = HOVER
+    if legal[HOVER] == 0:
+        target = _nearest_open(briefing, belief, view.cell)
+        if target < 0:  # but its own, for which the energy does not last
+            return chosen, action_codes.BY_POLICY
+        action = step_towards(briefing, view.cell, target, legal)
+    return action, action_codes.BY_POLICY if action == chosen else action_codes.GUARD
+
+
+@kernel
+def _nearest_open(briefing: Briefing, belief: Belief, cell: int) -> int:
+    """The nearest other cell that is not complete, the first of those that tie; -1: there is none.
+
+    Counted in moves.
+    """
+    side = briefing.cells_per_side
+    nearest = -1
+    least = 0
+    for other in range(side * side):
+        if belief.complete[other] == 1 or other == cell:
+            continue
+        moves = abs(other // side - cell // side) + abs(other % side - cell % side)
+        if nearest < 0 or moves < least:
+            nearest = other
+            least = moves
+    return nearest
+
+
 def allocator_named(name: str) -> Allocator:
     """The allocator that a user names, one of `limits.ALLOCATOR_NAMES`.
 
@@ -143,14 +220,28 @@ def _allocate_by_cvxpy(briefing: Briefing, view: LocalView, workspace: Workspace
 class Agent:
     """One UAV on board: its belief, its policy, its allocator."""
 
-    def __init__(self, briefing: Briefing, uav: int, policy: Policy, allocator: Allocator) -> None:
-        """Get ready for a first mission; the UAV is given by its index."""
+    def __init__(
+        self,
+        briefing: Briefing,
+        uav: int,
+        policy: Policy,
+        allocator: Allocator,
+        *,
+        guard_after: int = NONE,
+    ) -> None:
+        """Get ready for a first mission; the UAV is given by its index.
+
+        Args:
+            guard_after: decisions without news after which the guard decides; 0 or NONE: never.
+        """
         self.policy = policy
         self.belief = belief_of(new_beliefs(briefing, 1), 0)
         self._briefing = briefing
         self._uav = uav
         self._allocator = allocator
         self._workspace = new_workspace(_ROOM)
+        self._guard_after = guard_after
+        self._watch = new_row(WATCH_SIZE, NONE)
         policy.begin(briefing, uav)
 
     @property
@@ -161,6 +252,7 @@ class Agent:
     def begin(self) -> None:
         """Forget the last mission."""
         forget(self.belief)
+        self._watch = new_row(WATCH_SIZE, NONE)
         self.policy.begin(self._briefing, self._uav)
 
     def hear(self, message: RadioMessage) -> None:
@@ -199,12 +291,15 @@ class Agent:
         )
         if reason != NONE:
             return Decision(action=HOME, reason=reason)
-        action = self.policy.choose(self.belief, view, legal)
+        chosen = self.policy.choose(self.belief, view, legal)
+        action, reason = guarded(
+            self._guard_after, self._briefing, self.belief, view, legal, chosen, self._watch
+        )
         share_hz = self._workspace.share_hz
         served = range(view.n_sensors if action == HOVER else 0)
         return Decision(
             action=action,
-            reason=action_codes.BY_POLICY,
+            reason=reason,
             sensor=tuple(int(view.sensor[index]) for index in served),
             share_hz=tuple(float(share_hz[index]) for index in served),
         )

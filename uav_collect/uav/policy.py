@@ -8,6 +8,7 @@ from uav_collect.config.installed import shared_folders
 from uav_collect.errors import PolicyMismatchError
 from uav_collect.kernels.arrays import Row
 from uav_collect.scenario.model import Scenario
+from uav_collect.uav.action_codes import NONE
 from uav_collect.uav.belief import Belief
 from uav_collect.uav.briefing import brief, Briefing
 from uav_collect.uav.heuristics import Heuristic, RulePolicy
@@ -85,6 +86,11 @@ def policy_for(name: str, scenario: Scenario) -> NamedPolicy:
     policy = policy_named(_strong_name(scenario) if name == STRONG else name)
     policy.begin(brief(scenario), 0)
     return policy
+
+
+def guard_for(policy: Policy, guard_after: int) -> int:
+    """After how many decisions without news a policy's guard decides; NONE: a rule has none."""
+    return NONE if isinstance(policy, RulePolicy) else guard_after
 
 
 def frozen_policy(name: str) -> FrozenPolicy:

@@ -13,7 +13,7 @@ import uuid
 from rclpy.clock import Clock, ClockType
 from rclpy.task import Future
 from uav_collect.errors import ConfigError, NodeError, PolicyMismatchError
-from uav_collect.limits import ALLOCATOR_NAMES, MAX_UAVS
+from uav_collect.limits import ALLOCATOR_NAMES, GUARD_AFTER, MAX_GUARD_AFTER, MAX_UAVS
 from uav_collect.lockstep.inbox import Inbox
 from uav_collect.lockstep.published_policy import PolicyStore, TopicPolicy
 from uav_collect.nodes import convert, topics
@@ -25,10 +25,11 @@ from uav_collect.nodes.topics import publisher, subscription
 from uav_collect.nodes.trainer_listener import subscribe_to_trainers
 from uav_collect.scenario.load import fingerprint, from_yaml
 from uav_collect.scenario.model import Scenario
+from uav_collect.uav.action_codes import NONE
 from uav_collect.uav.agent import Agent, allocator_named
 from uav_collect.uav.briefing import brief, Briefing
 from uav_collect.uav.observation import Layout
-from uav_collect.uav.policy import policy_for, policy_named, STRONG, TOPIC
+from uav_collect.uav.policy import guard_for, policy_for, policy_named, STRONG, TOPIC
 from uav_collect_msgs.srv import Join
 
 _DESCRIPTION = """
@@ -54,6 +55,15 @@ PARAMETERS = (
         name='bandwidth',
         default='exact',
         description='how bandwidth is shared: exact, equal or cvxpy (--bandwidth)',
+    ),
+    Parameter(
+        name='guard_after',
+        default=GUARD_AFTER,
+        description='decisions that teach the UAV of no complete cell, after which its guard '
+        'takes over from a learned policy or a function, until it knows more: it hovers where it '
+        'may, else makes for the nearest open cell; 0: never (--guard-after)',
+        low=0,
+        high=MAX_GUARD_AFTER,
     ),
     Parameter(
         name='observation_layout',
@@ -88,12 +98,16 @@ class AgentNode(ProcessNode):
         self._uav = arguments.id or self._value('uav')
         self._policy = arguments.policy or self._value('policy')
         self._allocator = arguments.bandwidth or self._value('bandwidth')
+        self._guard_after = arguments.guard_after
+        if self._guard_after is None:
+            self._guard_after = self._value('guard_after')
         if not self._uav:
             raise NodeError('the id of the UAV is missing: --id N, from 1')
         _check_choices(self._policy, self._allocator)
         self._instance = str(uuid.uuid4())
         self._layout = _layout_named(self._value('observation_layout'))
         self._inbox: Inbox | None = None
+        self._guard = NONE  # of the inbox's agent
         self._transitions: TransitionBuilder | None = None
         self._policies: PolicyStore | None = None
         self._asked_s = -math.inf
@@ -131,8 +145,11 @@ class AgentNode(ProcessNode):
         scenario = self._checked_scenario(msg)
         briefing, uav = brief(scenario), self._uav - 1
         policy = self._topic_policy(briefing) or policy_for(self._policy, scenario)
-        agent = Agent(briefing, uav, policy, allocator_named(self._allocator))
         topic_policy = policy if isinstance(policy, TopicPolicy) else None
+        # A learner is to see what its own policy does.
+        self._guard = NONE if topic_policy else guard_for(policy, self._guard_after)
+        allocator = allocator_named(self._allocator)
+        agent = Agent(briefing, uav, policy, allocator, guard_after=self._guard)
         self._inbox = Inbox(
             agent,
             msg.world_instance,
@@ -200,6 +217,7 @@ class AgentNode(ProcessNode):
             policy=self._inbox.agent.policy.name,
             policy_version=self._inbox.agent.policy.version,
             allocator=self._allocator,
+            guard_after=self._guard,
         )
         self._client.call_async(request).add_done_callback(self._on_answer)
 
@@ -331,7 +349,9 @@ def main(argv: Sequence[str]) -> int:
         epilog=help_text(PARAMETERS),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument('--id', type=_uav_id, metavar='N', help='id of the UAV, from 1')
+    parser.add_argument(
+        '--id', type=_whole_number(1, MAX_UAVS), metavar='N', help='id of the UAV, from 1'
+    )
     parser.add_argument(
         '--policy',
         metavar='NAME|FILE|MODULE:NAME',
@@ -341,12 +361,22 @@ def main(argv: Sequence[str]) -> int:
     parser.add_argument(
         '--bandwidth', choices=ALLOCATOR_NAMES, help='how bandwidth is shared among sensors'
     )
+    parser.add_argument(
+        '--guard-after',
+        type=_whole_number(0, MAX_GUARD_AFTER),
+        metavar='K',
+        help='decisions without news after which the guard takes over; 0: never',
+    )
     add_world_option(parser)
     arguments = parse_arguments(parser, argv)
     return run_node(lambda: AgentNode(arguments), argv)
 
 
-def _uav_id(text: str) -> int:
-    if not text.isdecimal() or not 1 <= int(text) <= MAX_UAVS:
-        raise argparse.ArgumentTypeError(f'{text!r} must be a whole number from 1 to {MAX_UAVS}')
-    return int(text)
+def _whole_number(low: int, high: int) -> Callable[[str], int]:
+    def parse(text: str) -> int:
+        if not text.isdecimal() or not low <= int(text) <= high:
+            allowed = f'a whole number from {low} to {high}'
+            raise argparse.ArgumentTypeError(f'{text!r} must be {allowed}')
+        return int(text)
+
+    return parse

@@ -80,6 +80,7 @@ class MissionInFlight:
             self.simulation.demand_bit,
             [_flown_by(pilots.get(uav), policy) for uav in ids],
             [pilots[uav].allocator if uav in pilots else _NO_AGENT for uav in ids],
+            [pilots[uav].guard_after if uav in pilots else action_codes.NONE for uav in ids],
         )
         self.unflown = {uav for uav in ids if uav not in pilots}  # ids the failsafe flies home
         self.pending: PendingDecision | None = None
@@ -315,6 +316,7 @@ def _add_figures(message: Mission, mission: MissionInFlight, result: MissionMetr
             flight_s=uav.flight_s,
             hover_s=uav.hover_s,
             decisions=uav.n_decisions,
+            guarded=uav.n_guarded,
             outcome=_OUTCOMES.get(uav.outcome, UavFigures.ABORTED),
         )
         for uav in result.uavs
