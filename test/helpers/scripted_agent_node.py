@@ -153,6 +153,7 @@ class ScriptedAgents:
         self._inboxes[uav] = inbox
         answer = self.ask_to_join(uav, policy)
         assert answer.accepted, answer.reason
+        self.commands[uav].publish(convert.greeting_msg(INSTANCE))
         inbox.replay(answer)
 
     def next_turn(self) -> Turn | None:

@@ -10,6 +10,7 @@ import pytest
 from tiny_world import tiny, uav
 from uav_collect.lockstep.inbox import Inbox
 from uav_collect.scenario.model import Scenario
+from uav_collect.uav.action_codes import BY_POLICY, HOME
 from uav_collect.uav.agent import Agent, allocator_named
 from uav_collect.uav.briefing import brief
 from uav_collect.uav.messages import Decision
@@ -157,9 +158,11 @@ def test_a_restarted_agent_goes_on_with_the_same_decisions(
     inbox.replay(history.answer(3, pending=pending))
     for message in history.radio:
         inbox.add_radio(message)
+    decisions = decide(inbox)
     for observation in history.observations[3:]:
-        inbox.add_observation(observation)
-    assert decide(inbox) == history.decisions[2 if pending else 3 :]
+        assert inbox.add_observation(observation) is None
+        decisions += decide(inbox)
+    assert decisions == history.decisions[2 if pending else 3 :]
 
 
 def test_an_observation_that_overtakes_the_history_is_not_lost(
@@ -211,3 +214,79 @@ def test_a_mission_that_is_over_for_the_uav_asks_for_no_decision(
 ) -> None:
     inbox.add_observation(observation_of(mission(0), 0, terminated=True))
     assert decide(inbox) == []
+
+
+def test_in_step_only_the_next_decision_is_kept(history: History, inbox: Inbox) -> None:
+    inbox.replay(history.answer(1))
+    for message in history.radio:
+        inbox.add_radio(message)
+    refusal = inbox.add_observation(observation_of(mission(0), 2))
+    assert refusal == 'decision 2 does not come next, but decision 1'
+    assert inbox.add_observation(history.observations[0]) is None  # late, as latched ones are
+    assert inbox.add_observation(history.observations[1]) is None
+    assert decide(inbox) == history.decisions[1:2]
+
+
+@pytest.mark.parametrize('number', [1, 7, 10**9 - 1])
+def test_a_mission_before_this_one_is_over_is_for_the_world_to_confirm(
+    number: int, history: History, inbox: Inbox
+) -> None:
+    inbox.replay(history.answer(1))
+    assert inbox.add_observation(observation_of(mission(number), 0)) is None
+    assert inbox.doubts_mission
+    inbox.replay(history.answer(1))  # the world says that the mission is what it was
+    assert not inbox.doubts_mission
+    for message in history.radio:
+        inbox.add_radio(message)
+    decisions = []
+    for observation in history.observations[1:]:
+        inbox.add_observation(observation)
+        decisions += decide(inbox)
+    assert decisions == history.decisions[1:]
+
+
+def test_a_mission_that_the_world_confirms_is_flown(
+    history: History, next_history: History, inbox: Inbox
+) -> None:
+    inbox.replay(history.answer(1))
+    inbox.add_observation(next_history.observations[0])
+    assert inbox.doubts_mission
+    inbox.replay(next_history.answer(1, pending=True, number=1))
+    for message in next_history.radio:
+        inbox.add_radio(message)
+    assert decide(inbox) == next_history.decisions[:1]
+
+
+def test_the_mission_after_one_that_is_over_is_flown_at_once(
+    history: History, next_history: History, inbox: Inbox
+) -> None:
+    inbox.replay(history.answer(1))
+    inbox.note(Decision(action=HOME, reason=BY_POLICY))
+    for message in next_history.radio:
+        inbox.add_radio(message)
+    inbox.add_observation(next_history.observations[0])
+    assert not inbox.doubts_mission
+    assert decide(inbox) == next_history.decisions[:1]
+
+
+@pytest.mark.parametrize('number', ['9' * 5000, '-1000000000', '1' * 10, '²', '٣', ''])
+def test_what_is_no_number_of_a_mission_is_ignored(
+    number: str, history: History, inbox: Inbox
+) -> None:
+    inbox.replay(history.answer(1))
+    wrong = f'{WORLD[:8]}-{number}'
+    assert inbox.add_observation(observation_of(wrong, 0)) is None
+    inbox.add_radio(SimpleNamespace(mission_id=wrong, delivery=1, message=None))
+    assert not inbox.doubts_mission
+
+
+def test_there_is_a_bound_on_what_waits(history: History, inbox: Inbox) -> None:
+    inbox.replay(history.answer(1))
+    for number in range(1, 1000):
+        inbox.add_observation(observation_of(mission(number), 0))
+        for delivery in (1, 10**6, 2**32 - 1):
+            inbox.add_radio(
+                SimpleNamespace(mission_id=mission(number), delivery=delivery, message=None)
+            )
+    kept = inbox._messages.values()  # memory shows nowhere else
+    assert sum(len(each.observations) + len(each.radio) for each in kept) < 20

@@ -46,18 +46,85 @@ def test_there_is_something_to_abort_in_flight_or_just_before() -> None:
     assert schedule.next_seed is None
 
 
+def test_in_a_row_only_the_mission_in_flight_can_be_aborted() -> None:
+    schedule = MissionSchedule(n_missions=-1, next_seed=5)
+    assert schedule.cancel(is_flying=False) == (
+        False,
+        'no mission is in flight; the next one starts when the fleet is complete',
+    )
+    assert schedule.next_seed == 5
+    schedule.start_next()
+    assert schedule.cancel(is_flying=True)[0]
+    schedule.plan_after(5)
+    assert schedule.next_seed == 6
+
+
 # SimulationPacer
+
+FACTOR = 4.0
+
+
+class Watch:
+    """A clock that the test sets."""
+
+    def __init__(self) -> None:
+        self.now_s = 100.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+def passed(pacer: SimulationPacer, watch: Watch, wall_s: float, event_s: float) -> float:
+    """Simulated time after looking at the pacer every 5 ms for a while."""
+    time_s = pacer.pass_until(event_s)
+    for _ in range(round(wall_s / 0.005)):
+        watch.now_s += 0.005
+        time_s = pacer.pass_until(event_s)
+    return time_s
 
 
 def test_simulated_time_passes_so_many_times_as_fast() -> None:
-    now_s = [100.0]
-    pacer = SimulationPacer(4.0, lambda: now_s[0])
+    watch = Watch()
+    pacer = SimulationPacer(FACTOR, watch)
     pacer.restart()
     assert pacer.is_due(0.0)
-    now_s[0] = 102.5
-    assert pacer.time_s == 10.0
-    assert pacer.is_due(10.0)
+    assert passed(pacer, watch, 2.5, 1000.0) == pytest.approx(10.0)
+    assert pacer.is_due(9.999)
     assert not pacer.is_due(10.1)
+
+
+def test_time_does_not_pass_an_event_that_waits_for_its_decision() -> None:
+    watch = Watch()
+    pacer = SimulationPacer(FACTOR, watch)
+    pacer.restart()
+    assert passed(pacer, watch, 10.0, 7.0) == 7.0
+
+
+@pytest.mark.parametrize('stalled', ['the world', 'an agent'])
+def test_after_a_stall_time_slips_and_does_not_race(stalled: str) -> None:
+    watch = Watch()
+    pacer = SimulationPacer(FACTOR, watch)
+    pacer.restart()
+    before_s = passed(pacer, watch, 5.0, 20.0)
+    if stalled == 'an agent':
+        passed(pacer, watch, 15.0, 20.0)
+    else:
+        watch.now_s += 15.0
+    after_s = passed(pacer, watch, 10.0, 1000.0)
+    assert 1.0 <= (after_s - before_s) / (10.0 * FACTOR) <= 1.05
+
+
+def test_short_waits_for_decisions_are_made_up_for() -> None:
+    watch = Watch()
+    pacer = SimulationPacer(FACTOR, watch)
+    pacer.restart()
+    event_s = 0.0
+    for _ in range(100):  # each decision takes 10 ms of the 250 ms to the next event
+        event_s += 1.0
+        while not pacer.is_due(event_s):
+            watch.now_s += 0.005
+        watch.now_s += 0.01
+    assert event_s / (watch.now_s - 100.0) == pytest.approx(FACTOR, rel=0.05)
 
 
 def test_without_a_pace_everything_is_due() -> None:

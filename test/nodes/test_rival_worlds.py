@@ -9,7 +9,7 @@ import pytest
 for needed in ('rclpy', 'uav_collect_msgs'):
     pytest.importorskip(needed)
 
-from fleets import scenario_of, wait_until
+from fleets import scenario_of
 from processes import Processes, RunningProcess
 from rclpy.duration import Duration
 from scripted_agent_node import scripted_agents, ScriptedAgents
@@ -20,7 +20,7 @@ from uav_collect.nodes.topics import publisher
 from uav_collect.nodes.world import node
 from uav_collect.scenario.site import build_site
 from uav_collect_msgs.msg import Scenario
-from uav_collect_msgs.srv import Join
+from uav_collect_msgs.srv import Join, Vouch
 
 pytestmark = pytest.mark.ros
 
@@ -31,13 +31,19 @@ from uav_collect.nodes.process import ProcessNode, run_node
 from uav_collect.nodes.topics import publisher
 from uav_collect.nodes.agent.world_choice import WorldChoice
 from uav_collect_msgs.msg import Scenario
+from uav_collect_msgs.srv import Vouch
 
 class Doubter(ProcessNode):
     def __init__(self):
         super().__init__('doubter')
         self.world, self.heard = None, []
+        self.create_service(Vouch, '/world/vouch', self.vouch)
         self.choice = WorldChoice(self, topics.SCENARIO, self.heard.append)
         self.create_timer(0.01, self.tick)
+
+    def vouch(self, request, response):
+        response.world_instance = self.said
+        return response
 
     def tick(self):
         if self.world is None:
@@ -45,7 +51,7 @@ class Doubter(ProcessNode):
             while self.world.get_subscription_count() == 0:
                 pass
             self.said = str(len(self.heard))
-            self.world.publish(Scenario(world_instance=self.said))
+            self.world.publish(Scenario(world_instance=self.said, vouch_service='/world/vouch'))
             self.choice.tick()  # looks anew while what was just said waits to be heard
         elif self.choice.instance == self.said:
             self.destroy_publisher(self.world)
@@ -78,9 +84,9 @@ class FakeWorld:
         self._scenarios = publisher(agents.node, topics.SCENARIO)
         scenario = scenario_of(1)
         identity = WorldIdentity(started_s=started_s, instance=instance)
-        self._scenarios.publish(
-            scenario_msg(identity, build_site(scenario), f'/world/vouch_{instance}')
-        )
+        service = f'/world/vouch_{instance}'
+        agents.node.create_service(Vouch, service, self._on_vouch)
+        self._scenarios.publish(scenario_msg(identity, build_site(scenario), service))
 
     def serve(self) -> 'FakeWorld':
         """Answer agents from now on."""
@@ -94,6 +100,10 @@ class FakeWorld:
     def end(self) -> None:
         """Be gone, as agents notice it."""
         self._node.destroy_publisher(self._scenarios)
+
+    def _on_vouch(self, request: Any, response: Any) -> Any:  # noqa: ANN401
+        response.world_instance = self._instance
+        return response
 
     def _on_join(self, request: Any, response: Any) -> Any:  # noqa: ANN401
         response.world_instance = self._instance
@@ -133,9 +143,14 @@ def test_a_world_gives_way_to_an_earlier_one_that_it_hears_while_it_opens(
     earlier, make_display = publisher(agents.node, topics.SCENARIO), node.ViewerPublisher
 
     def display_of_a_busy_world(*arguments: Any) -> Any:  # noqa: ANN401
-        earlier.publish(Scenario(world_instance='earlier'))
+        earlier.publish(Scenario(world_instance='earlier', vouch_service='/world/vouch'))
         return make_display(*arguments)
 
+    def vouch(request: Any, response: Any) -> Any:  # noqa: ANN401
+        response.world_instance = 'earlier'
+        return response
+
+    agents.node.create_service(Vouch, '/world/vouch', vouch)
     monkeypatch.setattr(node, 'ViewerPublisher', display_of_a_busy_world)
     monkeypatch.setattr(node, 'check_can_start', lambda *_: None)  # compiles for long
     world, executor = node.WorldNode(), make_executor()
@@ -145,7 +160,7 @@ def test_a_world_gives_way_to_an_earlier_one_that_it_hears_while_it_opens(
         executor.spin_once(timeout_sec=0.01)
         return world.end_status is not None
 
-    wait_until(has_ended)
+    agents.wait_until(has_ended)
     executor.shutdown()
     world.destroy_node()
     assert world.end_status == FAILED

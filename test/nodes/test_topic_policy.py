@@ -26,7 +26,7 @@ from uav_collect.nodes import convert, topics
 from uav_collect.nodes.identity import scenario_msg, WorldIdentity
 from uav_collect.nodes.topics import publisher
 from uav_collect_msgs.msg import Policy
-from uav_collect_msgs.srv import Join
+from uav_collect_msgs.srv import Join, Vouch
 
 pytestmark = pytest.mark.ros
 
@@ -194,9 +194,14 @@ def test_an_agent_that_missed_the_policy_of_a_mission_asks_the_world_for_it(
             response.observations, response.decision_pending = [observation], True
         return response
 
+    def vouch(request: Any, response: Any) -> Any:  # noqa: ANN401
+        response.world_instance = world.instance
+        return response
+
     command = topics.uav_topics(1).command
     with listener(command) as listening:
         listening.node.create_service(Join, topics.JOIN_SERVICE, answer)
+        listening.node.create_service(Vouch, '/world/vouch_x', vouch)
         shown = publisher(listening.node, topics.uav_topics(1).observation)
         publisher(listening.node, topics.SCENARIO).publish(
             scenario_msg(world, site, '/world/vouch_x')
@@ -205,7 +210,8 @@ def test_an_agent_that_missed_the_policy_of_a_mission_asks_the_world_for_it(
         agent = fleet.start_agent(1, 'topic')
         listening.wait_until(lambda: n_asked == 1)
         shown.publish(observation)
-        listening.wait_until(lambda: bool(listening.heard[command.name]))
+        heard = listening.heard[command.name]
+        listening.wait_until(lambda: any(each.mission_id for each in heard))
     assert n_asked == 2
-    assert listening.heard[command.name][0].policy_version == 'run@2'
+    assert heard[-1].policy_version == 'run@2'
     assert agent.is_running

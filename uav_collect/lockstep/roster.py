@@ -1,9 +1,18 @@
-"""Who flies which UAV: agents join, leave silently, come back."""
+"""Who flies which UAV: agents join, leave silently, come back.
+
+An agent that asks to join gets a claim, which keeps nobody else out. The UAV is its own once it
+has greeted the world on its command topic: a request alone, forged or of a process that died, is
+void after a few seconds. An agent that greeted and then showed no sign of life is gone as well:
+the middleware only reports those dead who were alive once.
+"""
 
 from dataclasses import dataclass, field
 
 from uav_collect.limits import GUARD_AFTER
 from uav_collect.uav.action_codes import NONE
+
+CONFIRM_S = 3.0  # for a claim to be followed by a greeting, and that by a sign of life
+_MOST_CLAIMS = 8  # for one UAV
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,17 +52,105 @@ class JoinAnswer:
     reason: str = ''
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Claim:
+    pilot: Pilot
+    until_s: float
+
+
 @dataclass
 class Roster:
-    """The pilots of a fleet, by UAV id."""
+    """The pilots of a fleet, by UAV id; times are of one monotonic clock."""
 
     n_uavs: int
     pilots: dict[int, Pilot] = field(default_factory=dict)  # the latest of each UAV
     present: set[int] = field(default_factory=set)  # UAVs whose pilot is alive
     flying: dict[int, Pilot] = field(default_factory=dict)  # as the mission in flight began
+    _claims: dict[int, dict[str, _Claim]] = field(default_factory=dict)  # by UAV, then instance
+    _alive: set[int] = field(default_factory=set)  # UAVs on whose topic somebody is alive
+    _unproven: dict[int, float] = field(
+        default_factory=dict
+    )  # present UAVs not among those: until
 
-    def join(self, pilot: Pilot) -> JoinAnswer:
-        """Let an agent fly a UAV, or say why not."""
+    def join(self, pilot: Pilot, now_s: float) -> JoinAnswer:
+        """Let an agent claim a UAV, or say why not."""
+        refusal = self._refusal(pilot)
+        if refusal is not None:
+            return refusal
+        claims = self._claims.setdefault(pilot.uav, {})
+        for instance in [each for each, claim in claims.items() if now_s > claim.until_s]:
+            del claims[instance]
+        claims.pop(pilot.instance, None)
+        if len(claims) == _MOST_CLAIMS:
+            del claims[next(iter(claims))]
+        claims[pilot.instance] = _Claim(pilot=pilot, until_s=now_s + CONFIRM_S)
+        return JoinAnswer(accepted=True)
+
+    def greet(self, uav: int, instance: str, now_s: float) -> JoinAnswer:
+        """Let an agent that has a claim fly the UAV, or say why not."""
+        claim = self._claims.get(uav, {}).pop(instance, None)
+        if claim is None or now_s > claim.until_s:
+            if uav in self.present and self.is_flown_by(uav, instance):
+                return JoinAnswer(accepted=True)
+            return JoinAnswer(
+                accepted=False, retry=True, reason='it has not joined, or greets too late'
+            )
+        refusal = self._refusal(claim.pilot)
+        if refusal is not None:
+            return refusal
+        self.pilots[uav] = claim.pilot
+        self.present.add(uav)
+        if uav not in self._alive:
+            self._unproven[uav] = now_s + CONFIRM_S
+        return JoinAnswer(accepted=True)
+
+    def begin_mission(self) -> None:
+        """Fix the pilots of the mission that starts now."""
+        self.flying = {uav: self.pilots[uav] for uav in sorted(self.present)}
+
+    def end_mission(self) -> None:
+        """Let any policy join: between missions there is none to stay with."""
+        self.flying = {}
+
+    def mark_gone(self, uav: int) -> Pilot | None:
+        """Note that nobody is alive on a UAV's topic; the agent that is gone."""
+        self._alive.discard(uav)
+        return self._remove(uav)
+
+    def mark_alive(self, uav: int, *, is_back: bool = False) -> None:
+        """Note a sign of life on a UAV's topic.
+
+        Args:
+            is_back: of an agent that was thought to be gone, and was only too slow to be heard.
+        """
+        self._alive.add(uav)
+        self._unproven.pop(uav, None)
+        if is_back and uav in self.pilots:
+            self.present.add(uav)
+
+    def remove_silent(self, now_s: float) -> list[Pilot]:
+        """Give up agents that greeted and showed no sign of life since; which ones."""
+        silent = [uav for uav, until_s in self._unproven.items() if now_s > until_s]
+        return [lost for uav in silent if (lost := self._remove(uav)) is not None]
+
+    def missing(self) -> list[int]:
+        """Ids of the UAVs without an agent."""
+        return [uav for uav in range(1, self.n_uavs + 1) if uav not in self.present]
+
+    def is_flown_by(self, uav: int, instance: str) -> bool:
+        """Whether an agent process is the one that flies a UAV."""
+        pilot = self.pilots.get(uav)
+        return pilot is not None and pilot.instance == instance
+
+    def _remove(self, uav: int) -> Pilot | None:
+        self._unproven.pop(uav, None)
+        if uav not in self.present:
+            return None
+        self.present.discard(uav)
+        return self.pilots[uav]
+
+    def _refusal(self, pilot: Pilot) -> JoinAnswer | None:
+        """Why an agent may not fly the UAV that it asks for; None if it may."""
         if not 1 <= pilot.uav <= self.n_uavs:
             return JoinAnswer(
                 accepted=False,
@@ -70,35 +167,4 @@ class Roster:
                 reason=f'UAV {pilot.uav} began the mission in flight with {begun.configuration}, '
                 f'not {pilot.configuration}',
             )
-        self.pilots[pilot.uav] = pilot
-        self.present.add(pilot.uav)
-        return JoinAnswer(accepted=True)
-
-    def begin_mission(self) -> None:
-        """Fix the pilots of the mission that starts now."""
-        self.flying = {uav: self.pilots[uav] for uav in sorted(self.present)}
-
-    def end_mission(self) -> None:
-        """Let any policy join: between missions there is none to stay with."""
-        self.flying = {}
-
-    def mark_gone(self, uav: int) -> Pilot | None:
-        """Note that the agent of a UAV is gone; which one it was."""
-        if uav not in self.present:
-            return None
-        self.present.discard(uav)
-        return self.pilots[uav]
-
-    def mark_alive(self, uav: int) -> None:
-        """Note that the agent of a UAV, thought to be gone, was only too slow to be heard."""
-        if uav in self.pilots:
-            self.present.add(uav)
-
-    def missing(self) -> list[int]:
-        """Ids of the UAVs without an agent."""
-        return [uav for uav in range(1, self.n_uavs + 1) if uav not in self.present]
-
-    def is_flown_by(self, uav: int, instance: str) -> bool:
-        """Whether an agent process is the one that flies a UAV."""
-        pilot = self.pilots.get(uav)
-        return pilot is not None and pilot.instance == instance
+        return None

@@ -6,6 +6,8 @@ import time
 
 from uav_collect.limits import MAX_SEED
 
+_MOST_MADE_UP_S = 0.25  # wall-clock time
+
 
 @dataclass
 class MissionSchedule:
@@ -43,17 +45,26 @@ class MissionSchedule:
         return True, 'a mission starts when the fleet is complete'
 
     def cancel(self, *, is_flying: bool) -> tuple[bool, str]:
-        """Drop the mission that is about to start; whether one can be aborted, what to say."""
-        is_planned, self.next_seed = self.next_seed is not None, None
+        """Drop the mission that is about to start; whether one can be aborted, what to say.
+
+        A row goes on: only the mission in flight can be aborted.
+        """
         if is_flying:
             return True, 'the mission is aborted'
-        if is_planned:
+        if self.n_missions != 0:
+            return False, 'no mission is in flight; the next one starts when the fleet is complete'
+        if self.next_seed is not None:
+            self.next_seed = None
             return True, 'the mission that was about to start is called off'
         return False, 'no mission is in flight or about to start'
 
 
 class SimulationPacer:
-    """Holds simulated time back to a multiple of wall-clock time."""
+    """Holds simulated time back to a multiple of wall-clock time.
+
+    After a stall, of the world or of an agent that is waited for, time goes on from where it
+    stood: it makes up for a moment at most, which is what decisions usually take.
+    """
 
     def __init__(
         self, real_time_factor: float, clock_s: Callable[[], float] = time.monotonic
@@ -61,7 +72,8 @@ class SimulationPacer:
         """Let simulated time pass so many times as fast as the clock; 0: as fast as can be."""
         self._factor = real_time_factor
         self._clock_s = clock_s
-        self._started_s = 0.0
+        self._looked_s = 0.0  # at the clock
+        self._time_s = 0.0  # how far simulated time may have gone by then
 
     @property
     def is_unlimited(self) -> bool:
@@ -70,13 +82,22 @@ class SimulationPacer:
 
     def restart(self) -> None:
         """Count simulated time from 0 again, from now on."""
-        self._started_s = self._clock_s()
+        self._looked_s = self._clock_s()
+        self._time_s = 0.0
 
-    @property
-    def time_s(self) -> float:
-        """How far simulated time may have gone by now."""
-        return (self._clock_s() - self._started_s) * self._factor
+    def pass_until(self, event_s: float) -> float:
+        """Let time pass to now, but hardly further than to the time of the next event.
+
+        Returns:
+            The simulated time now.
+        """
+        now_s = self._clock_s()
+        passed_s = min(now_s - self._looked_s, _MOST_MADE_UP_S)
+        self._looked_s = now_s
+        most_s = event_s + _MOST_MADE_UP_S * self._factor
+        self._time_s = min(self._time_s + passed_s * self._factor, max(most_s, self._time_s))
+        return min(self._time_s, event_s)
 
     def is_due(self, time_s: float) -> bool:
-        """Whether a simulated time has come."""
-        return self.is_unlimited or time_s <= self.time_s
+        """Whether the simulated time of the next event has come."""
+        return self.is_unlimited or self.pass_until(time_s) >= time_s

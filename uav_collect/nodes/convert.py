@@ -9,11 +9,12 @@ import numpy as np
 from uav_collect.kernels.arrays import Row, row_of
 from uav_collect.lockstep.roster import Pilot
 from uav_collect.missions.simulation import Event
+from uav_collect.nodes.incidents import in_one_line
 from uav_collect.recording.mission_log import Events
 from uav_collect.uav.belief import Belief
 from uav_collect.uav.messages import Decision, RadioMessage
 from uav_collect.uav.view import LocalView
-from uav_collect_msgs.msg import Command, Epoch, Observation, Transition
+from uav_collect_msgs.msg import Command, Epoch, Observation, Refusal, Transition
 from uav_collect_msgs.msg import RadioMessage as RadioMessageMsg
 
 _NANOSECONDS = 1_000_000_000
@@ -44,12 +45,18 @@ def unpacked_map(content: Any, n_cells: int) -> list[int]:
     return cells
 
 
-def observation_msg(event: Event, mission_id: str, n_radio_delivered: int) -> Observation:
-    """What the deciding UAV of an event sees."""
+def observation_msg(
+    event: Event, mission_id: str, n_radio_delivered: int, clock_start_s: float = 0.0
+) -> Observation:
+    """What the deciding UAV of an event sees.
+
+    Args:
+        clock_start_s: what the clock showed as the mission began.
+    """
     view = event.view
     seen = view.n_sensors
     return Observation(
-        stamp=stamp(view.time_s),
+        stamp=stamp(clock_start_s + view.time_s),
         mission_id=mission_id,
         decision=event.decision,
         event=event.index,
@@ -99,6 +106,16 @@ def command_msg(decision: Decision, observation: Any) -> Command:
     )
 
 
+def greeting_msg(agent_instance: str) -> Command:
+    """What an agent sends first, to take the UAV that it has joined for: no action."""
+    return Command(agent_instance=agent_instance, action=Command.ACTION_NONE)
+
+
+def is_greeting(msg: Any) -> bool:
+    """Whether a command is none, but a greeting."""
+    return msg.action == Command.ACTION_NONE and not msg.mission_id
+
+
 def decision_from_msg(msg: Any) -> Decision:
     """The decision in a command."""
     return Decision(
@@ -106,6 +123,19 @@ def decision_from_msg(msg: Any) -> Decision:
         reason=msg.reason,
         sensor=tuple(msg.sensor),
         share_hz=tuple(msg.bandwidth_hz),
+    )
+
+
+def refusal_msg(what: str, msg: Any, why: str, at: Time) -> Refusal:
+    """Why something that an agent sent, such as a command, was not done."""
+    is_command = isinstance(msg, Command)
+    return Refusal(
+        stamp=at,
+        agent_instance=in_one_line(msg.agent_instance) if is_command else '',
+        what=what,
+        mission_id=in_one_line(msg.mission_id),
+        decision=msg.decision if is_command else msg.sequence,
+        reason=in_one_line(why),
     )
 
 
@@ -124,16 +154,22 @@ def pilot_from_request(request: Any) -> Pilot:
 
 
 def radio_msg(
-    message: RadioMessage, mission_id: str, *, sequence: int, delivery: int = 0
+    message: RadioMessage,
+    mission_id: str,
+    *,
+    sequence: int,
+    delivery: int = 0,
+    clock_start_s: float = 0.0,
 ) -> RadioMessageMsg:
     """What one UAV transmits to others, as a message.
 
     Args:
         sequence: running number of the sender's decisions.
         delivery: running number of deliveries to the receiver, from 1; 0 on its way out.
+        clock_start_s: what the clock showed as the mission began.
     """
     return RadioMessageMsg(
-        stamp=stamp(message.time_s),
+        stamp=stamp(clock_start_s + message.time_s),
         mission_id=mission_id,
         sender=message.sender + 1,
         sequence=sequence,

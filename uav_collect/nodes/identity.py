@@ -57,10 +57,17 @@ def identity_of(msg: Any) -> WorldIdentity:
     return WorldIdentity(started_s=started_s, instance=msg.world_instance)
 
 
+def silent_world(msg: Any) -> str:
+    """What to log when nobody vouches for the world of a scenario."""
+    return (
+        f'a scenario {_name_in(msg)} is ignored, for its world does not answer: a recording that'
+        ' is played back, or a world that is gone'
+    )
+
+
 def rival_warning(msg: Any, *, gives_way: bool) -> str:
     """What to log when another world publishes its scenario."""
-    name = in_one_line(msg.yaml.partition('\n')[0].removeprefix('name:'))[:_NAME]
-    text = f'another world_sim flies scenario {name} in this ROS domain'
+    text = f'another world_sim flies scenario {_name_in(msg)} in this ROS domain'
     if gives_way:
         return f'{text}: this one gives way; set another ROS_DOMAIN_ID'
     return f'{text}; it came later and has to give way'
@@ -79,3 +86,8 @@ def scenario_msg(identity: WorldIdentity, site: Site, vouch_service: str) -> Sce
         sensor_x_m=site.position_m[:, 0].tolist(),
         sensor_y_m=site.position_m[:, 1].tolist(),
     )
+
+
+def _name_in(msg: Any) -> str:
+    """The name of the scenario that a message holds, as far as one can tell."""
+    return in_one_line(msg.yaml.partition('\n')[0].removeprefix('name:'))[:_NAME]

@@ -14,6 +14,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.task import Future
 from uav_collect.errors import ConfigError, NodeError, PolicyMismatchError
 from uav_collect.limits import ALLOCATOR_NAMES, GUARD_AFTER, MAX_GUARD_AFTER, MAX_UAVS
+from uav_collect.lockstep.checks import observation_problem, radio_problem
 from uav_collect.lockstep.inbox import Inbox
 from uav_collect.lockstep.published_policy import PolicyStore, TopicPolicy
 from uav_collect.nodes import convert, topics
@@ -39,7 +40,7 @@ with the world and the other agents.
 """
 _ASK_PERIOD_S = 0.25  # between two requests to join
 _ANSWER_S = 1.5  # a request to a world that died since it was found is never answered
-_PATIENCE_S = 6.0  # how long a UAV's last agent may take to be noticed dead
+_PATIENCE_S = 10.0  # how long a UAV's last agent may take to be noticed dead
 _WAITING_PERIOD_S = 10.0  # between two lines that say what the agent waits for
 
 PARAMETERS = (
@@ -117,9 +118,12 @@ class AgentNode(ProcessNode):
         self._logged, self._logged_s = '', -math.inf
         self._names = topics.world_topics(topics.world_of(self.get_namespace(), self._uav))
         self._own = self._names.uav(self._uav)
+        self._briefing: Briefing | None = None
+        self._n_sensors = 0
         self._world = WorldChoice(self, self._names.scenario, self._on_world)
         subscription(self, self._own.radio_rx, self._on_radio)
         subscription(self, self._own.observation, self._on_observation)
+        subscription(self, self._own.refusal, self._on_refusal)
         self._client = self.create_client(Join, self._names.join_service)
         self._command_pub: Any = None  # there once the agent flies, as the other publishers
         self._radio_pub: Any = None
@@ -136,14 +140,21 @@ class AgentNode(ProcessNode):
     def _tick(self) -> None:
         self._world.tick()
         if self._inbox is not None and self._inbox.lacks_policy:
-            self._is_member = False  # the world has the policy, and answers with it
+            self._join_anew()  # the world has the policy, and answers with it
         self._ask_to_join()
+
+    def _join_anew(self) -> None:
+        """Ask the world how things stand: its answer has all that the UAV was sent."""
+        if self._is_member:
+            self._is_member = False
+            self._asking_since_s = time.monotonic()
 
     @_gives_up_on_error
     def _on_world(self, msg: Any) -> None:
         """Try to join the fleet of a world, by its scenario."""
         scenario = self._checked_scenario(msg)
         briefing, uav = brief(scenario), self._uav - 1
+        self._briefing, self._n_sensors = briefing, len(msg.sensor_id)
         policy = self._topic_policy(briefing) or policy_for(self._policy, scenario)
         topic_policy = policy if isinstance(policy, TopicPolicy) else None
         # A learner is to see what its own policy does.
@@ -242,6 +253,7 @@ class AgentNode(ProcessNode):
             self._policies.add(answer.policy)  # the world has checked it
         self._is_member = True
         self._renew_publishers()
+        self._command_pub.publish(convert.greeting_msg(self._instance))
         self.get_logger().info(f'UAV {self._uav} flies, policy {self._inbox.agent.policy.name}')
         self._inbox.replay(answer)
         self._answer_observations()
@@ -278,15 +290,34 @@ class AgentNode(ProcessNode):
 
     @_gives_up_on_error
     def _on_radio(self, msg: Any) -> None:
-        if self._inbox is not None:
+        if self._inbox is None or self._briefing is None:
+            return
+        problem = radio_problem(msg, self._briefing, self._uav - 1)
+        if problem is None:
             self._inbox.add_radio(msg)
             self._answer_observations()
+        else:
+            self.warn('radio message refused', f'a radio message is refused: {problem}')
 
     @_gives_up_on_error
     def _on_observation(self, msg: Any) -> None:
-        if self._inbox is not None:
-            self._inbox.add_observation(msg)
+        if self._inbox is None or self._briefing is None:
+            return
+        problem = observation_problem(msg, self._briefing, self._uav - 1, self._n_sensors)
+        problem = problem or self._inbox.add_observation(msg)
+        if problem is not None:
+            self.warn('observation refused', f'an observation is refused: {problem}')
+        elif self._inbox.doubts_mission:
+            self._join_anew()
+            self._ask_to_join()
+        else:
             self._answer_observations()
+
+    def _on_refusal(self, msg: Any) -> None:
+        """Say why the world did not do what this agent sent, and make sure to be its agent."""
+        if msg.agent_instance == self._instance:
+            self.warn('refused by the world', f'{msg.what} refused: {msg.reason}')
+            self._join_anew()
 
     def _answer_observations(self) -> None:
         """Decide for each observation that is due, and publish what follows from it."""
@@ -296,12 +327,13 @@ class AgentNode(ProcessNode):
         while (observation := self._inbox.next_observation()) is not None:
             start_s = time.perf_counter()
             view = self._inbox.deliver(observation)
-            self._radio_pub.publish(
-                convert.radio_msg(
-                    agent.message(view), observation.mission_id, sequence=observation.decision
-                )
+            radio = convert.radio_msg(
+                agent.message(view), observation.mission_id, sequence=observation.decision
             )
+            radio.stamp = observation.stamp
+            self._radio_pub.publish(radio)
             decision = agent.decide(view)
+            self._inbox.note(decision)
             if self._transitions is not None:  # before it can be carried out
                 transition = self._transitions.transition(observation, view, agent, decision)
                 self._transition_pub.publish(transition)

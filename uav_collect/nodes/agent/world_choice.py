@@ -1,16 +1,18 @@
-"""Which world an agent flies for: the earliest of those that are there."""
+"""Which world an agent flies for: the earliest of those that vouch for themselves."""
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 import math
 import time
 from typing import Any
 
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.subscription import Subscription
-from uav_collect.nodes.identity import identity_of, NO_WORLD
+from uav_collect.nodes.identity import identity_of, NO_WORLD, silent_world
 from uav_collect.nodes.process import ProcessNode
 from uav_collect.nodes.topics import subscription, Topic
+from uav_collect.nodes.vouching import Vouching
 
 _GIVES_WAY_S = 10.0  # a later world is gone by then, or else it is the earlier one that is gone
 
@@ -30,6 +32,7 @@ class WorldChoice:
         self._topic = topic
         self._fly_for = fly_for
         self._world = NO_WORLD
+        self._vouching = Vouching(node)
         self._look_at_s = math.inf
         self._again: Subscription | None = None
         watch = SubscriptionEventCallbacks(liveliness=self._on_liveliness)
@@ -54,10 +57,20 @@ class WorldChoice:
         world, before = identity_of(msg), self._world
         if world.gives_way_to(before):
             self._look_within(_GIVES_WAY_S)
-            return
-        self._world = world
-        if world.instance != before.instance:
-            self._fly_for(msg)
+        elif world != before:
+            answered = partial(self._on_answer, msg)
+            self._vouching.ask(msg.vouch_service, world.instance, '', answered)
+
+    def _on_answer(self, msg: Any, is_there: bool) -> None:
+        """Fly for a world that answers, unless a better one has come meanwhile."""
+        world, before = identity_of(msg), self._world
+        if not is_there:
+            self._node.warn('no world', silent_world(msg))
+            self._look_within(_GIVES_WAY_S)  # it may only have been too busy to answer
+        elif not world.gives_way_to(before):
+            self._world = world
+            if world.instance != before.instance:
+                self._fly_for(msg)
 
     def _on_liveliness(self, event: Any) -> None:
         """Look again: a world is gone, or only too slow to be heard; its instance says which."""

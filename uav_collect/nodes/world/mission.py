@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import math
 from typing import Any
 
+from builtin_interfaces.msg import Time
 from uav_collect.analysis.metrics import mission_metrics, MissionMetrics
 from uav_collect.kernels.arrays import Row, row_of
 from uav_collect.lockstep.published_policy import PublishedPolicy
@@ -18,7 +19,7 @@ from uav_collect.recording.mission_log import Events, header_line, MissionHeader
 from uav_collect.scenario.site import Site
 from uav_collect.uav import action_codes
 from uav_collect.uav.action_codes import REASON_NAMES
-from uav_collect.uav.messages import Decision
+from uav_collect.uav.messages import Decision, RadioMessage
 from uav_collect.uav.policy import TOPIC
 from uav_collect_msgs.msg import Epoch, Mission, Observation, UavFigures
 from uav_collect_msgs.msg import RadioMessage as RadioMessageMsg
@@ -62,13 +63,16 @@ class MissionInFlight:
         mission_id: str,
         pilots: dict[int, Pilot],
         policy: PublishedPolicy | None = None,
+        clock_start_s: float = 0.0,
     ) -> None:
         """Put the mission to its start, each UAV flown by its pilot, if it has one.
 
         Args:
             policy: of a trainer, for the pilots that follow one.
+            clock_start_s: what the clock shows now; times of the mission count from then on.
         """
         self.mission_id = mission_id
+        self.clock_start_s = clock_start_s
         self.policy = policy
         self.seed = seed
         self.simulation = Simulation(site, seed)
@@ -110,7 +114,7 @@ class MissionInFlight:
         receiver = event.uav + 1
         for message in event.heard:
             sequence = self._sequences[message.sender]
-            self._send(receiver, convert.radio_msg(message, self.mission_id, sequence=sequence))
+            self._send(receiver, self._radio_msg(message, sequence))
         return self._outbox.pop(receiver, [])
 
     def undelivered(self) -> Iterator[tuple[int, RadioMessageMsg]]:
@@ -125,7 +129,7 @@ class MissionInFlight:
     def request_decision(self, event: Event) -> Observation:
         """What the deciding UAV sees, to be published to it; its answer is awaited from now on."""
         history = self._histories[event.uav + 1]
-        observation = convert.observation_msg(event, self.mission_id, len(history.radio))
+        observation = self._observation_msg(event)
         observation.exploration_key = self.seed
         if self.policy is not None:
             observation.policy_trainer, observation.policy_sequence = self.policy.key
@@ -169,8 +173,7 @@ class MissionInFlight:
         hearers = self.simulation.transmit(event.uav, pending.complete)
         heard = self.simulation.radio(event.uav)
         for hearer in hearers:
-            message = convert.radio_msg(heard, self.mission_id, sequence=event.decision)
-            self._send(hearer + 1, message)
+            self._send(hearer + 1, self._radio_msg(heard, event.decision))
         self._start(event, pending.decision, pending.policy_version)
 
     def fly_home(self, event: Event) -> None:
@@ -205,10 +208,13 @@ class MissionInFlight:
 
     def final_observation(self, event: Event) -> Observation:
         """What ends the mission for the agent of a UAV that the failsafe flies home."""
-        n_radio = len(self._histories[event.uav + 1].radio)
-        observation = convert.observation_msg(event, self.mission_id, n_radio)
+        observation = self._observation_msg(event)
         observation.terminated = True
         return observation
+
+    def stamp(self, time_s: float) -> Time:
+        """A time of the mission as the clock shows it."""
+        return convert.stamp(self.clock_start_s + time_s)
 
     def metrics(self) -> MissionMetrics:
         """What the mission has achieved so far."""
@@ -229,6 +235,15 @@ class MissionInFlight:
         word = 'stale' if decision < expected else 'future'
         return f'{word} decision {decision}, awaited is {expected}'
 
+    def _observation_msg(self, event: Event) -> Observation:
+        n_radio = len(self._histories[event.uav + 1].radio)
+        return convert.observation_msg(event, self.mission_id, n_radio, self.clock_start_s)
+
+    def _radio_msg(self, message: RadioMessage, sequence: int) -> RadioMessageMsg:
+        return convert.radio_msg(
+            message, self.mission_id, sequence=sequence, clock_start_s=self.clock_start_s
+        )
+
     def _send(self, receiver: int, message: RadioMessageMsg) -> None:
         history = self._histories[receiver]
         message.delivery = len(history.radio) + 1
@@ -247,7 +262,7 @@ class MissionInFlight:
         places_m = [simulation.position_m(uav, time_s) for uav in uavs]
         served = row_of([int(bit <= 0.0) for bit in simulation.waiting_bit()])
         return Epoch(
-            stamp=convert.stamp(time_s),
+            stamp=self.stamp(time_s),
             mission_id=self.mission_id,
             uav_x_m=array('d', [x_m for x_m, _ in places_m]),
             uav_y_m=array('d', [y_m for _, y_m in places_m]),
@@ -262,7 +277,7 @@ def mission_msg(mission: MissionInFlight, world_instance: str, index: int, phase
     """What the world publishes of a mission at its start and at its end."""
     result = mission.metrics()
     message = Mission(
-        stamp=convert.stamp(mission.simulation.time_s),
+        stamp=mission.stamp(mission.simulation.time_s),
         mission_id=mission.mission_id,
         phase=phase,
         world_instance=world_instance,
@@ -305,7 +320,7 @@ def _add_figures(message: Mission, mission: MissionInFlight, result: MissionMetr
     message.n_radio_messages = mission.n_radio_messages
     message.failsafe_used = result.failsafe_used
     if math.isfinite(result.completion_s):
-        message.stamp = convert.stamp(result.completion_s)
+        message.stamp = mission.stamp(result.completion_s)
     message.uavs = [
         UavFigures(
             uav=uav.id,

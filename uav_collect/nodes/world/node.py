@@ -7,15 +7,17 @@ import time
 from typing import Any
 import uuid
 
+from builtin_interfaces.msg import Time
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
 from uav_collect.errors import ConfigError, NodeError
+from uav_collect.lockstep.checks import names_problem
 from uav_collect.lockstep.published_policy import PolicyStore
-from uav_collect.lockstep.roster import Roster
+from uav_collect.lockstep.roster import Pilot, Roster
 from uav_collect.lockstep.schedule import MissionSchedule, SimulationPacer
 from uav_collect.missions.simulation import Event
 from uav_collect.nodes import convert, topics
-from uav_collect.nodes.identity import identity_of, rival_warning, scenario_msg, WorldIdentity
+from uav_collect.nodes.identity import scenario_msg, WorldIdentity
 from uav_collect.nodes.parameters import add_world_option, help_text
 from uav_collect.nodes.process import FAILED, parse_arguments, ProcessNode, run_node
 from uav_collect.nodes.topics import subscription
@@ -28,6 +30,7 @@ from uav_collect.nodes.world.mission import (
     MissionInFlight,
 )
 from uav_collect.nodes.world.publishers import ViewerPublisher, WorldPublishers
+from uav_collect.nodes.world.rivals import RivalWatch
 from uav_collect.nodes.world.settings import PARAMETERS, read_settings
 from uav_collect.recording.mission_folder import MissionFolder
 from uav_collect.scenario.load import load
@@ -46,6 +49,7 @@ its missions, writes their logs and exits.
 _TICK_S = 0.005
 _WAITING_PERIOD_S = 5.0  # between two lines that say for whom the world waits
 _OTHER_WORLD_S = 0.5  # how long a starting world listens for one that is there already
+_PILOT_NAMES = ('agent_instance', 'host', 'policy', 'policy_version', 'allocator')
 _GATHER_S = 3.5  # from the start, for agents to join a world that does not wait for all of them
 
 
@@ -74,12 +78,12 @@ class WorldNode(ProcessNode):
         self._schedule = MissionSchedule(n_missions=settings.missions, next_seed=first_seed)
         self._pacer = SimulationPacer(settings.real_time_factor)
         self._mission: MissionInFlight | None = None
+        self._clock_s = 0.0  # simulated time of all missions before
         self._asked_s = self._begun_s = time.monotonic()
         self._logged_s = 0.0
         self._logged_missing: list[int] = []
         self._diagnostics = WorldDiagnostics(self, self._names.namespace)
-        self._other = subscription(self, self._names.scenario, self._on_scenario)
-        self._is_open = self._gives_way = False
+        self._rivals = RivalWatch(self, self._names.scenario, self._identity)
         self.create_timer(_TICK_S, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def on_stop(self) -> None:
@@ -88,7 +92,7 @@ class WorldNode(ProcessNode):
             self._end_mission(Mission.ABORTED, 'the world was stopped')
 
     def _open(self) -> None:
-        self._is_open = True
+        self._rivals.is_open = True
         scenario = self._site.scenario
         self._pubs = WorldPublishers(self, self._names, scenario.n_uavs)
         for uav in range(1, scenario.n_uavs + 1):
@@ -114,32 +118,26 @@ class WorldNode(ProcessNode):
         subscription(self, own.command, lambda msg: self._on_command(uav, msg), on_event=watch)
         subscription(self, own.radio_tx, lambda msg: self._on_radio(uav, msg))
 
-    def _on_scenario(self, msg: Any) -> None:
-        other = identity_of(msg)
-        if other.instance == self._identity.instance:
-            return
-        gives_way = not self._is_open or self._identity.gives_way_to(other)
-        self._diagnostics.warn('second world', rival_warning(msg, gives_way=gives_way))
-        self._gives_way |= gives_way
-
     def _on_join(self, request: Any, response: Any) -> Any:
         response.world_instance = self._identity.instance
         if request.world_instance != self._identity.instance:
+            return response
+        problem = names_problem(request, _PILOT_NAMES)
+        if problem is not None:
+            response.reason = problem
+            self._diagnostics.warn('join refused', f'a request to join is refused: {problem}')
             return response
         pilot = convert.pilot_from_request(request)
         response.waits_for_policy = pilot.policy == TOPIC and self._policies.latest is None
         if response.waits_for_policy:
             return response
-        answer = self._roster.join(pilot)
+        answer = self._roster.join(pilot, time.monotonic())
         response.accepted, response.retry = answer.accepted, answer.retry
         response.reason = answer.reason
         if not answer.accepted:
             text = f'UAV {pilot.uav}: {pilot} refused: {answer.reason}'
             self._diagnostics.warn('join refused', text)
             return response
-        self.get_logger().info(
-            f'UAV {pilot.uav}: {pilot} joined, policy {pilot.policy}, bandwidth {pilot.allocator}'
-        )
         response.mission_id = self._identity.mission_id(self._schedule.n_started)
         if self._mission is not None:
             self._mission.fill_history(response, pilot)
@@ -154,33 +152,56 @@ class WorldNode(ProcessNode):
 
     def _on_liveliness(self, uav: int, event: Any) -> None:
         if event.alive_count > 0:
-            self._roster.mark_alive(uav)
+            self._roster.mark_alive(uav, is_back=event.not_alive_count_change < 0)
             return
         lost = self._roster.mark_gone(uav)
         if lost is not None:
-            self._diagnostics.warn('agent lost', f'UAV {uav}: its agent is gone, {lost}')
+            self._say_lost(lost)
+
+    def _say_lost(self, lost: Pilot) -> None:
+        self._diagnostics.warn('agent lost', f'UAV {lost.uav}: its agent is gone, {lost}')
+
+    def _on_greeting(self, uav: int, msg: Any) -> None:
+        """Let the agent fly that has joined and shows now that it is there."""
+        was_flown = self._roster.is_flown_by(uav, msg.agent_instance)
+        was_present = uav not in self._roster.missing()
+        answer = self._roster.greet(uav, msg.agent_instance, time.monotonic())
+        if not answer.accepted:
+            self._refuse(uav, 'greeting', msg, answer.reason)
+        elif not (was_flown and was_present):
+            pilot = self._roster.pilots[uav]
+            self.get_logger().info(
+                f'UAV {uav}: {pilot} joined, policy {pilot.policy}, bandwidth {pilot.allocator}'
+            )
 
     # What agents and people send.
 
     def _on_command(self, uav: int, msg: Any) -> None:
         mission = self._mission
+        if convert.is_greeting(msg):
+            self._on_greeting(uav, msg)
+            return
         if mission is None or msg.mission_id != mission.mission_id:
-            self._refuse(uav, 'command', self._identity.refusal_of(msg.mission_id, msg.decision))
+            refusal: str | None = self._identity.refusal_of(msg.mission_id, msg.decision)
         elif not self._roster.is_flown_by(uav, msg.agent_instance):
-            self._refuse(uav, 'command', 'it is not from the agent that flies this UAV')
+            refusal = 'it is not from the agent that flies this UAV'
         else:
-            self._carry_out(mission, uav, 'command', mission.accept_command(uav, msg))
+            refusal = mission.accept_command(uav, msg)
+        if refusal is not None:
+            self._refuse(uav, 'command', msg, refusal)
+        elif mission is not None:
+            self._carry_out(mission)
 
     def _on_radio(self, uav: int, msg: Any) -> None:
         mission = self._mission
         if mission is None or msg.mission_id != mission.mission_id:
-            self._refuse(
-                uav,
-                'radio message',
-                self._identity.refusal_of(msg.mission_id, msg.sequence),
-            )
+            refusal: str | None = self._identity.refusal_of(msg.mission_id, msg.sequence)
         else:
-            self._carry_out(mission, uav, 'radio message', mission.accept_radio(uav, msg))
+            refusal = mission.accept_radio(uav, msg)
+        if refusal is not None:
+            self._refuse(uav, 'radio message', msg, refusal)
+        elif mission is not None:
+            self._carry_out(mission)
 
     def _on_control(self, request: Any, response: Any) -> Any:
         is_flying = self._mission is not None
@@ -200,13 +221,16 @@ class WorldNode(ProcessNode):
         now_s = time.monotonic()
         if now_s - self._begun_s < _OTHER_WORLD_S:
             return
-        if self._gives_way:
+        if self._rivals.gives_way:
             self._diagnostics.publish(self._roster, self._mission)
             self.end(FAILED)
             return
-        if not self._is_open:
-            self._open()
+        if not self._rivals.is_open:
+            if not self._rivals.is_waiting:
+                self._open()
             return
+        for lost in self._roster.remove_silent(now_s):
+            self._say_lost(lost)
         if self._mission is not None:
             self._keep_time(self._mission, now_s)
         elif self._schedule.next_seed is not None and self._is_fleet_ready(now_s):
@@ -236,6 +260,7 @@ class WorldNode(ProcessNode):
             mission_id=mission_id,
             pilots=pilots,
             policy=self._policies.latest,
+            clock_start_s=self._clock_s,
         )
         self._mission = mission
         self._pacer.restart()
@@ -273,23 +298,28 @@ class WorldNode(ProcessNode):
             self._pubs.publish_radio(uav, message)
         self._pubs.publish_observation(uav, mission.request_decision(event))
         self._asked_s = time.monotonic()
-        self._pubs.publish_time(event.view.time_s)
+        self._pubs.publish_time(mission.stamp(event.view.time_s))
 
-    def _refuse(self, uav: int, what: str, why: str) -> None:
+    def _refuse(self, uav: int, what: str, msg: Any, why: str) -> None:
+        """Say what is not done, and why: in the log, in diagnostics and to the agent."""
         self._diagnostics.warn(f'{what} refused', f'UAV {uav}: {what} refused: {why}')
+        self._pubs.publish_refusal(uav, convert.refusal_msg(what, msg, why, self._now()))
 
-    def _carry_out(
-        self, mission: MissionInFlight, uav: int, what: str, refusal: str | None
-    ) -> None:
+    def _carry_out(self, mission: MissionInFlight) -> None:
         """Carry a decision out, once all that belongs to it has come."""
-        if refusal is not None:
-            self._refuse(uav, what, refusal)
         if mission.pending is None or not mission.pending.is_answered:
             return
         event, decision = mission.pending.event, mission.pending.decision
         mission.carry_out()
         self._viewers.note_event(event, decision)
         self._advance()
+
+    def _now(self) -> Time:
+        """What the clock shows."""
+        mission = self._mission
+        if mission is None:
+            return convert.stamp(self._clock_s)
+        return mission.stamp(mission.simulation.time_s)
 
     def _fly_home(self, mission: MissionInFlight, event: Event) -> None:
         mission.fly_home(event)
@@ -299,9 +329,9 @@ class WorldNode(ProcessNode):
         """See to what is due: the clock, viewers, an agent that has not answered in time."""
         time_s = mission.simulation.time_s
         if not self._pacer.is_unlimited:
-            time_s = min(self._pacer.time_s, mission.next_time_s)
-            self._pubs.publish_time(time_s)
-        self._viewers.publish(time_s)
+            time_s = self._pacer.pass_until(mission.next_time_s)
+            self._pubs.publish_time(mission.stamp(time_s))
+        self._viewers.publish(time_s, mission.stamp(time_s))
         timeout_s = self._settings.decision_timeout_s
         if mission.pending is not None and now_s - self._asked_s > timeout_s:
             event = mission.pending.event
@@ -341,7 +371,9 @@ class WorldNode(ProcessNode):
         self._roster.end_mission()
         self._folder.end()
         message = self._publish_mission(mission, phase, note)
-        self._viewers.publish(mission.simulation.end_s, now=True)
+        end_s = mission.simulation.end_s
+        self._viewers.publish(end_s, mission.stamp(end_s), now=True)
+        self._clock_s += end_s
         self.get_logger().info(mission_summary(message))
         self._schedule.plan_after(mission.seed)
         if self._schedule.is_over:

@@ -3,14 +3,16 @@
 import time
 from typing import Any
 
+from builtin_interfaces.msg import Time
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 from uav_collect.missions.simulation import Event, Simulation
-from uav_collect.nodes import convert
 from uav_collect.nodes.topics import publisher, WorldTopics
 from uav_collect.nodes.world.markers import MissionMarkers
 from uav_collect.scenario.site import Site
 from uav_collect.uav.messages import Decision
+
+_REFUSAL_PERIOD_S = 0.02
 
 
 class WorldPublishers:
@@ -25,10 +27,12 @@ class WorldPublishers:
         own = {uav: names.uav(uav) for uav in range(1, n_uavs + 1)}
         self._observations = {uav: publisher(node, own[uav].observation) for uav in own}
         self._radio = {uav: publisher(node, own[uav].radio_rx) for uav in own}
+        self._refusals = {uav: publisher(node, own[uav].refusal) for uav in own}
+        self._refused_s = dict.fromkeys(own, 0.0)
 
-    def publish_time(self, time_s: float) -> None:
+    def publish_time(self, time: Time) -> None:
         """Publish the simulated time as the clock of the ROS domain."""
-        self._clock.publish(Clock(clock=convert.stamp(time_s)))
+        self._clock.publish(Clock(clock=time))
 
     def publish_scenario(self, message: Any) -> None:
         """Publish what is flown, and who simulates it."""
@@ -49,6 +53,13 @@ class WorldPublishers:
     def publish_radio(self, uav: int, message: Any) -> None:
         """Publish what a UAV, by id, hears of another one."""
         self._radio[uav].publish(message)
+
+    def publish_refusal(self, uav: int, message: Any) -> None:
+        """Publish why something that a UAV's agent sent is not done, but not too often."""
+        now_s = time.monotonic()
+        if now_s - self._refused_s[uav] >= _REFUSAL_PERIOD_S:
+            self._refused_s[uav] = now_s
+            self._refusals[uav].publish(message)
 
 
 class ViewerPublisher:
@@ -71,13 +82,12 @@ class ViewerPublisher:
         if decision is not None:
             self._mission.note_event(event, decision)
 
-    def publish(self, time_s: float, *, now: bool = False) -> None:
-        """Publish the picture at a simulated time, if the last one is old enough, or now."""
+    def publish(self, time_s: float, stamp: Time, *, now: bool = False) -> None:
+        """Publish the picture at a time of the mission, if the last one is old enough, or now."""
         if self._period_s is None:
             return
         wall_s = time.monotonic()
         if now or wall_s - self._published_s > self._period_s:
             self._published_s = wall_s
-            stamp = convert.stamp(time_s)
             self._markers.publish(self._mission.markers(time_s, stamp))
             self._grid.publish(self._mission.completed_cells(stamp))
