@@ -163,6 +163,7 @@ class ReportingFlight:
     def _mission(self) -> MissionReport:
         return MissionReport(
             mission_id=self._id,
+            world_instance='world',
             scenario_fingerprint=self._fingerprint,
             mission_seed=self._seed,
             demand_bit=_floats(self._simulation.demand_bit),

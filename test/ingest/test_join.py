@@ -221,6 +221,63 @@ def test_missions_that_were_joined_before_are_not_joined_again() -> None:
     assert joiner.counts.dropped == {}
 
 
+def test_a_mission_waits_until_its_world_has_said_that_it_is_its_own() -> None:
+    flown, asked = mission_setup(), []
+    joiner = flown.joiner(ask=asked.append)
+    assert joined(joiner, reports_of(flown, SEEDS)) == []
+    assert [it.mission_id for it in asked] == [f'world-{seed}' for seed in SEEDS]  # once each
+    expected = flown.episodes(SEEDS)
+    for mission, other in zip(asked, expected, strict=True):
+        one = joiner.answer(mission.mission_id, is_own=True)
+        assert one is not None
+        assert same(one.episode, other) == []
+    assert joiner.n_waiting == 0
+
+
+def test_a_mission_that_no_world_calls_its_own_is_dropped_whenever_the_answer_comes() -> None:
+    flown, asked = mission_setup(), []
+    joiner, reports = flown.joiner(ask=asked.append), reports_of(flown, [7])
+    for place in (1, len(reports)):
+        mission = f'world-{place}'
+        of_mission = [changed(it, mission_id=mission) for it in reports]
+        assert joined(joiner, of_mission[:place]) == []
+        assert joiner.answer(mission, is_own=False) is None
+        assert joined(joiner, of_mission[place:]) == []
+    assert joiner.counts.dropped == {DropReason.FOREIGN: 2}
+    assert joiner.n_waiting == 0
+    assert joiner.answer('world-9', is_own=True) is None  # nothing is known of it
+
+
+def test_numbers_that_no_mission_has_are_refused_and_nothing_else_happens() -> None:
+    flown, rng = mission_setup(), np.random.default_rng(0)
+    joiner, reports = flown.joiner(), reports_of(flown, [7])
+    refusals: list[str] = []
+    for number in range(300):
+        place = int(rng.integers(len(reports)))
+        values = vars(reports[place])
+        name = str(rng.choice([*values.keys() - {'mission_id', 'cut_after'}]))
+        value = values[name]
+        odd: object
+        match value:
+            case bytes():
+                content = bytearray(value)
+                start = int(rng.integers(len(content)))
+                content[start : start + 8] = rng.bytes(len(content[start : start + 8]))
+                odd = bytes(content)
+            case float():
+                odd = float(rng.choice([np.nan, np.inf, -1.0, 1e300, -1e300, 1e9, 5e-324]))
+            case str():
+                odd = 'x'
+            case _:
+                odd = int(rng.choice([-1, 7, 255, 2**31, 2**32 - 1]))
+        of_mission = [changed(it, mission_id=f'world-{number}') for it in reports]
+        of_mission[place] = changed(of_mission[place], **{name: odd})
+        joined(joiner, of_mission, refusals.append)
+    joiner.drop_incomplete()
+    assert joiner.counts.dropped[DropReason.REFUSED] == len(refusals) > 100
+    assert joiner.counts.n_joined + joiner.counts.dropped.total() == 300
+
+
 def test_a_mission_that_a_failsafe_ended_is_dropped() -> None:
     flown = mission_setup()
     joiner, reports = flown.joiner(), reports_of(flown, [7, 8])

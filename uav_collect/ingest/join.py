@@ -1,11 +1,12 @@
 """Joins reports of missions into episodes: whole, or not at all.
 
-Reports may come in any order, twice or never. A mission is handed out once all of it is here, and
-given up once so many later ones were, or when there is no room for more.
+Reports may come in any order, twice or never. A mission is handed out once all of it is here and
+its world has said that it is its own; it is given up once so many later ones were handed out, or
+when there is no room for more.
 """
 
 from collections import Counter, OrderedDict
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from enum import StrEnum
 
@@ -31,6 +32,7 @@ class DropReason(StrEnum):
     MISSING = 'missing'  # a report did not come
     REFUSED = 'refused'  # a report does not match the scenario, the layout or other reports
     FAILSAFE = 'failsafe'  # an agent did not answer: nobody chose to fly home
+    FOREIGN = 'foreign'  # no world that lives says that it is its own: a recording, played back
 
 
 class ReportOutcome(StrEnum):
@@ -85,6 +87,7 @@ class _PartialMission:
     is_whole: bool = False  # they are all of the mission
     is_cut: bool = False  # they are all that is kept of it
     cut_after: int | None = None  # decisions, where the world aborted it
+    is_own: bool = False  # its world has said so, or nobody asks
     n_overtaken: int = 0  # later missions that were joined
 
     @property
@@ -99,8 +102,13 @@ class _PartialMission:
         return n_events - len(self.events) + len(decided - self.transitions.keys())
 
     @property
+    def is_asked(self) -> bool:
+        """Whether its world has still to answer."""
+        return self.about is not None and not self.is_own
+
+    @property
     def is_ready(self) -> bool:
-        return self.about is not None and (self.is_whole or self.is_cut)
+        return self.is_own and self.about is not None and (self.is_whole or self.is_cut)
 
     def add(self, report: FleetReport) -> bool:
         """Keep a report; whether it may be news.
@@ -158,6 +166,7 @@ class MissionJoiner:
         max_decisions: int,
         max_reports: int = 20_000,
         known_ids: Iterable[str] = (),
+        ask: Callable[[MissionReport], None] | None = None,
     ) -> None:
         """Wait for the first report.
 
@@ -167,10 +176,13 @@ class MissionJoiner:
             max_decisions: after how many a mission is cut off.
             max_reports: that wait at most; for more, the missions that wait longest are dropped.
             known_ids: of missions that were joined before.
+            ask: asks the world that a mission names whether it is its own, for `answer`; None:
+                what was recorded needs nobody's word.
         """
         self.counts = JoinCounts()
         self._spec, self._builder = spec, builder
         self._max_decisions, self._max_reports = max_decisions, max_reports
+        self._ask = ask
         self._missions: OrderedDict[str, _PartialMission] = OrderedDict()  # by id, oldest first
         self._closed: OrderedDict[str, ReportOutcome] = OrderedDict()  # by id: of its stragglers
         self.n_waiting = 0  # reports of events and decisions
@@ -190,12 +202,13 @@ class MissionJoiner:
         if mission_id in self._closed:
             self._count(report, self._closed[mission_id])
             return None
-        if isinstance(report, TransitionReport) and report.action == HOME:
+        if self._is_unneeded(report):
             self._count(report, ReportOutcome.UNNEEDED)
             return None
-        mission = self._missions.setdefault(mission_id, _PartialMission())
+        mission = self._missions.setdefault(mission_id, _PartialMission(is_own=self._ask is None))
         try:
             self._spec.check(report)
+            is_first = mission.about is None
             is_new = mission.add(report)
         except RefusedError:
             self._count(report, ReportOutcome.DROPPED)
@@ -205,7 +218,34 @@ class MissionJoiner:
             self._count(report, ReportOutcome.DUPLICATE)
             return None
         self.n_waiting += not isinstance(report, MissionReport)
+        if isinstance(report, MissionReport) and self._ask is not None and is_first:
+            self._ask(report)
         return self._advance(mission_id, mission, report)
+
+    def answer(self, mission_id: str, *, is_own: bool) -> JoinedMission | None:
+        """Note what the world of a mission has answered, or that nobody has.
+
+        Returns:
+            The mission, if it waited for nothing else.
+
+        Raises:
+            RefusedError: its reports contradict each other; it is dropped.
+        """
+        mission = self._missions.get(mission_id)
+        if mission is None:
+            return None
+        if not is_own:
+            self._drop(mission_id, DropReason.FOREIGN)
+            return None
+        mission.is_own = True
+        return self._join(mission_id, mission) if mission.is_ready else None
+
+    def _is_unneeded(self, report: FleetReport) -> bool:
+        """Whether a report is of a UAV that turns home, or of a mission longer than has room."""
+        if isinstance(report, MissionReport):
+            return False
+        is_home = isinstance(report, TransitionReport) and report.action == HOME
+        return is_home or report.event >= self._max_reports
 
     def drop_incomplete(self) -> None:
         """Drop the missions that still wait for reports: no more will come."""
@@ -245,10 +285,15 @@ class MissionJoiner:
         return joined
 
     def _note_overtaken(self, mission_id: str) -> None:
-        """Drop the missions that began before this one, once enough such were joined."""
+        """Drop the missions that began before this one, once enough such were joined.
+
+        Those whose world has not answered yet wait for that, not for reports.
+        """
         for older in [*self._missions]:
             if older == mission_id:
                 break
+            if self._missions[older].is_asked:
+                continue
             self._missions[older].n_overtaken += 1
             if self._missions[older].n_overtaken >= _PATIENCE_MISSIONS:
                 self._drop(older, DropReason.MISSING)

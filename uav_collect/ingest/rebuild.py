@@ -5,6 +5,7 @@ Rewards are summed up by the kernels of the rollout, over the legs as they are r
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -128,8 +129,8 @@ class EpisodeBuilder:
         """The mission as the learner keeps it.
 
         Raises:
-            RefusedError: event and transition contradict each other, or a UAV has not seen what
-                it says that it has.
+            RefusedError: an event comes before its predecessor, event and transition contradict
+                each other, or a UAV has not seen what it says that it has.
         """
         demand_bit = demand_by_cell(
             self._first_sensor, np.frombuffer(parts.mission.demand_bit, FLOAT64).tolist()
@@ -137,6 +138,7 @@ class EpisodeBuilder:
         events = parts.events
         decided = [event for event in events if event.is_decision]
         decisions = [parts.transitions[event.event] for event in decided]
+        _check_order(events)
         _check_agreement(decided, decisions, self._briefing.n_uavs)
         records = new_records(len(decided), self._briefing)
         _write_decisions(records, decisions)
@@ -199,6 +201,15 @@ class EpisodeBuilder:
             raise RefusedError(
                 f'{decisions[row].where}: observation[{place}] is {sent[row, place]:g}: '
                 f'what it was encoded from gives {rebuilt[row, place]:g}'
+            )
+
+
+def _check_order(events: Sequence[EventReport]) -> None:
+    """Refuse events that do not follow each other in time."""
+    for before, event in pairwise(events):
+        if event.time_s < before.time_s:
+            raise RefusedError(
+                f'{event.where}: time_s is {event.time_s:g}: must be at least {before.time_s:g}'
             )
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from uav_collect.errors import RefusedError
+from uav_collect.limits import MAX_SEED
 from uav_collect.missions.experience import n_map_bytes
 from uav_collect.scenario.load import fingerprint
 from uav_collect.scenario.site import Site
@@ -19,6 +20,7 @@ from uav_collect.uav.action_codes import HOME, N_ACTIONS, NONE
 from uav_collect.uav.observation import Layout, observation_size
 
 FLOAT32, FLOAT64 = np.dtype('<f4'), np.dtype('<f8')  # of arrays in messages
+_LARGEST = 1e12  # of any number: beyond all that is flown, and learners may square it in float32
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,6 +28,7 @@ class MissionReport:
     """What a mission is, reported at its start and at its end."""
 
     mission_id: str
+    world_instance: str  # of the process that flies it
     scenario_fingerprint: str
     mission_seed: int
     demand_bit: bytes  # float64 (S,) at the start
@@ -140,18 +143,18 @@ class ReportSpec:
     def _check_mission(self, report: MissionReport) -> None:
         where = report.where
         self._check_fingerprint(where, report.scenario_fingerprint)
+        _within(where, 'seed', report.mission_seed, 0, MAX_SEED)
         _sized(where, 'demand_bit', report.demand_bit, self.n_sensors * FLOAT64.itemsize)
-        _numbers(where, 'demand_bit', np.frombuffer(report.demand_bit, FLOAT64))
+        _numbers(where, 'demand_bit', np.frombuffer(report.demand_bit, FLOAT64), low=0.0)
 
     def _check_event(self, report: EventReport) -> None:
         where = report.where
         _within(where, 'uav', report.uav + 1, 1, self.n_uavs)
         _within(where, 'action', report.action, 0, HOME)
-        for name in (
-            'time_s', 'x_m', 'y_m', 'duration_s', 'energy_left_j', 'energy_j', 'collected_bit',
-            'reward',
-        ):  # fmt: skip
+        for name in ('x_m', 'y_m', 'energy_left_j', 'energy_j', 'collected_bit', 'reward'):
             _number(where, name, getattr(report, name))
+        for name in ('time_s', 'duration_s'):
+            _number(where, name, getattr(report, name), low=0.0)
         for name in ('uav_x_m', 'uav_y_m', 'uav_energy_left_j'):
             self._check_floats(where, name, getattr(report, name))
         n_bytes = n_map_bytes(self.n_cells)
@@ -167,17 +170,23 @@ class ReportSpec:
         size = self.observation_size * FLOAT32.itemsize
         _sized(where, 'observation', report.observation, size)
         _numbers(where, 'observation', np.frombuffer(report.observation, FLOAT32))
-        _number(where, 'time_s', report.time_s)
+        _number(where, 'time_s', report.time_s, low=0.0)
         _number(where, 'energy_left_j', report.energy_left_j)
         _within(where, 'cell', report.cell, 0, self.n_cells - 1)
         _within(where, 'previous_action', report.previous_action, NONE, N_ACTIONS - 1)
         _within(where, 'action', report.action, 0, HOME)
+        _within(where, 'legal', report.legal, 0, 2**N_ACTIONS - 1)
         if report.action != HOME and not report.legal >> report.action & 1:
             raise RefusedError(f'{where}: action is {report.action}: must be legal')
         for name in ('complete', 'seen'):
             _sized(where, name, getattr(report, name), n_map_bytes(self.n_cells))
         for name in ('peer_x_m', 'peer_y_m', 'peer_s'):
             self._check_floats(where, name, getattr(report, name))
+        heard_s = float(np.frombuffer(report.peer_s, FLOAT64).max())
+        if heard_s > report.time_s:
+            raise RefusedError(
+                f'{where}: peer_s is {heard_s:g}: must be at most time_s, {report.time_s:g}'
+            )
 
     def _check_fingerprint(self, where: str, found: str) -> None:
         _same(where, 'scenario_fingerprint', found, self.scenario_fingerprint)
@@ -219,13 +228,15 @@ def _sized(where: str, name: str, content: bytes, n_bytes: int) -> None:
         raise RefusedError(f'{where}: {name} has {len(content)} bytes: must be {n_bytes}')
 
 
-def _number(where: str, name: str, value: float) -> None:
+def _number(where: str, name: str, value: float, low: float = -_LARGEST) -> None:
     if not math.isfinite(value):
         raise RefusedError(f'{where}: {name} is {value}: must be finite')
+    if not low <= value <= _LARGEST:
+        raise RefusedError(f'{where}: {name} is {value:g}: must be {low:g} to {_LARGEST:g}')
 
 
-def _numbers(where: str, name: str, values: NDArray[Any]) -> None:
-    is_finite = np.isfinite(values)
-    if not is_finite.all():
-        place = int(np.flatnonzero(~is_finite)[0])
-        _number(where, f'{name}[{place}]', values[place])
+def _numbers(where: str, name: str, values: NDArray[Any], low: float = -_LARGEST) -> None:
+    is_wrong = ~((low <= values) & (values <= _LARGEST))  # a nan is neither
+    if is_wrong.any():
+        place = int(np.flatnonzero(is_wrong)[0])
+        _number(where, f'{name}[{place}]', float(values[place]), low)

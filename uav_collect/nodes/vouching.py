@@ -3,7 +3,7 @@
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass
-import time
+from functools import partial
 
 from rclpy.client import Client
 from rclpy.clock import Clock, ClockType
@@ -14,8 +14,9 @@ from uav_collect_msgs.srv import Vouch
 
 ANSWER_S = 3.0  # a world that is there answers much sooner, even on a busy machine
 _LOOK_S = 0.02
-_MOST_CLIENTS = 8
-_MOST_QUESTIONS = 1_000
+_PATIENCE = round(ANSWER_S / _LOOK_S)  # looks: a node that is busy itself does not look either
+_MOST_CLIENTS = 64
+_MOST_QUESTIONS = 10_000
 
 
 @dataclass(eq=False)
@@ -24,7 +25,7 @@ class _Question:
     world_instance: str
     mission_id: str
     on_answer: Callable[[bool], None]
-    until_s: float
+    looks_left: int = _PATIENCE
     future: Future | None = None
 
 
@@ -53,23 +54,21 @@ class Vouching:
             world_instance: of that message.
             on_answer: called once, later: with False if nobody answers in time.
         """
-        until_s = time.monotonic() + ANSWER_S
-        question = _Question(service, world_instance, mission_id, on_answer, until_s)
+        question = _Question(service, world_instance, mission_id, on_answer)
         if len(self._open) >= _MOST_QUESTIONS:
-            question.until_s = 0.0
+            question.looks_left = 0
         self._open.append(question)
-        self._timer.reset()
+        if self._timer.is_canceled():
+            self._timer.reset()
 
     def _look(self) -> None:
         """Ask what can be asked by now, and give up what was not answered."""
-        now_s = time.monotonic()
         for question in [*self._open]:
-            if question.future is not None and question.future.done():
-                self._answer(question, _is_confirmed(question, question.future))
-            elif now_s > question.until_s:
+            if question.looks_left <= 0:
                 self._answer(question, is_vouched=False)
             elif question.future is None:
                 self._send(question)
+            question.looks_left -= 1
         if not self._open:
             self._timer.cancel()
 
@@ -79,6 +78,11 @@ class Vouching:
             self._answer(question, is_vouched=False)
         elif client.service_is_ready():
             question.future = client.call_async(Vouch.Request(mission_id=question.mission_id))
+            question.future.add_done_callback(partial(self._on_done, question))
+
+    def _on_done(self, question: _Question, future: Future) -> None:
+        if question in self._open:
+            self._answer(question, _is_confirmed(question, future))
 
     def _client(self, service: str) -> Client | None:
         """The client of a service; None if there cannot be one of that name."""

@@ -24,9 +24,15 @@ from uav_collect.errors import (
 )
 from uav_collect.ingest import rebuild
 from uav_collect.ingest.from_messages import converter_for
-from uav_collect.ingest.join import DropReason, JoinCounts, MissionJoiner, ReportOutcome
+from uav_collect.ingest.join import (
+    DropReason,
+    JoinCounts,
+    JoinedMission,
+    MissionJoiner,
+    ReportOutcome,
+)
 from uav_collect.ingest.rebuild import EpisodeBuilder
-from uav_collect.ingest.reports import FleetReport, report_spec
+from uav_collect.ingest.reports import FleetReport, MissionReport, report_spec
 from uav_collect.kernels.compile import kernels_are_cached, kernels_are_compiled
 from uav_collect.learning.background import BackgroundTraining, BehaviourPolicy, Ending
 from uav_collect.learning.learner import keep_freed_memory
@@ -41,6 +47,7 @@ from uav_collect.nodes.trainer.settings import (
     read_settings,
     TrainerSettings,
 )
+from uav_collect.nodes.trainer.vouching import MissionVouching
 from uav_collect.recording.bag_reader import messages
 from uav_collect.scenario.site import build_site
 from uav_collect.training.display import progress_display
@@ -80,6 +87,7 @@ class TrainerNode(ProcessNode):
             raise NodeError(str(error)) from error
         except OSError as error:
             raise NodeError(f'output_dir: {error}') from error
+        self._vouching = MissionVouching(self)
         self._instance, self._sequence = str(uuid.uuid4()), 0
         self._version = ''
         self._shown_s = self._logged_s = -math.inf
@@ -116,7 +124,8 @@ class TrainerNode(ProcessNode):
         self._log_compiling()
         self._known_ids = self._learning.source.known_ids  # missions that were joined before
         for namespace in namespaces:
-            self._joiners[namespace] = _new_joiner(self._run, self._known_ids)
+            ask = partial(self._ask, namespace)
+            self._joiners[namespace] = _new_joiner(self._run, self._known_ids, ask)
 
     def _log_memory(self) -> None:
         size = self._run.config.replay.decisions
@@ -136,26 +145,34 @@ class TrainerNode(ProcessNode):
     def _subscribe_to_world(self, namespace: str) -> None:
         """Subscribe to all that a world and its fleet report."""
         world = topics.world_topics(namespace)
+        topics.subscription(self, world.scenario, self._vouching.note_world)
         uavs = range(1, self._run.scenarios[0].n_uavs + 1)
         for topic in (world.mission, world.epoch, *(world.uav(uav).transition for uav in uavs)):
             found = converter_for(topic.name)
             if found is None:
                 raise RuntimeError(f'topic {topic.name} reports nothing to a learner')
             _, convert = found
-            self.create_subscription(
-                topic.message,
-                topic.name,
-                partial(self._on_message, namespace, convert),
-                _reader_qos(topic.qos),
-            )
+            on_message = partial(self._ingest, self._joiners[namespace], convert)
+            topics.subscription(self, topic, on_message, qos=_reader_qos(topic.qos))
 
-    def _on_message(self, namespace: str, convert: Callable[[Any], FleetReport], msg: Any) -> None:
-        self._ingest(namespace, convert(msg))
+    def _ask(self, namespace: str, mission: MissionReport) -> None:
+        """Ask the world of a mission whether it is its own."""
+        joiner = self._joiners[namespace]
 
-    def _ingest(self, namespace: str, report: FleetReport) -> None:
-        """Hand a report on, and the mission that it makes whole to the learner."""
+        def on_answer(is_own: bool) -> None:
+            self._take(lambda: joiner.answer(mission.mission_id, is_own=is_own))
+
+        self._vouching.ask(mission, on_answer)
+
+    def _ingest(
+        self, joiner: MissionJoiner, convert: Callable[[Any], FleetReport], msg: Any
+    ) -> None:
+        self._take(lambda: joiner.add(convert(msg)))
+
+    def _take(self, join: Callable[[], JoinedMission | None]) -> None:
+        """Hand the mission that was joined to the learner, if one was."""
         try:
-            joined = self._joiners[namespace].add(report)
+            joined = join()
         except RefusedError as error:
             self.warn('refused', f'refused: {error}; its mission is dropped')
             return
@@ -172,7 +189,7 @@ class TrainerNode(ProcessNode):
                     namespace = f'{bag}{world}'
                     if namespace not in self._joiners:
                         self._joiners[namespace] = _new_joiner(self._run, self._known_ids)
-                    self._ingest(namespace, _converted(bag, convert, msg))
+                    self._ingest(self._joiners[namespace], partial(_converted, bag, convert), msg)
                 yield
         for joiner in self._joiners.values():
             joiner.drop_incomplete()
@@ -182,6 +199,7 @@ class TrainerNode(ProcessNode):
 
     def _tick(self) -> None:
         self._publish(self._learning.new_policy())
+        self._vouching.look()
         now_s = time.monotonic()
         if now_s - self._shown_s >= _SHOWN_PERIOD_S:
             self._shown_s = now_s
@@ -252,7 +270,11 @@ class TrainerNode(ProcessNode):
         self.end(FAILED if ending.has_failed else 0)
 
 
-def _new_joiner(run: PlannedRun, known_ids: Sequence[str]) -> MissionJoiner:
+def _new_joiner(
+    run: PlannedRun,
+    known_ids: Sequence[str],
+    ask: Callable[[MissionReport], None] | None = None,
+) -> MissionJoiner:
     """What joins the missions of one world into episodes as the run learns from them."""
     scenario, config = run.scenarios[0], run.config
     site = build_site(scenario)
@@ -265,6 +287,7 @@ def _new_joiner(run: PlannedRun, known_ids: Sequence[str]) -> MissionJoiner:
         builder,
         max_decisions=config.max_decisions(scenario.n_cells),
         known_ids=known_ids,
+        ask=ask,
     )
 
 
