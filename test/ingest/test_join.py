@@ -17,6 +17,7 @@ from reports import (
 from tiny_world import tiny, uav
 from uav_collect.errors import ConfigError
 from uav_collect.ingest.join import DropReason, ReportOutcome
+from uav_collect.ingest.mission_ids import MissionIds
 from uav_collect.ingest.reports import EventReport, FleetReport, MissionReport, TransitionReport
 from uav_collect.missions.experience import Episode, Records
 from uav_collect.uav.action_codes import FAILSAFE, HOME, NONE
@@ -216,9 +217,21 @@ def test_the_messages_that_wait_are_bounded() -> None:
 
 def test_missions_that_were_joined_before_are_not_joined_again() -> None:
     flown = mission_setup()
-    joiner = flown.joiner(known_ids=['world-7'])
+    known = MissionIds()
+    known.add('world-7')
+    joiner = flown.joiner(known=known)
     assert [it.mission_id for it in joined(joiner, reports_of(flown, [7, 8]))] == ['world-8']
     assert joiner.counts.dropped == {}
+    assert (joiner.counts.n_joined, joiner.counts.n_known) == (1, 1)
+
+
+def test_a_mission_that_another_joiner_joins_meanwhile_is_not_joined_again() -> None:
+    flown, known = mission_setup(), MissionIds()
+    joiner, reports = flown.joiner(known=known), reports_of(flown, [7])
+    assert joined(joiner, reports[:-4]) == []
+    known.add('world-7')
+    assert joined(joiner, reports[-4:]) == []
+    assert (joiner.counts.n_known, joiner.n_waiting) == (1, 0)
 
 
 def test_a_mission_waits_until_its_world_has_said_that_it_is_its_own() -> None:

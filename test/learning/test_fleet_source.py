@@ -145,11 +145,21 @@ def test_a_restored_source_goes_on_and_knows_what_was_learned_from() -> None:
     source, other = source_of(episodes(range(20))), FleetSource(10**9)
     source.collect(agent(), 40, 0.5)
     other.restore(source.state())
-    assert other.known_ids == source.known_ids == [f'world-{seed}' for seed in range(20)]
+    assert other.known.state() == source.known.state() == {'world': [0, 20]}
     assert other.n_decisions == source.n_decisions
     first, second = (each.collect(agent(), 30, 0.5) for each in (source, other))
     assert [it.mission_seed for it in first] == [it.mission_seed for it in second]
     assert other.recent.reward == source.recent.reward
+
+
+def test_a_mission_that_is_added_twice_is_handed_out_once_even_much_later(tmp_path: Path) -> None:
+    [mission] = episodes([3])
+    source = source_of([mission] * 2)
+    source.collect(agent(), 1, 0.5)
+    for number in range(10_000):
+        source.known.add(f'later-{number}')
+    source.add(mission)
+    assert (source.n_missions, source.n_waiting) == (1, 0)
 
 
 def test_recent_figures_are_those_of_the_missions_handed_out() -> None:

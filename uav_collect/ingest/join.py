@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 from uav_collect.errors import RefusedError
+from uav_collect.ingest.mission_ids import MissionIds
 from uav_collect.ingest.rebuild import EpisodeBuilder, MissionParts
 from uav_collect.ingest.reports import (
     EventReport,
@@ -23,7 +24,7 @@ from uav_collect.missions.experience import Episode
 from uav_collect.uav.action_codes import HOME
 
 _PATIENCE_MISSIONS = 8  # later ones joined before a mission is given up
-_N_REMEMBERED = 4096  # missions whose stragglers are known as such
+_N_REMEMBERED = 4096  # missions that are closed whose stragglers are known as such
 
 
 class DropReason(StrEnum):
@@ -59,9 +60,21 @@ class JoinCounts:
     """What became of missions and of reports."""
 
     n_joined: int = 0  # missions, those that were cut off among them
+    n_known: int = 0  # missions that were joined before, here or elsewhere
     dropped: Counter[DropReason] = field(default_factory=Counter)  # missions
     reports: Counter[ReportOutcome] = field(default_factory=Counter)
     n_missing: int = 0  # reports that dropped missions lacked, as far as those beside them show
+
+    @property
+    def missions_text(self) -> str:
+        """What became of the missions, for people."""
+        dropped = ', '.join(f'{self.dropped[reason]} {reason}' for reason in DropReason)
+        return f'{self.n_joined} missions joined, {self.n_known} known before, dropped: {dropped}'
+
+    @property
+    def n_missions(self) -> int:
+        """All missions that something was reported of and that wait no more."""
+        return self.n_joined + self.n_known + self.dropped.total()
 
     @staticmethod
     def sum(parts: 'Iterable[JoinCounts]') -> 'JoinCounts':
@@ -69,6 +82,7 @@ class JoinCounts:
         total = JoinCounts()
         for part in parts:
             total.n_joined += part.n_joined
+            total.n_known += part.n_known
             total.dropped += part.dropped
             total.reports += part.reports
             total.n_missing += part.n_missing
@@ -165,7 +179,7 @@ class MissionJoiner:
         *,
         max_decisions: int,
         max_reports: int = 20_000,
-        known_ids: Iterable[str] = (),
+        known: MissionIds | None = None,
         ask: Callable[[MissionReport], None] | None = None,
     ) -> None:
         """Wait for the first report.
@@ -175,7 +189,7 @@ class MissionJoiner:
             builder: of the episodes of missions that are joined.
             max_decisions: after how many a mission is cut off.
             max_reports: that wait at most; for more, the missions that wait longest are dropped.
-            known_ids: of missions that were joined before.
+            known: missions that were joined before, here or elsewhere; others may add to them.
             ask: asks the world that a mission names whether it is its own, for `answer`; None:
                 what was recorded needs nobody's word.
         """
@@ -185,9 +199,8 @@ class MissionJoiner:
         self._ask = ask
         self._missions: OrderedDict[str, _PartialMission] = OrderedDict()  # by id, oldest first
         self._closed: OrderedDict[str, ReportOutcome] = OrderedDict()  # by id: of its stragglers
+        self._known = MissionIds() if known is None else known
         self.n_waiting = 0  # reports of events and decisions
-        for mission_id in known_ids:
-            self._close(mission_id, ReportOutcome.UNNEEDED)
 
     def add(self, report: FleetReport) -> JoinedMission | None:
         """Keep a report until its mission is whole, or needs it no more.
@@ -201,6 +214,11 @@ class MissionJoiner:
         mission_id = report.mission_id
         if mission_id in self._closed:
             self._count(report, self._closed[mission_id])
+            return None
+        if mission_id in self._known:
+            self.counts.n_known += 1
+            self._close(mission_id, ReportOutcome.UNNEEDED)
+            self._count(report, ReportOutcome.UNNEEDED)
             return None
         if self._is_unneeded(report):
             self._count(report, ReportOutcome.UNNEEDED)
@@ -313,7 +331,8 @@ class MissionJoiner:
     def _close(self, mission_id: str, stragglers: ReportOutcome) -> None:
         """Forget the reports of a mission, and remember what becomes of those still to come."""
         mission = self._missions.pop(mission_id, None)
-        self.n_waiting -= 0 if mission is None else mission.n_reports
+        if mission is not None:
+            self.n_waiting -= mission.n_reports
         self._closed[mission_id] = stragglers
         if len(self._closed) > _N_REMEMBERED:
             self._closed.popitem(last=False)

@@ -8,7 +8,7 @@ from threading import Thread
 from uav_collect.errors import DivergedError, InterruptedRunError, TrainingRunError
 from uav_collect.kernels.compile import kernels_are_compiled
 from uav_collect.learning.fleet_source import FleetSource
-from uav_collect.learning.loop import open_trainer, train
+from uav_collect.learning.loop import has_checkpoint, open_trainer, save, train
 from uav_collect.learning.trainer import Trainer
 from uav_collect.training.folder import BEST_POLICY, open_training_folder
 from uav_collect.training.planned_run import PlannedRun
@@ -113,6 +113,8 @@ class BackgroundTraining:
         budget = Budget(minutes=run.record.minutes, decisions=run.record.decisions)
         share_done = trainer.share_done(budget)
         with open_training_folder(run, trainer.n_decisions) as folder:
+            if not has_checkpoint(folder.checkpoint):  # before anybody can fly what a kill loses
+                save(trainer, folder.checkpoint)
             self._publish_if_due(trainer.config.epsilon(share_done))
             # Minutes count from the first mission on.
             if share_done < 1.0 and not self.source.wait():

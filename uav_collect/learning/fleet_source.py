@@ -10,11 +10,10 @@ from typing import Any
 
 import numpy as np
 from uav_collect.ingest.join import JoinedMission
+from uav_collect.ingest.mission_ids import MissionIds
 from uav_collect.learning.network import Drqn
 from uav_collect.missions.experience import Episode
 from uav_collect.training.progress import RecentMissions
-
-_N_REMEMBERED = 4096  # missions, so that none is learned from twice
 
 
 def _ignore(epsilon: float) -> None:
@@ -40,16 +39,10 @@ class FleetSource:
         self._is_closed = False
         self._credit = 0  # decisions handed out that were not asked for yet
         self.recent = RecentMissions()
-        self._learned: deque[str] = deque(maxlen=_N_REMEMBERED)  # ids of missions handed out
+        self.known = MissionIds()  # all missions that were ever added: none is learned from twice
         self.is_over = False
         self.n_decisions = 0
         self.n_missions = 0
-
-    @property
-    def known_ids(self) -> list[str]:
-        """Ids of the missions that were added, as far as they are remembered."""
-        with self._changed:
-            return [*self._learned, *(it.mission_id for it in self._waiting)]
 
     @property
     def n_waiting(self) -> int:
@@ -57,8 +50,11 @@ class FleetSource:
         return self._n_waiting
 
     def add(self, joined: JoinedMission) -> None:
-        """Queue a mission for the learner."""
+        """Queue a mission for the learner, unless it was added before."""
         with self._changed:
+            if joined.mission_id in self.known:
+                return
+            self.known.add(joined.mission_id)
             self._waiting.append(joined)
             self._n_waiting += _n_made(joined.episode)
             self._changed.notify()
@@ -102,7 +98,7 @@ class FleetSource:
         with self._changed:
             return {
                 'waiting': [*self._waiting],
-                'learned': [*self._learned],
+                'known': self.known.state(),
                 'recent': self.recent.state(),
                 'credit': self._credit,
                 'n_decisions': self.n_decisions,
@@ -114,7 +110,7 @@ class FleetSource:
         with self._changed:
             self._waiting.extend(state['waiting'])
             self._n_waiting = sum(_n_made(it.episode) for it in self._waiting)
-            self._learned.extend(state['learned'])
+            self.known.restore(state['known'])
             self.recent.restore(state['recent'])
             self._credit = state['credit']
             self.n_decisions = state['n_decisions']
@@ -123,7 +119,6 @@ class FleetSource:
     def _pop(self) -> Episode:
         joined = self._waiting.popleft()
         episode = joined.episode
-        self._learned.append(joined.mission_id)
         self.recent.add(joined.efficiency_kbit_per_j, float(np.sum(episode.records.reward)))
         self._n_waiting -= _n_made(episode)
         self.n_decisions += _n_made(episode)

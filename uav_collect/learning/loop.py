@@ -10,6 +10,7 @@ from uav_collect.errors import (
     DivergedError,
     InterruptedRunError,
     PolicyMismatchError,
+    TrainingRunError,
 )
 from uav_collect.learning.task import EpisodeSource
 from uav_collect.learning.trainer import Trainer
@@ -72,6 +73,7 @@ def train(
     Raises:
         InterruptedRunError: it was stopped; the run is saved.
         DivergedError: the loss is no number; the best policy is kept.
+        TrainingRunError: no update was made of random weights; what came is saved.
         OSError: the folder cannot be written.
     """
     budget = Budget(minutes=run.record.minutes, decisions=run.record.decisions)
@@ -86,12 +88,18 @@ def train(
             folder.save(trainer.best_policy(), BEST_POLICY)
         is_interrupted = is_stopped()
         if is_interrupted or monotonic() - saved_s >= checkpoint_s:
-            _save(trainer, folder.checkpoint)
+            save(trainer, folder.checkpoint)
             saved_s = monotonic()
         if is_interrupted:
             what = f'{progress.share_done:.0%} of {run.record.budget_text}'
             raise InterruptedRunError(f'interrupted after {what}; saved')
-    _save(trainer, folder.checkpoint)
+    save(trainer, folder.checkpoint)
+    if trainer.n_updates == 0 and run.initial is None:  # random weights are no policy
+        raise TrainingRunError(
+            f'{run.folder}: nothing was learned: {trainer.n_decisions:,} decisions came, too few'
+            f' for an update: it takes {run.config.replay.missions_per_batch} missions and'
+            f' {run.config.rollout.decisions_per_update:,} decisions'
+        )
     folder.save(trainer.policy(), LAST_POLICY)
     folder.mark_done()
     return progress
@@ -121,7 +129,7 @@ def _divergence(run: PlannedRun, trainer: Trainer, what: str) -> str:
     )
 
 
-def _save(trainer: Trainer, checkpoint: Path) -> None:
+def save(trainer: Trainer, checkpoint: Path) -> None:
     """Save a trainer.
 
     Raises:

@@ -109,7 +109,8 @@ class Trainer:
 
         Yields:
             How it stands, about once a second, after each validation, and once experience is
-            over. The weights change only between two of them: stop, save or look at any.
+            over; the last one is validated if there was an update. The weights change only
+            between two of them: stop, save or look at any.
         """
         speed = SpeedMeter(self.n_decisions, self.n_updates)
         is_over = False
@@ -124,7 +125,8 @@ class Trainer:
                 speed.resume()
             if is_due or is_over or speed.is_due():
                 yield self._progress(budget, speed, self._validation if is_due else None)
-        if self._validation is None or self._validation.n_updates < self._learner.n_updates:
+        n_validated = 0 if self._validation is None else self._validation.n_updates
+        if n_validated < self._learner.n_updates:
             self._validate()
             yield self._progress(budget, speed, self._validation)
 

@@ -25,7 +25,6 @@ from uav_collect.errors import (
 from uav_collect.ingest import rebuild
 from uav_collect.ingest.from_messages import converter_for
 from uav_collect.ingest.join import (
-    DropReason,
     JoinCounts,
     JoinedMission,
     MissionJoiner,
@@ -51,7 +50,6 @@ from uav_collect.nodes.trainer.vouching import MissionVouching
 from uav_collect.recording.bag_reader import messages
 from uav_collect.scenario.site import build_site
 from uav_collect.training.display import progress_display
-from uav_collect.training.planned_run import PlannedRun
 from uav_collect.uav.briefing import brief
 from uav_collect.uav.policy_file import policy_bytes
 from uav_collect_msgs.msg import Policy
@@ -122,10 +120,9 @@ class TrainerNode(ProcessNode):
             checkpoint_s=settings.checkpoint_period_s,
         )
         self._log_compiling()
-        self._known_ids = self._learning.source.known_ids  # missions that were joined before
         for namespace in namespaces:
             ask = partial(self._ask, namespace)
-            self._joiners[namespace] = _new_joiner(self._run, self._known_ids, ask)
+            self._joiners[namespace] = self._new_joiner(ask)
 
     def _log_memory(self) -> None:
         size = self._run.config.replay.decisions
@@ -155,6 +152,22 @@ class TrainerNode(ProcessNode):
             on_message = partial(self._ingest, self._joiners[namespace], convert)
             topics.subscription(self, topic, on_message, qos=_reader_qos(topic.qos))
 
+    def _new_joiner(self, ask: Callable[[MissionReport], None] | None = None) -> MissionJoiner:
+        """What joins the missions of one world into episodes as the run learns from them."""
+        scenario, config = self._run.scenarios[0], self._run.config
+        site = build_site(scenario)
+        discount_per_s = config.reward.discount_per_s
+        builder = EpisodeBuilder(site, config.layout, config.reward_kind, discount_per_s)
+        if kernels_are_compiled():
+            builder.warm_up()
+        return MissionJoiner(
+            report_spec(site, config.layout),
+            builder,
+            max_decisions=config.max_decisions(scenario.n_cells),
+            known=self._learning.source.known,
+            ask=ask,
+        )
+
     def _ask(self, namespace: str, mission: MissionReport) -> None:
         """Ask the world of a mission whether it is its own."""
         joiner = self._joiners[namespace]
@@ -180,19 +193,23 @@ class TrainerNode(ProcessNode):
             self._learning.source.add(joined)
 
     def _read(self, bags: Sequence[Path]) -> Iterator[None]:
-        """Ingest message after message of recordings."""
+        """Ingest message after message of recordings, and say what was in each."""
         for bag in bags:
+            joiners: dict[str, MissionJoiner] = {}  # by namespace
             for topic, msg in messages(bag, lambda name: converter_for(name) is not None):
                 found = converter_for(topic)
                 if found is not None:
                     world, convert = found
-                    namespace = f'{bag}{world}'
-                    if namespace not in self._joiners:
-                        self._joiners[namespace] = _new_joiner(self._run, self._known_ids)
-                    self._ingest(self._joiners[namespace], partial(_converted, bag, convert), msg)
+                    if world not in joiners:
+                        joiners[world] = self._joiners[f'{bag}{world}'] = self._new_joiner()
+                    self._ingest(joiners[world], partial(_converted, bag, convert), msg)
                 yield
-        for joiner in self._joiners.values():
-            joiner.drop_incomplete()
+            for joiner in joiners.values():
+                joiner.drop_incomplete()
+            counts = JoinCounts.sum(joiner.counts for joiner in joiners.values())
+            self.get_logger().info(
+                f'{bag}: {counts.n_missions} missions found: {counts.missions_text}'
+            )
         self._learning.source.close()
 
     # What goes out.
@@ -255,11 +272,10 @@ class TrainerNode(ProcessNode):
     def _join_status(self) -> tuple[str, ...]:
         """Which policy is flown, and what became of missions and messages, for people."""
         total = JoinCounts.sum(joiner.counts for joiner in self._joiners.values())
-        dropped = ', '.join(f'{total.dropped[reason]} {reason}' for reason in DropReason)
         n_waiting = sum(joiner.n_waiting for joiner in self._joiners.values())
         return (
             f'policy {self._version}' if self._version else 'no policy yet',
-            f'{total.n_joined} missions joined, dropped: {dropped}',
+            total.missions_text,
             f'messages: {n_waiting} wait, {total.reports[ReportOutcome.DUPLICATE]} twice,'
             f' {total.reports[ReportOutcome.LATE]} late, {total.n_missing} missing',
         )
@@ -268,27 +284,6 @@ class TrainerNode(ProcessNode):
         log = self.get_logger().error if ending.has_failed else self.get_logger().info
         log(ending.text)
         self.end(FAILED if ending.has_failed else 0)
-
-
-def _new_joiner(
-    run: PlannedRun,
-    known_ids: Sequence[str],
-    ask: Callable[[MissionReport], None] | None = None,
-) -> MissionJoiner:
-    """What joins the missions of one world into episodes as the run learns from them."""
-    scenario, config = run.scenarios[0], run.config
-    site = build_site(scenario)
-    discount_per_s = config.reward.discount_per_s
-    builder = EpisodeBuilder(site, config.layout, config.reward_kind, discount_per_s)
-    if kernels_are_compiled():
-        builder.warm_up()
-    return MissionJoiner(
-        report_spec(site, config.layout),
-        builder,
-        max_decisions=config.max_decisions(scenario.n_cells),
-        known_ids=known_ids,
-        ask=ask,
-    )
 
 
 def _converted(bag: Path, convert: Callable[[Any], FleetReport], msg: Any) -> FleetReport:

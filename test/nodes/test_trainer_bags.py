@@ -1,0 +1,80 @@
+"""Learning from recordings: each mission once, and what was in them is said."""
+
+from pathlib import Path
+import signal
+
+from episodes import single_threaded_torch
+from processes import Processes
+import pytest
+
+torch = single_threaded_torch()
+pytest.importorskip('rclpy')
+from trainings import fleet_of, NEVER, replayed, start_trainer, TRAINED_S
+
+pytestmark = pytest.mark.ros
+
+N_MISSIONS = 200
+
+
+def recorded(processes: Processes, folder: Path, n_missions: int) -> tuple[Path, Path]:
+    """Bags of two recorders, one after the other.
+
+    The later one gets what the world has published before, so that both have missions in common.
+    """
+    fleet, second = fleet_of(processes, folder), folder / 'later_bag'
+    recorder = fleet.start_recorder()
+    agents = fleet.start_agents('random', 'equal', observation_layout='egocentric')
+    world = fleet.start_world(missions=-1, decision_timeout_s=1000.0)
+    world.wait_for(f'-{n_missions // 10} ended')
+    recorder.send(signal.SIGINT)
+    assert recorder.wait_for_exit() == 0
+    later = processes.start('recorder', '--output', str(second))
+    later.wait_for('recording UAV 2')
+    world.wait_for(f'-{n_missions - 1} ended')
+    for process in agents:
+        process.kill()
+    later.send(signal.SIGINT)
+    assert later.wait_for_exit() == 0
+    return fleet.bag, second
+
+
+def test_each_mission_of_two_bags_that_a_restart_parted_is_learned_from_once(
+    processes: Processes, tmp_path: Path
+) -> None:
+    bags = [str(bag) for bag in recorded(processes, tmp_path, N_MISSIONS)]
+    run = tmp_path / 'run'
+    trainer = start_trainer(processes, run, '--from-bag', *bags, decisions=NEVER)
+    first = trainer.wait_for(r'w_bag: (\d+) missions found: (\d+) missions joined, 0 known before')
+    second = trainer.wait_for(
+        r'later_bag: (\d+) missions found: (\d+) missions joined, (\d+) known'
+    )
+    assert trainer.wait_for_exit(TRAINED_S) == 0
+    assert min(int(first[2]), int(second[2]), int(second[3])) > 5
+    episodes, state = replayed(run)
+    seeds = [one.mission_seed for one in episodes]
+    assert state['collectors'][0]['n_missions'] == int(first[2]) + int(second[2])
+    assert sorted({*seeds}) == sorted(seeds)
+    # A later run of the same trainer knows them all.
+    policy = (run / 'policy.safetensors').read_bytes()
+    again = start_trainer(processes, run, '--from-bag', *bags, decisions=NEVER)
+    assert again.wait_for_exit(TRAINED_S) == 1
+    assert 'later_bag: ' in again.output
+    assert ': 0 missions joined' in again.output
+    assert again.output.splitlines()[-1].endswith('there is no mission to learn from')
+    assert (run / 'policy.safetensors').read_bytes() == policy
+
+
+def test_a_bag_that_is_too_short_to_learn_from_leaves_no_policy(
+    processes: Processes, tmp_path: Path
+) -> None:
+    fleet, run = fleet_of(processes, tmp_path), tmp_path / 'run'
+    recorder = fleet.start_recorder(stop_after_missions=2)
+    fleet.start_agents('random', 'equal', observation_layout='egocentric')
+    assert fleet.start_world(missions=2).wait_for_exit() == 0
+    assert recorder.wait_for_exit() == 0
+    trainer = start_trainer(processes, run, '--from-bag', str(fleet.bag))
+    assert trainer.wait_for_exit(TRAINED_S) == 1
+    assert '2 missions found: 2 missions joined, 0 known before, dropped: 0 ' in trainer.output
+    assert 'nothing was learned' in trainer.output.splitlines()[-1]
+    assert 'it takes 4 missions and 20 decisions' in trainer.output
+    assert [*run.glob('*.safetensors')] == []
