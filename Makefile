@@ -6,7 +6,7 @@
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup mission train train-fleet curves figures test golden check format bench clean distclean
+.PHONY: help setup mission train train-fleet curves figures test fuzz golden check format bench clean distclean
 
 VENV := .venv
 PYTHON ?=
@@ -24,6 +24,7 @@ endif
 
 TESTS ?= test
 WORKERS ?= auto
+MESSAGES ?= 100000
 BENCHES ?= $(sort $(wildcard bench/*.py))
 
 # The variables of mission and train; "make help" prints these lines. Only what is set is passed on:
@@ -125,6 +126,9 @@ figures: $(INSTALLED) $(LEARNS) $(if $(filter ray,$(ENGINE)),$(CLUSTERS))  ## th
 
 test: $(BUILT) $(DEVELOPED) $(LEARNS) $(CLUSTERS)  ## run all tests; TESTS=test/physics runs a part
 	@. install/setup.sh && $(VENV)/bin/python -m pytest -n $(WORKERS) $(TESTS) $(ARGS)
+
+fuzz: $(BUILT) $(DEVELOPED) $(LEARNS)  ## 100,000 messages of nonsense on each topic, for a night; MESSAGES=N
+	@. install/setup.sh && UAV_COLLECT_FUZZ=$(MESSAGES) $(VENV)/bin/python -m pytest -k fuzz test/nodes $(ARGS)
 
 golden: $(INSTALLED)  ## write the digests of mission logs anew; their diff is a change of behaviour
 	@PYTHONPATH=.:test/helpers $(VENV)/bin/python test/helpers/golden_logs.py

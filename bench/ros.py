@@ -69,8 +69,9 @@ def fly_timed() -> None:
             super()._request_decision(mission, event)
 
         def _on_command(self, uav: int, msg: Any) -> None:  # noqa: ANN401
-            answered_s.append(time.monotonic())
-            agent_s.append(msg.compute_time_s)
+            if msg.mission_id:  # no greeting
+                answered_s.append(time.monotonic())
+                agent_s.append(msg.compute_time_s)
             super()._on_command(uav, msg)
 
     status = run_node(TimedWorld, sys.argv[2:])
