@@ -13,14 +13,17 @@ from typing import Any
 
 from processes import DEADLINE_S, Processes, RunningProcess
 from uav_collect.limits import GUARD_AFTER
+from uav_collect.missions.event_log import mission_header
 from uav_collect.missions.rollout import fly
 from uav_collect.missions.simulation import Event, Simulation
+from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.load import load
 from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
+from uav_collect.uav import action_codes
 from uav_collect.uav.agent import Agent, allocator_named
 from uav_collect.uav.messages import Decision, RadioMessage
-from uav_collect.uav.policy import policy_named
+from uav_collect.uav.policy import guard_for, policy_for
 
 _SPEEDS_MPS = (5.0, 10.0, 7.5, 12.5)
 _POLL_S = 0.002
@@ -45,14 +48,33 @@ def logs(
     return [log.to_jsonl() for log in flown]
 
 
+FAILSAFE = Decision(action=action_codes.HOME, reason=action_codes.FAILSAFE)
+
+
+def flown_without(
+    scenario: Scenario, seed: int, policy: str, *, uav: int, since: int
+) -> MissionLog:
+    """A mission in which a UAV, by index, has no agent from one of its decisions on."""
+    pilots = Pilots(scenario, seed, policy)
+    simulation = pilots.simulation
+    while (event := simulation.next_event()) is not None:
+        is_lost = event.uav == uav and event.decision >= since
+        simulation.start(event, FAILSAFE if is_lost else pilots.decide(event))
+    n_uavs = scenario.n_uavs
+    pilots_of = [policy] * n_uavs, ['exact'] * n_uavs, [action_codes.NONE] * n_uavs
+    return simulation.log(mission_header(scenario, seed, simulation.demand_bit, *pilots_of))
+
+
 class Pilots:
-    """The agents of one mission in this process."""
+    """The agents of one mission in this process, guarded as users' are."""
 
     def __init__(self, scenario: Scenario, seed: int, policy: str) -> None:
         self.simulation = Simulation(build_site(scenario), seed)
         briefing, allocator = self.simulation.briefing, allocator_named('exact')
+        policies = [policy_for(policy, scenario) for _ in range(scenario.n_uavs)]
         self.agents = [
-            Agent(briefing, uav, policy_named(policy), allocator) for uav in range(scenario.n_uavs)
+            Agent(briefing, uav, each, allocator, guard_after=guard_for(each, GUARD_AFTER))
+            for uav, each in enumerate(policies)
         ]
         self.radio: list[list[RadioMessage]] = [[] for _ in self.agents]  # heard, by UAV
 

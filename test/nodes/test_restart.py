@@ -3,17 +3,13 @@
 from pathlib import Path
 import signal
 
-from fleets import Fleet, listener, logs, Pilots, scenario_of
+from fleets import Fleet, flown_without, listener, logs, scenario_of
 import numpy as np
 from processes import Processes
 import pytest
 from uav_collect.analysis.metrics import mission_metrics
 from uav_collect.analysis.tables import mission_warnings
-from uav_collect.missions.simulation import mission_header
 from uav_collect.recording.mission_log import read
-from uav_collect.scenario.model import Scenario
-from uav_collect.uav import action_codes
-from uav_collect.uav.messages import Decision
 
 pytest.importorskip('rclpy')
 UavFigures = pytest.importorskip('uav_collect_msgs.msg').UavFigures
@@ -23,7 +19,6 @@ from uav_collect.nodes import topics
 pytestmark = pytest.mark.ros
 
 SEED = 3
-FAILSAFE = Decision(action=action_codes.HOME, reason=action_codes.FAILSAFE)
 ENOUGH_S = 100.0  # no failsafe, however busy the machine is
 
 
@@ -93,19 +88,6 @@ def test_a_node_that_falls_silent_for_a_while_goes_on_where_it_was(
     assert fleet.logs(seeds) == logs(fleet.scenario, seeds, 'random')
 
 
-def flown_with_failsafe(scenario: Scenario, seed: int, uav: int, decision: int) -> bytes:
-    """The log of random flights in which a UAV, by id, has no agent from a decision on."""
-    pilots = Pilots(scenario, seed, 'random')
-    simulation = pilots.simulation
-    while (event := simulation.next_event()) is not None:
-        is_lost = (event.uav + 1, event.decision) == (uav, decision)
-        simulation.start(event, FAILSAFE if is_lost else pilots.decide(event))
-    n_uavs = scenario.n_uavs
-    pilots_of = ['random'] * n_uavs, ['exact'] * n_uavs, [action_codes.NONE] * n_uavs
-    header = mission_header(scenario, seed, simulation.demand_bit, *pilots_of)
-    return simulation.log(header).to_jsonl()
-
-
 def test_a_uav_whose_agent_stays_away_is_flown_home_and_flies_again_in_the_next_mission(
     processes: Processes, tmp_path: Path
 ) -> None:
@@ -125,7 +107,8 @@ def test_a_uav_whose_agent_stays_away_is_flown_home_and_flies_again_in_the_next_
         heard = listening.heard[topics.MISSION.name]
         listening.wait_until(lambda: len(heard) >= 2)
         assert world.wait_for_exit() == 0
-    assert fleet.log(SEED) == flown_with_failsafe(scenario, SEED, 2, int(decision))
+    expected = flown_without(scenario, SEED, 'random', uav=1, since=int(decision))
+    assert fleet.log(SEED) == expected.to_jsonl()
     assert [fleet.log(SEED + 1)] == logs(scenario, [SEED + 1], 'random')
     result = heard[1]
     assert result.failsafe_used

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from functools import partial
 import math
 
+from fleets import flown_without
 from interpreted import interpreted
 import numpy as np
 import pytest
@@ -35,6 +36,7 @@ from uav_collect.uav.belief import Belief
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.messages import Decision, RadioMessage
 from uav_collect.uav.observation import Layout
+from uav_collect.uav.policy import STRONG
 from uav_collect.uav.policy_network import LearnedPolicy
 from uav_collect.uav.view import LocalView
 
@@ -270,6 +272,22 @@ def test_a_guarded_mission_adds_up() -> None:
         mission = mission_metrics(log)
         assert mission.n_guarded == sum(unit.n_guarded for unit in mission.uavs)
         assert mission.n_guarded == (log.events['reason'] == GUARD).sum()
+
+
+# With a peer gone
+
+
+@pytest.mark.parametrize('policy', ['sweep', STRONG])
+def test_whenever_a_peer_is_gone_all_data_is_collected(policy: str) -> None:
+    scenario, rng = load('paper_10x10'), np.random.default_rng(5)
+    n_guarded = 0
+    for seed in range(25):
+        since = int(rng.integers(60))
+        log = flown_without(scenario, seed, policy, uav=int(rng.integers(2)), since=since)
+        mission = mission_metrics(log)
+        assert mission.is_complete
+        n_guarded += mission.n_guarded
+    assert (n_guarded > 0) is (policy == STRONG)
 
 
 # That every mission ends

@@ -23,7 +23,7 @@ _STOPS_DONE = 0  # HERT: stops of the sector behind it; random: draws made
 # The sweep's plan in its memory; places count stops of the tour from its beginning.
 _PLANNED_S = 0  # when all shall be home [s]; 0 before there is a plan
 _ANCHOR = 1  # the place where the UAV begins
-_N_STOPS = 2  # of its piece of the tour
+_N_STOPS = 2  # of its piece of the tour; where UAVs hear nothing, of its own part of that
 _DIRECTION = 3  # 1 along the tour, -1 against it
 
 _LANE_WIDTH = 3  # columns that one flight along a lane's middle sees
@@ -200,7 +200,9 @@ def _choose_sweep(
     pairs, the slowest first: one flies from each end of the pair's piece until they meet. From
     its incomplete cells a UAV picks the nearest, where the way counts as much as the order on the
     tour. In the others' pieces it goes only where it would be back by the planned end, else home:
-    there they come by and tell what they know. If they do not, it looks for itself.
+    there they come by and tell what they know. If they are late, or silent for longer than their
+    part takes and nobody else serves that, it looks for itself. Where UAVs hear nothing at all,
+    each trusts the others to do their parts.
     """
     if memory[_PLANNED_S] == 0:
         _plan(briefing, uav, memory)
@@ -210,6 +212,8 @@ def _choose_sweep(
         is_own = _offset(briefing, view.cell, memory) < memory[_N_STOPS]
         if is_own or target < 0 or _offset(briefing, target, memory) >= memory[_N_STOPS]:
             return HOVER
+    if target < 0 and _is_deaf(briefing):
+        return HOME
     if target < 0:
         target = actions.cell_at(briefing, briefing.home_x_m[uav], briefing.home_y_m[uav])
     return step_towards(briefing, view.cell, target, legal)
@@ -223,7 +227,8 @@ def _next_cell(
     side = briefing.cells_per_side
     n_stops = _n_lanes(briefing) * side
     own_row, own_column = view.cell // side, view.cell % side
-    waits = view.time_s < _PATIENCE * memory[_PLANNED_S] and _meet_at_home(briefing, uav)
+    is_deaf = _is_deaf(briefing)
+    waits = _awaits_news(briefing, uav, belief, view, memory)
     left_s = memory[_PLANNED_S] - view.time_s
     reach = left_s * briefing.speed_mps[uav] / briefing.cell_size_m
     home_x_m, home_y_m = briefing.home_x_m[uav], briefing.home_y_m[uav]
@@ -245,12 +250,38 @@ def _next_cell(
             offset = (first + step * row) % n_stops
             if nearest >= 0 and way + offset >= least:
                 continue
-            is_far = waits and offset >= memory[_N_STOPS]
-            if is_far and way + _cells_from(briefing, cell, home_x_m, home_y_m) > reach:
+            is_far = offset >= memory[_N_STOPS]
+            if is_far and is_deaf:
+                continue
+            if is_far and waits and way + _cells_from(briefing, cell, home_x_m, home_y_m) > reach:
                 continue
             nearest = cell
             least = way + offset
     return nearest
+
+
+@kernel
+def _is_deaf(briefing: Briefing) -> bool:
+    """Whether no UAV of the fleet ever hears another one."""
+    return briefing.contact_range_m <= 0.0
+
+
+@kernel
+def _awaits_news(
+    briefing: Briefing, uav: int, belief: Belief, view: LocalView, memory: Row[int]
+) -> bool:
+    """Whether the others are still expected at home, to tell what they know."""
+    planned_s = memory[_PLANNED_S]
+    if view.time_s >= _PATIENCE * planned_s or not _meet_at_home(briefing, uav):
+        return False
+    if briefing.n_uavs % 2 == 0:
+        return True
+    # The last piece is that of a single UAV: if it is silent for longer than that takes, nobody
+    # serves it. What one of a pair leaves, the other serves without having heard of it.
+    alone = _next_faster(briefing, -1)
+    while _next_faster(briefing, alone) >= 0:
+        alone = _next_faster(briefing, alone)
+    return alone == uav or view.time_s - max(belief.peer_s[alone], 0.0) <= planned_s
 
 
 @kernel
@@ -354,6 +385,13 @@ def _share_tour(briefing: Briefing, uav: int, planned_s: int, memory: Row[int]) 
             memory[_ANCHOR] = begin if uav == first else end - 1
             memory[_DIRECTION] = 1 if uav == first else -1
             memory[_N_STOPS] = end - begin
+            if _is_deaf(briefing) and second >= 0:
+                # They would not notice that they meet.
+                n_first = 0
+                if end > begin:
+                    both = served + _stops_served(briefing, second, planned_s, end)
+                    n_first = int((end - begin) * served / both + 0.5)
+                memory[_N_STOPS] = n_first if uav == first else end - begin - n_first
         begin = end
         first = _next_faster(briefing, second) if second >= 0 else -1
     return begin
