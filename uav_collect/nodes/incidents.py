@@ -19,11 +19,11 @@ def in_one_line(text: str) -> str:
 
 
 @dataclass
-class _Told:
+class _Lines:
     """How much was logged of a kind since a time."""
 
     since_s: float
-    n_lines: int = 0
+    n_written: int = 0
     n_silent: int = 0
 
 
@@ -33,7 +33,7 @@ class Incidents:
 
     counts: Counter[str] = field(default_factory=Counter)
     latest: deque[str] = field(default_factory=lambda: deque(maxlen=_N_KEPT))
-    _told: dict[str, _Told] = field(default_factory=dict)
+    _lines: dict[str, _Lines] = field(default_factory=dict)
 
     def note(self, kind: str, text: str, now_s: float) -> str | None:
         """Count an incident of a kind such as 'command refused'.
@@ -51,15 +51,15 @@ class Incidents:
         if text in self.latest:
             return None
         self.latest.append(text)
-        told = self._told.get(kind)
-        if told is None or now_s - told.since_s > _PERIOD_S:
-            n_silent = 0 if told is None else told.n_silent
-            self._told[kind] = _Told(since_s=now_s, n_lines=1)
+        lines = self._lines.get(kind)
+        if lines is None or now_s - lines.since_s > _PERIOD_S:
+            n_silent = 0 if lines is None else lines.n_silent
+            self._lines[kind] = _Lines(since_s=now_s, n_written=1)
             return f'{text} (and {n_silent} more: {kind})' if n_silent else text
-        if told.n_lines == _MOST_LINES:
-            told.n_silent += 1
+        if lines.n_written == _MOST_LINES:
+            lines.n_silent += 1
             return None
-        told.n_lines += 1
+        lines.n_written += 1
         return text
 
     def summary(self) -> list[tuple[str, str]]:
