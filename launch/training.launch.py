@@ -20,10 +20,10 @@ from launch.events import Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
-from uav_collect.commands.train_fleet import world_names
+from uav_collect.commands.train_fleet import unused_folder, world_names
 from uav_collect.scenario.load import load
 from uav_collect.training.config import load_preset
-from uav_collect.training.seeds import first_training_seed
+from uav_collect.training.seeds import first_training_seed, next_training_seed
 import yaml
 
 from launch import LaunchContext, LaunchDescription
@@ -75,13 +75,13 @@ def _start(context: LaunchContext) -> list:
     nodes = []
     for number, name in enumerate(names):
         named = ['--world', name] if name else []
-        seed = first_training_seed(int(chosen('seed')), number, 0)
+        seed = _next_seed(chosen('output_dir'), int(chosen('seed')), number)
         nodes.append(_node('world_sim', {**world, 'seed': seed}, named))
         for uav in range(1, scenario.n_uavs + 1):
             nodes.append(_node('uav_agent', agent, [*named, '--id', str(uav)]))
         if chosen('record') == 'true':
-            bag = f'{chosen("output_dir")}_bag{name and "_"}{name}'
-            nodes.append(_node('recorder', {'output_dir': _text(bag)}, named))
+            bag = unused_folder(Path(f'{chosen("output_dir")}_bag{name and "_"}{name}'))
+            nodes.append(_node('recorder', {'output_dir': _text(str(bag))}, named))
     given = {
         name: ParameterValue(LaunchConfiguration(name), value_type=kind)
         for name, (kind, _) in _ARGUMENTS.items()
@@ -91,6 +91,13 @@ def _start(context: LaunchContext) -> list:
     is_over = EmitEvent(event=Shutdown(reason='the trainer has ended'))
     handler = OnProcessExit(target_action=trainer, on_exit=[is_over])
     return [*nodes, trainer, RegisterEventHandler(handler)]
+
+
+def _next_seed(output_dir: str, seed: int, world: int) -> int:
+    """Missions that no earlier launch of the run has flown; the trainer refuses one without."""
+    if not output_dir:
+        return first_training_seed(seed, world)
+    return next_training_seed(Path(output_dir), seed, world)
 
 
 def _node(executable: str, parameters: dict, arguments: list[str], **options: str) -> Node:

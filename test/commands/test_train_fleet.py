@@ -2,16 +2,19 @@
 
 import os
 from pathlib import Path
+import re
 import signal
 import sys
 
+from fleets import wait_until
 from processes import Processes, RunningProcess
 import pytest
 from tiny_world import tiny
 from uav_collect.commands.ros_processes import ros_parameters
 from uav_collect.recording.bag_reader import read_missions
+from uav_collect.recording.bag_repair import repair
 from uav_collect.training.run_record import read_run
-from uav_collect.training.seeds import first_training_seed
+from uav_collect.training.seeds import first_training_seed, next_training_seed, STARTS_FILE
 from uav_collect.uav.policy_file import load_policy
 
 pytest.importorskip('torch', reason='training needs torch')
@@ -60,6 +63,7 @@ def test_two_worlds_teach_one_trainer_until_its_time_is_up_and_all_ends(
     assert read_run(run).is_done
     assert load_policy(run / 'policy.safetensors').header.decisions > 0
     said = run / 'processes' / '1'
+    assert re.search(rf'recorded \d+\.\d MB in {said}', command.output)
     seeds = []
     for world in ('a', 'b'):
         missions = read_missions(said / f'bag_{world}')
@@ -106,6 +110,32 @@ def n_decisions(run: Path) -> int:
 
 
 @pytest.mark.ros
+def test_a_recorder_and_a_world_that_are_killed_cost_no_mission_and_none_is_flown_again(
+    processes: Processes, tmp_path: Path
+) -> None:
+    command = started(processes, tmp_path, '--minutes', '1000', '--record')
+    said = tmp_path / 'run' / 'processes' / '1'
+    command.wait_for(r'loss \d', TRAINED_S)
+    for name in ('recorder', 'world_sim'):
+        [pid] = pids(processes, name)
+        os.kill(pid, signal.SIGKILL)
+        command.wait_for(f'{name} was killed and is started again')
+        command.wait_for(r'loss \d', TRAINED_S)
+    log, again = said / 'world_sim.log', first_training_seed(0, 0, 1)
+    wait_until(lambda: f'-3 starts, seed {again + 3}\n' in log.read_text())
+    wait_until(lambda: (said / 'bag_2').is_dir())
+    command.send(signal.SIGINT)
+    assert command.wait_for_exit(TRAINED_S) == 130
+    assert processes.survivors() == []
+    seeds = re.findall(r' starts, seed (\d+)', log.read_text())
+    assert len({*seeds}) == len(seeds)
+    # The first bag is mended, the second as a recorder leaves it.
+    assert repair(said / 'bag').n_messages > 0
+    for bag in ('bag', 'bag_2'):
+        assert len(read_missions(said / bag)) > 0
+
+
+@pytest.mark.ros
 def test_a_trainer_that_cannot_start_ends_all_with_its_reason(
     processes: Processes, tmp_path: Path
 ) -> None:
@@ -131,6 +161,18 @@ def test_no_two_worlds_runs_or_starts_fly_the_same_missions() -> None:
     ]
     assert min(gaps) >= 2**20
     assert max(firsts) < 2**62
+
+
+def test_each_start_of_a_world_has_missions_of_its_own_written_down_in_the_run(
+    tmp_path: Path,
+) -> None:
+    run = tmp_path / 'run'
+    seeds = [next_training_seed(run, 3, world) for world in (0, 1, 0, 0, 11, 1)]
+    starts = [(0, 0), (1, 0), (0, 1), (0, 2), (11, 0), (1, 1)]
+    assert seeds == [first_training_seed(3, world, start) for world, start in starts]
+    rows = (run / STARTS_FILE).read_text().splitlines()
+    assert rows[0] == 'world,first_seed'
+    assert [int(row.split(',')[1]) for row in rows[1:]] == seeds
 
 
 def test_texts_stay_texts_as_ros_parameters() -> None:

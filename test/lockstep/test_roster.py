@@ -159,3 +159,10 @@ def test_a_mission_goes_on_under_the_guard_that_it_began_with(roster: Roster) ->
     assert not answer.accepted
     assert answer.reason.endswith("not policy 'sweep' (1), bandwidth 'exact', guard after 5")
     assert joined(roster, replace(pilot(2, 'C'), guard_after=12)).accepted
+
+
+def test_an_agent_of_a_trainers_policy_joins_again_whatever_version_it_has_by_now() -> None:
+    roster = Roster(1)
+    assert joined(roster, pilot(1, 'A', policy='topic', version='')).accepted
+    roster.begin_mission()
+    assert joined(roster, pilot(1, 'A', policy='topic', version='run@20')).accepted

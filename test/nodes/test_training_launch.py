@@ -1,5 +1,7 @@
 """The launch file of a training, read by stand-ins for `launch`."""
 
+from pathlib import Path
+
 from launch_recorder import defaults, described_by, given, Made, nodes, NODES_FILE, ROOT, started
 import pytest
 from uav_collect.scenario.load import load
@@ -10,8 +12,9 @@ LAUNCH_FILE = ROOT / 'launch' / 'training.launch.py'
 
 
 @pytest.fixture
-def description(monkeypatch: pytest.MonkeyPatch) -> Made:
-    """What the launch file describes."""
+def description(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Made:
+    """What the launch file describes, read in a folder of the test's own."""
+    monkeypatch.chdir(tmp_path)
     return described_by(LAUNCH_FILE, monkeypatch)
 
 
@@ -36,10 +39,27 @@ def test_each_world_has_a_name_a_fleet_and_missions_of_its_own(
     named = [['--world', name] if name else [] for name in names]
     assert [world.options['arguments'] for world in made] == named
     seeds = [world.options['parameters'][-1]['seed'] for world in made]
-    assert seeds == [first_training_seed(5, number, 0) for number in range(len(names))]
+    assert seeds == [first_training_seed(5, number) for number in range(len(names))]
     agents = nodes(description, 'uav_agent', worlds=worlds)
     ids = [[*flags, '--id', uav] for flags in named for uav in ('1', '2')]
     assert [agent.options['arguments'] for agent in agents] == ids
+
+
+def test_each_launch_of_a_run_flies_missions_and_keeps_bags_of_its_own(
+    description: Made, tmp_path: Path
+) -> None:
+    chosen = {'worlds': '2', 'seed': '5', 'output_dir': str(tmp_path / 'run'), 'record': 'true'}
+    bags: list[object] = []
+    for launch in range(3):
+        made = nodes(description, 'world_sim', **chosen)
+        seeds = [world.options['parameters'][-1]['seed'] for world in made]
+        # Asking for the recorders describes it all anew.
+        assert seeds == [first_training_seed(5, number, 2 * launch) for number in (0, 1)]
+        bags += [given(one, 'output_dir')[0] for one in nodes(description, 'recorder', **chosen)]
+        for bag in bags:
+            Path(str(bag)).mkdir(exist_ok=True)
+    names = ['run_bag_a', 'run_bag_b', 'run_bag_a_2', 'run_bag_b_2', 'run_bag_a_3', 'run_bag_b_3']
+    assert bags == [str(tmp_path / name) for name in names]
 
 
 def test_worlds_and_agents_fly_as_the_preset_trains(description: Made) -> None:

@@ -1,6 +1,6 @@
 """The processes of a mission: the recorder, the world and one agent per UAV; and of a training."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 import os
@@ -18,11 +18,15 @@ _RESTARTS = 3  # of one process within _RESTART_S; more, and something is wrong 
 _RESTART_S = 60.0
 
 
+Arguments = Sequence[str] | Callable[[], Sequence[str]]  # those of every start, or of the next one
+
+
 @dataclass(frozen=True, kw_only=True)
 class _Start:
     """How a process was started, to start it again."""
 
-    command: tuple[str, ...]
+    executable: str
+    arguments: Arguments
     stop_s: float
     ends_last: bool
 
@@ -59,7 +63,7 @@ class Fleet:
         self,
         executable: str,
         log_name: str,
-        arguments: Sequence[str],
+        arguments: Arguments,
         *,
         stop_s: float = _STOP_S,
         is_shown: bool = False,
@@ -69,6 +73,7 @@ class Fleet:
 
         Args:
             log_name: names the process and its log.
+            arguments: of its command line; a function where each start has others.
             stop_s: how long it may take to end after SIGINT.
             is_shown: what it says goes where this process says things.
             ends_last: it ends after the others, to receive their last messages.
@@ -76,8 +81,9 @@ class Fleet:
         Raises:
             FleetError: the package is not built, or not sourced.
         """
-        command = (_find(executable), *arguments)
-        start = _Start(command=command, stop_s=stop_s, ends_last=ends_last)
+        start = _Start(
+            executable=_find(executable), arguments=arguments, stop_s=stop_s, ends_last=ends_last
+        )
         log = None if is_shown else self._folder / f'{log_name}.log'
         return self._launch(log_name, log, start)
 
@@ -118,9 +124,10 @@ class Fleet:
             _end([it for it in self._running if it.start.ends_last == ends_last])
 
     def _launch(self, name: str, log: Path | None, start: _Start) -> FleetProcess:
+        arguments = start.arguments() if callable(start.arguments) else start.arguments
         with log.open('ab') if log else nullcontext() as output:
             popen = subprocess.Popen(
-                start.command,
+                (start.executable, *arguments),
                 stdin=subprocess.DEVNULL,
                 stdout=output,
                 stderr=output and subprocess.STDOUT,

@@ -1,6 +1,9 @@
 """Lets a fleet learn over ROS 2 while it flies, every node a process of its own."""
 
 import argparse
+from collections.abc import Callable, Sequence
+from functools import partial
+import itertools
 from pathlib import Path
 import string
 import time
@@ -12,7 +15,7 @@ from uav_collect.commands.terminal import INTERRUPTED, say
 from uav_collect.errors import FleetError
 from uav_collect.limits import FLEET_ALGORITHMS
 from uav_collect.recording.mission_folder import SCENARIO_FILE
-from uav_collect.training.seeds import first_training_seed
+from uav_collect.training.seeds import next_training_seed
 
 if TYPE_CHECKING:  # loaded when training, so that --help answers at once
     from uav_collect.scenario.model import Scenario
@@ -29,6 +32,7 @@ _RUNS = Path('runs', 'train_fleet')
 _MAX_WORLDS = 16
 _PROCESSES = 'processes'  # of a run folder: what they say
 _LOOK_S = 0.2
+_SIZE_PERIOD_S = 60.0  # between two lines that say how much was recorded
 _SAVE_S = 120.0  # how long the trainer may take to save
 
 
@@ -85,7 +89,7 @@ def run(arguments: argparse.Namespace) -> int:
         with running_fleet(said, n_participants) as fleet:
             _start(fleet, folder, said, scenario, arguments, allocator=config.rollout.bandwidth,
                    max_decisions=config.max_decisions(scenario.n_cells))  # fmt: skip
-            _supervise(fleet)
+            _supervise(fleet, said if arguments.record else None)
     except KeyboardInterrupt:
         say(f'interrupted; the same command goes on with {folder}')
         return INTERRUPTED
@@ -114,16 +118,16 @@ def _start(
     for number, name in enumerate(names):
         named, suffix = (['--world', name], f'_{name}') if name else ([], '')
         if arguments.record:
-            bag = ['--output', str(said / f'bag{suffix}')]
-            fleet.start('recorder', f'recorder{suffix}', [*named, *bag], ends_last=True)
-        values = ros_parameters(
+            bag = partial(_bag_arguments, named, said / f'bag{suffix}')
+            fleet.start('recorder', f'recorder{suffix}', bag, ends_last=True)
+        flown = partial(
+            _world_arguments,
+            named,
+            partial(next_training_seed, folder, arguments.seed, number),
             scenario=scenario_file,
-            seed=first_training_seed(arguments.seed, number, int(said.name)),
-            missions=-1,
             max_decisions=max_decisions,
-            viewer_rate_hz=0.0,
         )
-        fleet.start('world_sim', f'world_sim{suffix}', [*named, *values])
+        fleet.start('world_sim', f'world_sim{suffix}', flown)
         for uav in range(1, scenario.n_uavs + 1):
             flags = ['--id', str(uav), '--policy', 'topic', '--bandwidth', allocator]
             fleet.start('uav_agent', f'uav_{uav}{suffix}', [*named, *flags])
@@ -141,17 +145,57 @@ def _start(
     fleet.start('trainer', 'trainer', values, is_shown=True, stop_s=_SAVE_S)
 
 
-def _supervise(fleet: Fleet) -> None:
-    """Keep all processes running until the trainer has had its time."""
+def _bag_arguments(named: Sequence[str], first: Path) -> list[str]:
+    """Of a recorder, with a bag of its own for each start."""
+    return [*named, '--output', str(unused_folder(first))]
+
+
+def _world_arguments(
+    named: Sequence[str], next_seed: Callable[[], int], **values: object
+) -> list[str]:
+    """Of a world, with missions of its own for each start."""
+    fixed: dict[str, object] = {'missions': -1, 'viewer_rate_hz': 0.0}
+    return [*named, *ros_parameters(seed=next_seed(), **fixed, **values)]
+
+
+def _supervise(fleet: Fleet, recorded: Path | None) -> None:
+    """Keep all processes running until the trainer has had its time.
+
+    Args:
+        recorded: folder that bags grow in, if any do; how fast is said now and then.
+    """
+    begun_s = said_s = time.monotonic()
     while fleet.status('trainer') != 0:
         for name in fleet.restart_killed():
             say(f'{name} was killed and is started again')
         time.sleep(_LOOK_S)
+        now_s = time.monotonic()
+        if recorded is not None and now_s - said_s >= _SIZE_PERIOD_S:
+            said_s = now_s
+            per_minute = _recorded_mb(recorded) / (now_s - begun_s) * 60.0
+            say(f'{_size_text(recorded)}, {per_minute:,.1f} MB a minute')
+    if recorded is not None:
+        say(_size_text(recorded))
+
+
+def _size_text(folder: Path) -> str:
+    return f'recorded {_recorded_mb(folder):,.1f} MB in {folder}'
+
+
+def _recorded_mb(folder: Path) -> float:
+    """Size of all bags in a folder."""
+    return sum(path.stat().st_size for path in folder.glob('bag*/*.mcap')) / 1e6
 
 
 def world_names(n_worlds: int) -> list[str]:
     """One world has no name, so that its topics are the usual ones."""
     return [''] if n_worlds == 1 else [*string.ascii_lowercase[:n_worlds]]
+
+
+def unused_folder(first: Path) -> Path:
+    """`first`, or where that is used, the first of first_2, first_3, ... that is not."""
+    later = (first.with_name(f'{first.name}_{number}') for number in itertools.count(2))
+    return next(each for each in itertools.chain((first,), later) if not each.exists())
 
 
 def _new_folder(parent: Path) -> Path:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 
 from uav_collect.limits import GUARD_AFTER
 from uav_collect.uav.action_codes import NONE
+from uav_collect.uav.policy import TOPIC
 
 CONFIRM_S = 3.0  # for a claim to be followed by a greeting, and that by a sign of life
 _MOST_CLAIMS = 8  # for one UAV
@@ -38,9 +39,9 @@ class Pilot:
         guard = (
             '' if self.guard_after in (NONE, GUARD_AFTER) else f', guard after {self.guard_after}'
         )
-        return (
-            f'policy {self.policy!r} ({self.policy_version}), bandwidth {self.allocator!r}{guard}'
-        )
+        # Which version a trainer's policy has, each mission says by itself.
+        version = '' if self.policy == TOPIC else f' ({self.policy_version})'
+        return f'policy {self.policy!r}{version}, bandwidth {self.allocator!r}{guard}'
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,5 +1,12 @@
 """The mission seeds of trainings: ranges that users do not evaluate on by chance."""
 
+from pathlib import Path
+
+from uav_collect import files
+
+STARTS_FILE = 'world_starts.csv'  # of a run folder: each start of a world, and its first seed
+_COLUMNS = ('world', 'first_seed')
+
 VALIDATION_SEED = 2**60  # of the first validation mission
 _FIRST_SEED = 2**61  # of the missions to learn from
 # Runs, the worlds of a run and the starts of a world each have a part of the range of their own.
@@ -18,3 +25,26 @@ def first_training_seed(run_seed: int, world: int = 0, start: int = 0) -> int:
     """
     first = _FIRST_SEED + run_seed % _N_RUNS * _SEEDS_PER_RUN
     return first + world * _SEEDS_PER_WORLD + start % _N_STARTS * _SEEDS_PER_START
+
+
+def next_training_seed(folder: Path, run_seed: int, world: int) -> int:
+    """Seed of the first mission of a world that is to start, for the first time or again.
+
+    Each start is written down in the run's folder, so that no later one flies the same missions.
+
+    Args:
+        folder: of the run; it is made where there is none.
+        run_seed: of the training run.
+        world: number of the world.
+
+    Raises:
+        OSError: naming what cannot be read or written.
+    """
+    path = folder / STARTS_FILE
+    lines = path.read_text(encoding='utf-8').splitlines()[1:] if path.exists() else []
+    n_starts = sum(line.startswith(f'{world},') for line in lines)
+    seed = first_training_seed(run_seed, world, n_starts)
+    rows = [line.split(',') for line in lines]
+    folder.mkdir(parents=True, exist_ok=True)
+    files.write_atomically(path, files.csv_of([_COLUMNS, *rows, (world, seed)]))
+    return seed

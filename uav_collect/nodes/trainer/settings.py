@@ -11,6 +11,7 @@ from uav_collect.scenario.load import load, parse_override
 from uav_collect.training.config import load_preset
 from uav_collect.training.planned_run import new_record, PlannedRun, stored_run
 from uav_collect.training.run_record import read_run, RUN_FILE
+from uav_collect.training.seeds import STARTS_FILE
 from uav_collect.uav.policy import frozen_policy
 
 _MINUTES = 60.0
@@ -165,9 +166,14 @@ def planned_run(settings: TrainerSettings) -> PlannedRun:
     run = _new_run(settings, Path(settings.output_dir))
     if (run.folder / RUN_FILE).is_file():
         return _gone_on_with(run)
-    if run.folder.is_dir() and any(run.folder.iterdir()) and not run.scenario_files[0].exists():
+    if _holds_something(run.folder) and not run.scenario_files[0].exists():
         raise TrainingRunError(f'{run.folder}: holds something else: choose another output_dir')
     return run
+
+
+def _holds_something(folder: Path) -> bool:
+    """Whether a folder has more in it than that worlds were started for a run."""
+    return folder.is_dir() and any(path.name != STARTS_FILE for path in folder.iterdir())
 
 
 def _new_run(settings: TrainerSettings, folder: Path) -> PlannedRun:
