@@ -7,6 +7,7 @@ UavCollectError
   x RecordingError          a mission that cannot be recorded
   x MissionLogError         a mission log that cannot be read
   x BagError                a bag that cannot be read
+  x UnreadableError         bytes that are no message
   x RefusedError            a message that cannot be learned from
   + TrainingRunError        a run folder that cannot be used as asked
     x CheckpointError       a checkpoint that a training cannot go on from
@@ -60,6 +61,10 @@ class MissionLogError(UavCollectError, ValueError):
 
 class BagError(UavCollectError, ValueError):
     """A bag that cannot be read: which, why, and what to do."""
+
+
+class UnreadableError(UavCollectError, ValueError):
+    """Bytes that are no message of a type: which type, and where they stop to be one."""
 
 
 class RefusedError(UavCollectError, ValueError):

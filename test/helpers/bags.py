@@ -1,6 +1,7 @@
 """Bags made by hand, without ROS: the messages of missions flown in this process."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from uav_collect.recording.bag_writer import BagWriter, MessageTypes
 from uav_collect.recording.mission_log import header_line, MissionLog
 from uav_collect.scenario.load import fingerprint
 from uav_collect.scenario.site import Site
+from uav_collect.uav.action_codes import HOME
 
 STARTED, ENDED, ABORTED = 0, 1, 2
 QOS = Qos(
@@ -33,6 +35,7 @@ QOS = Qos(
     avoid_ros_namespace_conventions=False,
 )
 _MESSAGES = Path(__file__).parents[2] / 'msg_defs' / 'msg'
+_FIGURES = 'uav_collect_msgs/msg/UavFigures'
 _TIME = 'builtin_interfaces/msg/Time'
 _ZEROS: Mapping[str, object] = {'bool': False, 'string': '', 'float64': 0.0, 'float32': 0.0}
 
@@ -46,14 +49,69 @@ def definition_text(type_name: str) -> str:
     return (_MESSAGES / f'{name}.msg').read_text()
 
 
+class HandMadeMessages:
+    """Serializes messages of uav_collect_msgs as the middleware does."""
+
+    def __init__(self) -> None:
+        self._types = get_typestore(Stores.EMPTY)
+        for type_name in (_TIME, *(f'uav_collect_msgs/msg/{p.stem}' for p in _MESSAGES.iterdir())):
+            self._types.register(get_types_from_msg(definition_text(type_name), type_name))
+
+    def serialized(self, name: str, **fields: object) -> bytes:
+        """A message; fields not named are zero."""
+        type_name = f'uav_collect_msgs/msg/{name}'
+        return bytes(self._types.serialize_cdr(self._message(type_name, fields), type_name))
+
+    def of_mission(
+        self, log: MissionLog, mission_id: str, end: int = ENDED
+    ) -> Iterator[tuple[str, bytes]]:
+        """All messages of a mission with their topics, but those that viewers and learners get."""
+        n_decisions = sum(event['action'] != HOME for event in log.events)
+        n_heard: Counter[int] = Counter()
+        yield '/world/mission', self.serialized('Mission', mission_id=mission_id)
+        for number, event in enumerate(log.events):
+            fields = event_fields(event)
+            uav, heard = fields['uav'], fields['heard']
+            about = {'mission_id': mission_id, 'decision': fields['decision']}
+            for hearer in [uav] * len(heard) + [*heard]:
+                n_heard[hearer] += 1
+                delivered = {'mission_id': mission_id, 'delivery': n_heard[hearer]}
+                yield f'/uav_{hearer}/radio_rx', self.serialized('RadioMessage', **delivered)
+            yield f'/uav_{uav}/observation', self.serialized('Observation', **about)
+            sent = {'mission_id': mission_id, 'sequence': fields['decision']}
+            yield f'/uav_{uav}/radio_tx', self.serialized('RadioMessage', **sent)
+            yield f'/uav_{uav}/command', self.serialized('Command', **about)
+            fields['terminal'] = number == len(log.events) - 1
+            yield '/world/epoch', self.serialized('Epoch', mission_id=mission_id, **fields)
+        uavs = [self._message(_FIGURES, {}) for _ in log.header.uavs]
+        figures = {'phase': end, 'n_decisions': n_decisions, 'uavs': uavs}
+        yield '/world/mission', self.serialized('Mission', mission_id=mission_id, **figures)
+
+    def _message(self, type_name: str, fields: Mapping[str, object]) -> object:
+        _, types = self._types.fielddefs[type_name]
+        values = {name: self._value(field, fields.get(name)) for name, field in types}
+        return self._types.types[type_name](**values)
+
+    def _value(self, field: tuple[Any, Any], given: Any) -> object:  # noqa: ANN401 - any field
+        kind, what = field
+        if kind.name == 'NAME':
+            return self._message(what, given or {})
+        if given is not None:
+            return given
+        if kind.name == 'BASE':
+            return _ZEROS.get(what[0], 0)
+        (element, name), length = what
+        if element.name == 'NAME' or name[0] == 'string':
+            return []
+        return np.zeros(length, dtype=name[0])
+
+
 class HandMadeBag:
     """A bag that is written message by message; the time of reception counts up."""
 
     def __init__(self, folder: Path, *, chunk_byte: int = 1_000_000) -> None:
         self.writer = BagWriter(folder, MessageTypes(definition_text), chunk_byte=chunk_byte)
-        self._types = get_typestore(Stores.EMPTY)
-        for type_name in (_TIME, *(f'uav_collect_msgs/msg/{p.stem}' for p in _MESSAGES.iterdir())):
-            self._types.register(get_types_from_msg(definition_text(type_name), type_name))
+        self._messages = HandMadeMessages()
         self._topics: dict[str, Connection] = {}
         self._n_written = 0
 
@@ -62,9 +120,12 @@ class HandMadeBag:
         type_name = f'uav_collect_msgs/msg/{name}'
         if topic not in self._topics:
             self._topics[topic] = self.writer.add_topic(topic, type_name, QOS)
-        content = self._types.serialize_cdr(self._message(type_name, fields), type_name)
+        self.add_bytes(topic, self._messages.serialized(name, **fields))
+
+    def add_bytes(self, topic: str, content: bytes) -> None:
+        """Write what may be no message, on a topic that has one."""
         self._n_written += 1
-        self.writer.write(self._topics[topic], self._n_written, bytes(content))
+        self.writer.write(self._topics[topic], self._n_written, content)
 
     def add_scenario(self, site: Site, world: str = 'world') -> None:
         """Write what a world says first."""
@@ -109,25 +170,13 @@ class HandMadeBag:
                 self.add('/world/mission', 'Mission', phase=phase, **about)
 
     def _add_epoch(self, event: np.void, mission_id: str, *, terminal: bool) -> None:
-        fields = {name: event[name].item() for name in event.dtype.names}
-        mask = fields['heard']
-        fields['heard'] = np.array([i + 1 for i in range(64) if mask >> i & 1], dtype=np.uint8)
-        self.add('/world/epoch', 'Epoch', mission_id=mission_id, terminal=terminal, **fields)
+        about = {'mission_id': mission_id, 'terminal': terminal}
+        self.add('/world/epoch', 'Epoch', **about, **event_fields(event))
 
-    def _message(self, type_name: str, fields: Mapping[str, object]) -> object:
-        _, types = self._types.fielddefs[type_name]
-        values = {name: self._value(field, fields.get(name)) for name, field in types}
-        return self._types.types[type_name](**values)
 
-    def _value(self, field: tuple[Any, Any], given: Any) -> object:  # noqa: ANN401 - any field
-        kind, what = field
-        if kind.name == 'NAME':
-            return self._message(what, given or {})
-        if given is not None:
-            return given
-        if kind.name == 'BASE':
-            return _ZEROS.get(what[0], 0)
-        (element, name), length = what
-        if element.name == 'NAME' or name[0] == 'string':
-            return []
-        return np.zeros(length, dtype=name[0])
+def event_fields(event: np.void) -> dict[str, Any]:
+    """The fields of an Epoch message that an event of a log has."""
+    fields = {name: event[name].item() for name in event.dtype.names}
+    mask = fields['heard']
+    fields['heard'] = np.array([i + 1 for i in range(64) if mask >> i & 1], dtype=np.uint8)
+    return fields

@@ -2,6 +2,8 @@
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
+import random
+import re
 import resource
 import signal
 import time
@@ -18,11 +20,11 @@ for needed in ('rclpy', 'uav_collect_msgs'):
 
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.serialization import deserialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 from uav_collect.errors import BagError
 from uav_collect.nodes import topics
 from uav_collect.nodes.middleware import use_quick_discovery
-from uav_collect_msgs.msg import Epoch, Mission
+from uav_collect_msgs.msg import Epoch, Mission, Scenario
 
 pytestmark = pytest.mark.ros
 
@@ -39,30 +41,39 @@ class FakeFleet:
         self.node = rclpy.create_node('fleet', context=self.context)
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
+        self.mission_id = 'm'
         self.topics = {topic.name: topic for topic in topics.fleet_topics(N_UAVS)}
         self.publishers = {
             name: topics.publisher(self.node, topic) for name, topic in self.topics.items()
         }
         self.sent: dict[str, list[Any]] = {name: [] for name in self.topics}
+        self.send('/world/scenario', Scenario(world_instance='w', n_uavs=N_UAVS))
 
     def send(self, name: str, message: Any) -> None:  # noqa: ANN401
         self.sent[name].append(message)
         self.publishers[name].publish(message)
 
     def send_event(self, number: int, *, terminal: bool = False) -> None:
-        """One message on each topic of a decision."""
-        uav = number % N_UAVS + 1
+        """One message on each topic of a decision; the UAVs take turns."""
+        decision, index = divmod(number, N_UAVS)
+        uav = index + 1
         for name in (f'/uav_{uav}/observation', f'/uav_{uav}/command', f'/uav_{uav}/radio_tx'):
             message = self.topics[name].message()
             message.stamp.sec = number
-            message.mission_id = 'm'
+            message.mission_id = self.mission_id
+            setattr(message, 'sequence' if name.endswith('tx') else 'decision', decision)
             self.send(name, message)
-        epoch = Epoch(event=number, mission_id='m', uav_x_m=[1.0, 2.0], terminal=terminal)
+        epoch = Epoch(
+            event=number, mission_id=self.mission_id, uav=uav, decision=decision, uav_x_m=[1.0, 2.0],
+            terminal=terminal,
+        )  # fmt: skip
         epoch.stamp.sec = number
         self.send('/world/epoch', epoch)
 
-    def send_phase(self, phase: int) -> None:
-        self.send('/world/mission', Mission(mission_id='m', phase=phase))
+    def send_phase(self, phase: int, n_events: int = 0) -> None:
+        """A mission starts, or has ended after so many events."""
+        mission = Mission(mission_id=self.mission_id, phase=phase, n_decisions=n_events)
+        self.send('/world/mission', mission)
 
     def wait_until(self, condition: Callable[[], bool]) -> None:
         deadline_s = time.monotonic() + DEADLINE_S
@@ -117,6 +128,7 @@ def test_every_message_is_recorded_as_it_was_sent(
     fleet.wait_for_recorder()
     for name, topic in fleet.topics.items():
         fleet.send(name, topic.message())
+    fleet.send_phase(Mission.STARTED)
     for number in range(200):
         fleet.send_event(number)
     fleet.wait_until(lambda: all(p.wait_for_all_acked() for p in fleet.publishers.values()))
@@ -151,7 +163,7 @@ def test_a_recorder_that_starts_late_gets_what_was_said_before(
     fleet.send_phase(Mission.STARTED)
     for number in range(500):
         fleet.send_event(number, terminal=number == 499)
-    fleet.send_phase(Mission.ENDED)
+    fleet.send_phase(Mission.ENDED, 500)
     recorder = start(processes, tmp_path / 'bag', 'stop_after_missions:=1')
     assert recorder.wait_for_exit() == 0
     assert recorded(tmp_path / 'bag') == sent_by(fleet)
@@ -162,14 +174,100 @@ def test_a_recorder_stops_by_itself_when_the_missions_have_ended(
 ) -> None:
     recorder = start(processes, tmp_path / 'bag', 'stop_after_missions:=2')
     fleet.wait_for_recorder()
-    for phase in (Mission.STARTED, Mission.ABORTED, Mission.STARTED):
-        fleet.send_phase(phase)
-        fleet.send_event(phase)
+    fleet.send_phase(Mission.STARTED)
+    fleet.send_event(0)
+    fleet.send_phase(Mission.ABORTED)
+    fleet.mission_id = 'n'
+    fleet.send_phase(Mission.STARTED)
+    fleet.send_event(0)
     assert recorder.is_running
-    fleet.send_phase(Mission.ENDED)
-    fleet.send_event(7, terminal=True)  # topics are not ordered against each other
+    fleet.send_phase(Mission.ENDED, 2)
+    fleet.send_event(1, terminal=True)  # topics are not ordered against each other
     assert recorder.wait_for_exit() == 0
     assert recorded(tmp_path / 'bag') == sent_by(fleet)
+
+
+def test_what_is_missing_is_named_in_log_and_bag_and_the_exit_status_tells(
+    processes: Processes, fleet: FakeFleet, tmp_path: Path
+) -> None:
+    bag = tmp_path / 'bag'
+    recorder = start(processes, bag, 'stop_after_missions:=1')
+    fleet.wait_for_recorder()
+    fleet.send_phase(Mission.STARTED)
+    for number in range(4):
+        fleet.send_event(number)
+    contact = Epoch(event=4, mission_id='m', uav=1, decision=2, heard=[2], terminal=True)
+    fleet.send('/world/epoch', contact)
+    fleet.send_phase(Mission.ENDED, 5)
+    assert recorder.wait_for_exit() == 1
+    for topic in ('uav_1/command', 'uav_1/observation', 'uav_1/radio_rx', 'uav_2/radio_rx'):
+        line = f'/{topic} lacks 1 of mission m'
+        assert f'not recorded: {line}' in recorder.output
+        assert line in (bag / 'metadata.yaml').read_text()
+    assert recorded(bag) == sent_by(fleet)
+
+
+def test_bytes_that_are_no_message_are_left_out_and_counted(
+    processes: Processes, fleet: FakeFleet, tmp_path: Path
+) -> None:
+    recorder = start(processes, tmp_path / 'bag')
+    fleet.wait_for_recorder()
+    fleet.send_phase(Mission.STARTED)
+    draw, mine = random.Random(7), fleet.topics['/world/epoch']
+    read = [fleet.topics[f'/world/{name}'] for name in ('scenario', 'mission', 'epoch')]
+    read += [topic for topic in topics.topics_of_uav(1) if not topic.name.endswith('refusal')]
+    for number in range(2_000):
+        for topic in read:
+            damaged = bytearray(serialize_message(topic.message()))
+            for _ in range(draw.randrange(1, 6)):
+                damaged[draw.randrange(len(damaged))] = draw.randrange(256)
+            # The middleware never acknowledges an empty one.
+            content = draw.randbytes(draw.randrange(4, 100)) if number % 2 else bytes(damaged)
+            fleet.publishers[topic.name].publish(content)
+    for number in range(20):
+        fleet.send_event(number)
+    fleet.wait_until(lambda: all(p.wait_for_all_acked() for p in fleet.publishers.values()))
+    recorder.send(signal.SIGINT)
+    assert recorder.wait_for_exit() in (0, 1)  # some may read like missions
+    assert 'Traceback' not in recorder.output
+    for topic in read:  # every other one was random, and is no message at all
+        (n_left_out,) = re.findall(rf'left out (\d+) messages of {topic.name}:', recorder.output)
+        assert int(n_left_out) > 1_000
+    assert len(recorder.output) < 100_000
+    with AnyReader([tmp_path / 'bag']) as reader:
+        epochs = [it for it in reader.connections if it.topic == mine.name]
+        kept = [content for _, _, content in reader.messages(epochs)]
+    assert [serialize_message(epoch) for epoch in fleet.sent[mine.name]] == kept[-20:]
+
+
+def test_a_mission_takes_off_when_its_recorder_hears_everything(
+    processes: Processes, tmp_path: Path
+) -> None:
+    fleet = Fleet(processes=processes, scenario=scenario_of(), folder=tmp_path / 'run')
+    recorder = processes.start('recorder', '--output', str(fleet.bag))
+    recorder.send(signal.SIGSTOP)
+    world = fleet.start_world(recorders=1, recorder_timeout_s=DEADLINE_S)
+    fleet.start_agents()
+    world.wait_for('waiting for a recorder that is not there yet')
+    assert fleet.n_events(0) == 0
+    recorder.send(signal.SIGCONT)
+    assert world.wait_for_exit() == 0
+    recorder.send(signal.SIGINT)
+    assert recorder.wait_for_exit() == 0, recorder.output
+    (mission,) = read_missions(fleet.bag)
+    assert mission.is_complete
+    assert mission.n_radio_messages > 0
+
+
+def test_a_mission_waits_for_recorders_no_longer_than_was_said(
+    processes: Processes, tmp_path: Path
+) -> None:
+    fleet = Fleet(processes=processes, scenario=scenario_of(), folder=tmp_path / 'run')
+    world = fleet.start_world(recorders=1, recorder_timeout_s=0.5, missions=2)
+    fleet.start_agents()
+    assert world.wait_for_exit() == 0
+    lines = re.findall('a mission starts after 0.5 s without a recorder', world.output)
+    assert len(lines) == 1
 
 
 def test_a_recorder_whose_last_mission_was_aborted_awaits_no_event(
@@ -177,6 +275,7 @@ def test_a_recorder_whose_last_mission_was_aborted_awaits_no_event(
 ) -> None:
     recorder = start(processes, tmp_path / 'bag', 'stop_after_missions:=1')
     fleet.wait_for_recorder()
+    fleet.send_phase(Mission.STARTED)
     fleet.send_phase(Mission.ABORTED)
     assert recorder.wait_for_exit() == 0
     assert recorded(tmp_path / 'bag') == sent_by(fleet)
@@ -190,6 +289,7 @@ def test_a_signal_closes_the_bag(
 ) -> None:
     recorder = start(processes, tmp_path / 'bag')
     fleet.wait_for_recorder()
+    fleet.send_phase(Mission.STARTED)
     for number in range(20):
         fleet.send_event(number)
     fleet.wait_until(lambda: all(p.wait_for_all_acked() for p in fleet.publishers.values()))
@@ -197,7 +297,7 @@ def test_a_signal_closes_the_bag(
         recorder.send(number)
     assert recorder.wait_for_exit() == 0
     assert 'Traceback' not in recorder.output
-    recorder.wait_for(f'recorded 80 messages to {tmp_path / "bag"}')
+    recorder.wait_for(f'recorded 82 messages to {tmp_path / "bag"}')
     assert recorded(tmp_path / 'bag') == sent_by(fleet)
     assert processes.survivors() == []
 
@@ -247,7 +347,9 @@ def test_of_a_mission_a_killed_recorder_keeps_the_start_and_a_late_one_records_i
     wait_until(lambda: (tmp_path / 'late' / 'late.mcap').stat().st_size > 100_000)
     fleet.start_agent(1, 'random')
     assert world.wait_for_exit() == 0
-    assert late.wait_for_exit() == 0
+    assert late.wait_for_exit() == 1  # what the dead agent had said is gone with it
+    late.wait_for('not recorded: /uav_1/command lacks')
+    assert '/uav_2/' not in late.output.partition('not recorded')[2]
     with pytest.raises(BagError, match='recorder --repair'):
         read_missions(fleet.bag)
     assert processes.start('recorder', '--repair', str(fleet.bag)).wait_for_exit() == 0

@@ -13,7 +13,7 @@ Worlds that share a ROS domain have a namespace each, which stands before all th
 trainer and diagnostics are common to them. The constants here are the names without a namespace.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from functools import partial
@@ -37,6 +37,7 @@ from uav_collect_msgs.msg import (
     Observation,
     Policy,
     RadioMessage,
+    RecorderStatus,
     Refusal,
     Scenario,
     Transition,
@@ -64,6 +65,7 @@ _FROM_UAV = QoSProfile(depth=3_000, durability=_LATCHED, **_NOTICED)
 _LEARNED = QoSProfile(depth=4, durability=_LATCHED, **_NOTICED)
 _LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 _REPORTS = QoSProfile(depth=10)
+_STATUS = QoSProfile(depth=10, durability=_LATCHED)
 
 _MOST_BYTES = 64_000_000  # of a message; the largest, a policy, takes one or two millions
 
@@ -107,6 +109,8 @@ MARKERS = Topic(name='/world/markers', message=MarkerArray, qos=_CURRENT)
 COMPLETED_CELLS = Topic(name='/world/completed_cells', message=OccupancyGrid, qos=_CURRENT)
 DIAGNOSTICS = Topic(name='/diagnostics', message=DiagnosticArray, qos=_REPORTS)
 
+# Beside the latest word of each recorder, those before it matter to nobody.
+RECORDER = Topic(name='/world/recorder', message=RecorderStatus, qos=_STATUS)
 POLICY = Topic(name='/trainer/policy', message=Policy, qos=_LEARNED)
 
 
@@ -121,6 +125,7 @@ class WorldTopics:
     epoch: Topic
     markers: Topic
     completed_cells: Topic
+    recorder: Topic  # recorders -> world
     join_service: str
     control_service: str
     vouch_prefix: str  # before the beginning of a world's instance: each world has its own
@@ -134,6 +139,13 @@ class WorldTopics:
         own = (self.clock, self.scenario, self.mission, self.epoch)
         return (*own, self.markers, self.completed_cells, DIAGNOSTICS, POLICY)
 
+    def awaited(self, uavs: Iterable[int]) -> tuple[Topic, ...]:
+        """The topics that somebody publishes in every mission of a fleet, by ids of its UAVs."""
+        shared = [topic for topic in self.recorded() if topic != POLICY]
+        own = [self.uav(uav) for uav in uavs]
+        parts = [(it.observation, it.radio_rx, it.command, it.radio_tx) for it in own]
+        return (*shared, *(topic for part in parts for topic in part))
+
 
 def world_topics(namespace: str = '') -> WorldTopics:
     """The topics of the world in a namespace, '' or such as '/a'."""
@@ -145,6 +157,7 @@ def world_topics(namespace: str = '') -> WorldTopics:
         epoch=EPOCH.within(namespace),
         markers=MARKERS.within(namespace),
         completed_cells=COMPLETED_CELLS.within(namespace),
+        recorder=RECORDER.within(namespace),
         join_service=f'{namespace}{JOIN_SERVICE}',
         control_service=f'{namespace}{CONTROL_SERVICE}',
         vouch_prefix=f'{namespace}/world/vouch_',

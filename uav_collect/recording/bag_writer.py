@@ -6,7 +6,7 @@ file is cut back to its last whole chunk and closed as usual.
 """
 
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 import fcntl
 from io import BytesIO
@@ -18,6 +18,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
 from rosbags.rosbag2.storage_mcap import PendingChunk
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 from uav_collect.errors import RecordingError
+from uav_collect.recording.message_heads import FieldKind
 
 _SEPARATOR = '=' * 80
 RESERVE = '.reserve'  # a file that keeps room for index and metadata, should the disk get full
@@ -47,6 +48,12 @@ class MessageTypes:
         """The hash by which ROS 2 tells versions of a type apart."""
         self.definition(type_name)
         return self._store.hash_rihs01(type_name)
+
+    def fields(self, type_name: str) -> Sequence[tuple[str, FieldKind]]:
+        """The names and kinds of a type's fields."""
+        self.definition(type_name)
+        _, fields = self._store.fielddefs[type_name]
+        return fields
 
     def _with_parts(self, type_name: str) -> Iterator[str]:
         if type_name not in self._texts:

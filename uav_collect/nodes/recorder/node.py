@@ -1,11 +1,11 @@
 """The recorder: every topic of a mission, as received, into one bag."""
 
 import argparse
+from collections import Counter
 from collections.abc import Callable, Sequence
 from functools import partial
 import math
 from pathlib import Path
-import re
 import sys
 import time
 from typing import Any
@@ -13,7 +13,7 @@ from typing import Any
 from ament_index_python.packages import get_package_share_directory
 from rclpy.clock import Clock, ClockType
 from rclpy.qos import QoSProfile
-from rclpy.serialization import deserialize_message
+from rclpy.subscription import Subscription
 from rosbags.interfaces import (
     Connection,
     Qos,
@@ -23,22 +23,31 @@ from rosbags.interfaces import (
     QosReliability,
     QosTime,
 )
-from uav_collect.errors import BagError, NodeError, RecordingError
+from uav_collect.errors import BagError, NodeError, RecordingError, UnreadableError
+from uav_collect.limits import MAX_UAVS
 from uav_collect.nodes.parameters import add_world_option, declare, help_text, Parameter
 from uav_collect.nodes.process import FAILED, MISUSED, parse_arguments, ProcessNode, run_node
+from uav_collect.nodes.recorder.status import StatusPublisher
 from uav_collect.nodes.topics import Topic, topics_of_uav, world_of, world_topics
 from uav_collect.recording.bag_writer import BagWriter, MessageTypes
-from uav_collect_msgs.msg import Epoch, Mission
+from uav_collect.recording.completeness import Completeness, Taken
+from uav_collect.recording.message_heads import HeadReader
 
 _DESCRIPTION = """
 Records every topic of a mission, as received, into one bag (rosbag2 layout, MCAP). Start it in any
-order with the other nodes; it adds the topics of each UAV that it sees. SIGINT, SIGTERM and SIGHUP
-close the bag; after anything worse, --repair makes it readable up to the last flushed chunk.
+order with the other nodes; it adds the topics of each UAV of the scenario. SIGINT, SIGTERM and
+SIGHUP close the bag; after anything worse, --repair makes it readable up to its last whole chunk.
+What events of missions tell of and the bag lacks is named at the end; the exit status is then 1.
 """
 _READER_DEPTH = 10_000  # messages of a topic that wait while a chunk is written
-_LOOK_PERIOD_S = 0.05  # between looks for new UAVs; latched histories bridge it
+_LOOK_PERIOD_S = 0.05  # between looks for publishers that are not heard yet
+_MOST_WORLDS = 8  # kept in mind
+_SCENARIO_FIELDS = ('world_instance', 'n_uavs')
+_DRAIN_S = 1.0  # longest wait, when it is stopped, for what was published before
 _QUIET_S = 0.3  # without any message, when the last mission has ended, it was the last
 _WAIT_S = 5.0  # longest wait for that: DDS repeats lost packets every 3 s
+
+Taker = Callable[[bytes], Taken | None]  # takes note of a message, and may refuse it
 
 PARAMETERS = (
     Parameter(
@@ -81,33 +90,49 @@ class RecorderNode(ProcessNode):
             world: name of the world to record; empty for that without a name.
         """
         super().__init__('recorder', namespace=world)
-        self._world = world_topics(world_of(self.get_namespace()))
-        self._uav_topic = re.compile(rf'{self._world.namespace}/uav_([1-9]\d?)/\w+')
+        self._names = names = world_topics(world_of(self.get_namespace()))
         declare(self, PARAMETERS)
-        self._bag = self._open(output)
+        types = MessageTypes(_definition_text)
+        self._bag = self._open(output, types)
+        self._scenarios = HeadReader(names.scenario.type_name, _SCENARIO_FIELDS, types.fields)
+        self._completeness = Completeness(types.fields, names.namespace)
         self._missions_left = self._value('stop_after_missions') or math.inf
         self._ended_s = math.inf  # when the last mission to record has ended
-        self._unfinished = ''  # that mission, while its last event is not here
-        self._last_epoch = b''
         self._heard_s = 0.0  # when the last message came that is not just the clock
-        self._uavs: set[int] = set()
-        fleet_wide = self._world.recorded()
-        for topic in fleet_wide:
+        self._worlds: dict[str, int] = {}  # number of UAVs by world instance, the latest last
+        self._listeners: dict[str, Subscription] = {}  # by topic
+        self._n_unreadable: Counter[str] = Counter()  # messages by topic
+        for topic in names.recorded():
             self._record(topic)
+        self._status = StatusPublisher(self, names.recorder, self._bag.folder)
         # Wall time, whatever the simulated clock does.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(self._value('flush_period_s'), self._flush, clock=steady)
-        self.create_timer(_LOOK_PERIOD_S, self._look_for_uavs, clock=steady)
-        self.get_logger().info(f'recording {len(fleet_wide)} topics to {self._bag.folder}')
+        self.create_timer(_LOOK_PERIOD_S, self._look, clock=steady)
+        self.get_logger().info(f'recording {len(self._listeners)} topics to {self._bag.folder}')
 
     def on_stop(self) -> None:
-        """Close the bag."""
+        """Take what has come already, say what is missing, and close the bag."""
+        if not self.end_status:
+            self._completeness.freeze()
+            self._drain()
+            self._name_gaps()
         self._write(self._bag.close)
         self.get_logger().info(f'recorded {self._bag.n_messages} messages to {self._bag.folder}')
 
-    def _open(self, output: Path | None) -> BagWriter:
+    def _name_gaps(self) -> None:
+        for topic, n_messages in self._n_unreadable.items():
+            self._bag.remark(f'left out of {topic}', f'{n_messages} messages that are none')
+            self.get_logger().warning(f'left out {n_messages} messages of {topic}: they are none')
+        lacks = self._completeness.lacks()
+        for lack in lacks:
+            self._bag.remark(f'missing of {lack.topic}', str(lack))
+            self.get_logger().error(f'not recorded: {lack}')
+        if lacks:
+            self.end_status = FAILED
+
+    def _open(self, output: Path | None, types: MessageTypes) -> BagWriter:
         named = self._value('output_dir') or time.strftime('rosbag2_%Y_%m_%d-%H_%M_%S')
-        types = MessageTypes(_definition_text)
         try:
             return BagWriter(output or Path(named), types, chunk_byte=self._value('chunk_byte'))
         except RecordingError as error:
@@ -119,66 +144,87 @@ class RecorderNode(ProcessNode):
     def _record(self, topic: Topic) -> None:
         """Subscribe to a topic, and keep what comes in the bag."""
         stored = self._bag.add_topic(topic.name, topic.type_name, _rosbag_qos(topic.qos))
-        world = self._world
-        own = {
-            world.clock.name: self._keep,
-            world.mission.name: self._on_mission,
-            world.epoch.name: self._on_epoch,
-        }
-        on_message = own.get(topic.name, self._on_message)
-        self.create_subscription(
+        take: Taker | None = self._completeness.taker(topic.name)
+        if topic == self._names.scenario:
+            take = self._take_scenario
+        on_message = self._keep if topic == self._names.clock else self._on_message
+        self._listeners[topic.name] = self.create_subscription(
             topic.message,
             topic.name,
-            partial(on_message, stored),
+            partial(on_message, stored, take),
             _reader_qos(topic.qos),
             raw=True,
         )
 
-    def _keep(self, stored: Connection, message: bytes) -> None:
+    def _on_message(self, stored: Connection, take: Taker | None, message: bytes) -> None:
+        self._heard_s = time.monotonic()
+        self._keep(stored, take, message)
+
+    def _keep(self, stored: Connection, take: Taker | None, message: bytes) -> None:
+        """Keep a message; bytes that are none are left out, so that whoever reads the bag can."""
+        try:
+            taken = None if take is None else take(message)
+        except UnreadableError as error:
+            self._n_unreadable[stored.topic] += 1
+            self.warn('no message', f'{stored.topic}: {error}')
+            return
         if self.end_status is None:
             self._write(partial(self._bag.write, stored, time.time_ns(), message))
-
-    def _on_message(self, stored: Connection, message: bytes) -> None:
-        self._heard_s = time.monotonic()
-        self._keep(stored, message)
-
-    def _on_epoch(self, stored: Connection, message: bytes) -> None:
-        self._last_epoch = message
-        self._on_message(stored, message)
-
-    def _on_mission(self, stored: Connection, message: bytes) -> None:
-        self._on_message(stored, message)
-        mission = deserialize_message(message, Mission)
-        if mission.phase != Mission.STARTED:
+        if taken is not None and taken.has_ended:
             self._missions_left -= 1
             if self._missions_left == 0:
                 self._ended_s = time.monotonic()
-                self._unfinished = mission.mission_id if mission.phase == Mission.ENDED else ''
+
+    def _take_scenario(self, message: bytes) -> None:
+        """Record the fleet of a world."""
+        world_instance, n_uavs = self._scenarios.read(message)
+        self._worlds.pop(world_instance, None)
+        self._worlds[world_instance] = n_uavs = min(n_uavs, MAX_UAVS)
+        if len(self._worlds) > _MOST_WORLDS:
+            del self._worlds[next(iter(self._worlds))]
+        for uav in range(1, n_uavs + 1):
+            new = [topic for topic in topics_of_uav(uav, self._names.namespace)
+                   if topic.name not in self._listeners]  # fmt: skip
+            for topic in new:
+                self._record(topic)
+            if new:
+                self.get_logger().info(f'recording UAV {uav}')
 
     def _flush(self) -> None:
         self._write(self._bag.flush)
 
-    def _look_for_uavs(self) -> None:
-        """Record new UAVs; stop when the last mission has ended and its messages are here."""
-        seen = (self._uav_topic.fullmatch(name) for name, _ in self.get_topic_names_and_types())
-        for uav in sorted({int(match[1]) for match in seen if match} - self._uavs):
-            self._uavs.add(uav)
-            for topic in topics_of_uav(uav, self._world.namespace):
-                self._record(topic)
-            self.get_logger().info(f'recording UAV {uav}')
-        if self._ended_s < math.inf:
-            self._stop_when_quiet()
-
-    def _stop_when_quiet(self) -> None:
-        """The end of a mission may overtake its events; each topic by itself is in order."""
-        if self._unfinished and self._last_epoch:
-            epoch = deserialize_message(self._last_epoch, Epoch)
-            if epoch.terminal and epoch.mission_id == self._unfinished:
-                self._unfinished = ''
+    def _look(self) -> None:
+        """Say what is not heard; stop when the last mission has ended and all of it is here."""
+        awaited = self._names.awaited(range(1, max(self._worlds.values(), default=0) + 1))
+        silent = [it.name for it in awaited if not self._listeners[it.name].get_publisher_count()]
+        self._status.publish([*self._worlds], silent)
         now_s = time.monotonic()
-        is_quiet = now_s - max(self._heard_s, self._ended_s) > _QUIET_S
-        if (is_quiet and not self._unfinished) or now_s - self._ended_s > _WAIT_S:
+        if now_s - self._ended_s > _WAIT_S:
             self.end()
+            return
+        is_quiet = now_s - max(self._heard_s, self._ended_s) > _QUIET_S
+        # The end of a mission may overtake its messages: topics are not ordered.
+        if is_quiet and not self._completeness.lacks():
+            self.end()
+
+    def _drain(self) -> None:
+        """Take what the middleware has, and wait a moment for what it is still to get."""
+        until_s = time.monotonic() + _DRAIN_S
+        while self.end_status is None:
+            for listener in self._listeners.values():
+                self._take_all(listener, until_s)
+            if not self._completeness.lacks() or time.monotonic() > until_s:
+                return
+            time.sleep(_DRAIN_S / 100)
+
+    @staticmethod
+    def _take_all(listener: Subscription, until_s: float) -> None:
+        with listener.handle:
+            while time.monotonic() < until_s:
+                taken = listener.handle.take_message(listener.msg_type, listener.raw)
+                if taken is None:
+                    return
+                listener.callback(taken[0])
 
     def _write(self, write: Callable[[], None]) -> None:
         """Write; end the process, but nothing else, when the disk does not take it."""

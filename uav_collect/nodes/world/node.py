@@ -30,6 +30,7 @@ from uav_collect.nodes.world.mission import (
     MissionInFlight,
 )
 from uav_collect.nodes.world.publishers import ViewerPublisher, WorldPublishers
+from uav_collect.nodes.world.recorders import WorldRecorders
 from uav_collect.nodes.world.rivals import RivalWatch
 from uav_collect.nodes.world.settings import PARAMETERS, read_settings
 from uav_collect.recording.mission_folder import MissionFolder
@@ -102,6 +103,8 @@ class WorldNode(ProcessNode):
         rate_hz = self._settings.viewer_rate_hz
         self._viewers = ViewerPublisher(self, self._names, self._site, rate_hz)
         warn = self._diagnostics.warn
+        instance = self._identity.instance
+        self._recorders = WorldRecorders(self, self._names, self._settings, instance, warn)
         subscribe_to_trainers(self, self._policies, partial(warn, 'policy refused'))
         self._diagnostics.warn_if_lost(self._folder.keep_scenario(scenario.to_yaml()))
         vouch_service = f'{self._names.vouch_prefix}{self._identity.short}'
@@ -240,10 +243,9 @@ class WorldNode(ProcessNode):
 
     def _is_fleet_ready(self, now_s: float) -> bool:
         missing = self._roster.missing()
-        if not missing:
-            return True
-        if not self._settings.wait_for_agents and now_s - self._begun_s > _GATHER_S:
-            return True
+        has_gathered = not self._settings.wait_for_agents and now_s - self._begun_s > _GATHER_S
+        if not missing or has_gathered:
+            return self._recorders.are_ready(self._roster.present, now_s)
         if missing != self._logged_missing or now_s - self._logged_s > _WAITING_PERIOD_S:
             self._logged_missing, self._logged_s = missing, now_s
             self.get_logger().info(f'waiting for {", ".join(f"UAV {uav}" for uav in missing)}')

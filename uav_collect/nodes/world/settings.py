@@ -57,6 +57,22 @@ PARAMETERS = (
         high=3600.0,
     ),
     Parameter(
+        name='recorders',
+        default=0,
+        description='recorders that the first mission waits for; for others it waits once they '
+        'have said that they are there',
+        low=0,
+        high=64,
+    ),
+    Parameter(
+        name='recorder_timeout_s',
+        default=10.0,
+        description='wall-clock time [s] that a mission waits for recorders; then it starts '
+        'without them',
+        low=0.0,
+        high=3600.0,
+    ),
+    Parameter(
         name='output_dir',
         default='',
         description='folder for the mission logs and the resolved scenario; empty: none',
@@ -82,6 +98,8 @@ class WorldSettings:
     real_time_factor: float
     wait_for_agents: bool
     decision_timeout_s: float
+    recorders: int
+    recorder_timeout_s: float
     output_dir: str
     viewer_rate_hz: float
 

@@ -1,0 +1,38 @@
+"""What a recorder says to worlds: what it does not hear yet."""
+
+from collections.abc import Sequence
+from pathlib import Path
+import time
+from typing import Any
+import uuid
+
+from uav_collect.nodes.process import ProcessNode
+from uav_collect.nodes.topics import publisher, Topic
+from uav_collect_msgs.msg import RecorderStatus
+
+_REPEATED_S = 0.5  # as long as something is missing
+
+
+class StatusPublisher:
+    """Publishes the status of a recorder when it has changed, and while it waits for something."""
+
+    def __init__(self, node: ProcessNode, topic: Topic, bag: Path) -> None:
+        """Say nothing yet."""
+        self._publisher = publisher(node, topic)
+        self._instance, self._bag = str(uuid.uuid4()), str(bag.absolute())
+        self._said: Any = None
+        self._said_s = 0.0
+
+    def publish(self, world_instances: Sequence[str], waits_for: Sequence[str]) -> None:
+        """Say what is missing, unless that was said just now."""
+        status = RecorderStatus(
+            recorder_instance=self._instance,
+            bag=self._bag,
+            world_instances=[*world_instances],
+            waits_for=[*waits_for],
+        )
+        now_s = time.monotonic()
+        is_due = bool(waits_for) and now_s - self._said_s > _REPEATED_S
+        if status != self._said or is_due:
+            self._said, self._said_s = status, now_s
+            self._publisher.publish(status)
