@@ -1,16 +1,22 @@
 """The command that flies one mission: which policy, what it is compared with, what it refuses."""
 
+from contextlib import suppress
+import os
 from pathlib import Path
+import signal
 import sys
 
+from fleets import Fleet, wait_until
 from processes import Processes, RunningProcess
 import pytest
 from random_policies import header, saved
 from scripted_logs import fly, uav
 from scripted_logs import header as log_header
+from uav_collect.__main__ import main
 from uav_collect.commands import mission
 from uav_collect.errors import PolicyMismatchError
 from uav_collect.missions import rollout
+from uav_collect.recording.bag_reader import read_missions
 from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.load import load
 from uav_collect.scenario.model import Scenario
@@ -45,6 +51,17 @@ def policies_in(output: str) -> list[str]:
 
 
 # Over ROS
+
+
+def pids(processes: Processes, executable: str) -> list[int]:
+    """The running processes of an executable."""
+    found = []
+    for pid in processes.survivors():
+        with suppress(FileNotFoundError):
+            words = Path(f'/proc/{pid}/cmdline').read_bytes()
+            if f'/{executable}\0'.encode() in words:
+                found.append(pid)
+    return found
 
 
 @pytest.mark.ros
@@ -85,6 +102,46 @@ def test_a_policy_that_cannot_fly_the_mission_is_refused_before_anything_starts(
     assert flown.output.count('\n') == 1
     assert 'mine' in flown.output
     assert not (tmp_path / 'run').exists()
+
+
+@pytest.mark.ros
+def test_a_mission_whose_recorder_dies_is_shown_by_its_log_and_the_status_tells(
+    processes: Processes, scenario: Scenario, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = tmp_path / 'run'
+    options = ['--policy', 'sweep', '--real-time-factor', '50', '--output', str(run)]
+    flown = command(processes, *options)
+    fleet = Fleet(processes=processes, scenario=scenario, folder=run)
+    fleet.wait_for_events(SEED, 10)
+    (recorder,) = pids(processes, 'recorder')
+    os.kill(recorder, signal.SIGKILL)
+    assert flown.wait_for_exit() == 1
+    assert fleet.log(SEED) == text(scenario, 'sweep')
+    assert 'the bag is not whole: the recorder failed with exit status -9' in flown.output
+    assert flown.output.count('recorder --repair') == 1
+    assert policies_in(flown.output) == ['sweep', 'hert', *PLANS]
+    assert main(['report', str(run)]) == 0
+    shown = capsys.readouterr()
+    assert 'the figures are those of the mission log' in shown.err
+    assert f'paper_10x10, mission seed {SEED}' in shown.out
+
+
+@pytest.mark.ros
+def test_a_mission_waits_for_a_recorder_that_comes_late(
+    processes: Processes, tmp_path: Path
+) -> None:
+    run = tmp_path / 'run'
+    flown = command(processes, '--policy', 'sweep', '--output', str(run))
+    wait_until(lambda: len(pids(processes, 'recorder')) == 1)
+    (recorder,) = pids(processes, 'recorder')
+    os.kill(recorder, signal.SIGSTOP)
+    log = run / 'world_sim.log'
+    wait_until(lambda: log.exists() and 'waiting for a recorder' in log.read_text())
+    os.kill(recorder, signal.SIGCONT)
+    assert flown.wait_for_exit() == 0
+    (recorded,) = read_missions(run / 'bag')
+    assert recorded.log.to_jsonl() == (run / f'mission_{SEED}.jsonl').read_bytes()
+    assert recorded.n_radio_messages > 0
 
 
 # Which policy

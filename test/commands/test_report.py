@@ -155,6 +155,29 @@ def test_report_of_a_broken_bag_says_what_to_do(
     assert 'recorder --repair' in shown
 
 
+def test_report_of_a_run_whose_bag_is_broken_or_gappy_is_that_of_its_log(
+    report_folder: Path, small: Scenario, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    (report_folder / 'mission.jsonl').rename(report_folder / 'mission_4.jsonl')
+    (report_folder / 'bag').mkdir()
+    (report_folder / 'bag' / 'bag_0.mcap').touch()
+    assert main(['report', str(report_folder)]) == 0
+    broken = capsys.readouterr()
+    assert 'the figures are those of the mission log' in broken.err
+    assert broken.err.count('\n') == 1
+    log = read(report_folder / 'mission_4.jsonl')
+    gappy = replace(log, events=np.delete(log.events, 3))
+    flown = recorded(small, gappy, is_complete=False)
+    monkeypatch.setattr(bag_reader, 'read_missions', lambda _: [flown])
+    assert main(['report', str(report_folder)]) == 0
+    shown = capsys.readouterr()
+    assert shown.err.endswith('lacks 1 events; the figures are those of mission_4.jsonl\n')
+    assert 'warning' not in shown.out
+    tables = [text.partition('\npicture')[0] for text in (broken.out, shown.out)]
+    assert tables[0] == tables[1]
+
+
 @pytest.mark.usefixtures('bound_cache')
 def test_report_tells_how_near_a_mission_came(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -64,9 +64,13 @@ class FakeFleet:
             setattr(message, 'sequence' if name.endswith('tx') else 'decision', decision)
             self.send(name, message)
         epoch = Epoch(
-            event=number, mission_id=self.mission_id, uav=uav, decision=decision, uav_x_m=[1.0, 2.0],
+            event=number,
+            mission_id=self.mission_id,
+            uav=uav,
+            decision=decision,
+            uav_x_m=[1.0, 2.0],
             terminal=terminal,
-        )  # fmt: skip
+        )
         epoch.stamp.sec = number
         self.send('/world/epoch', epoch)
 
@@ -237,7 +241,7 @@ def test_bytes_that_are_no_message_are_left_out_and_counted(
     with AnyReader([tmp_path / 'bag']) as reader:
         epochs = [it for it in reader.connections if it.topic == mine.name]
         kept = [content for _, _, content in reader.messages(epochs)]
-    assert [serialize_message(epoch) for epoch in fleet.sent[mine.name]] == kept[-20:]
+    assert [deserialize_message(content, Epoch) for content in kept[-20:]] == fleet.sent[mine.name]
 
 
 def test_a_mission_takes_off_when_its_recorder_hears_everything(

@@ -126,12 +126,12 @@ def test_transitions_are_expected_where_an_agent_publishes_them(
     log: MissionLog, mission: Recorded
 ) -> None:
     n_decisions = int((log.events['uav'] == 1).sum())
-    told = [
+    transitions = [
         ('/uav_1/transition', MESSAGES.serialized('Transition', mission_id='w-0', decision=number))
         for number in range(n_decisions)
     ]
-    assert lacks([*mission, *told]) == {}
-    assert lacks([*mission, *told[:-2]]) == {'/uav_1/transition': 2}
+    assert lacks([*mission, *transitions]) == {}
+    assert lacks([*mission, *transitions[:-2]]) == {'/uav_1/transition': 2}
 
 
 def test_what_is_missing_is_named_with_its_missions(log: MissionLog) -> None:

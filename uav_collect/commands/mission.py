@@ -4,6 +4,7 @@ import argparse
 from collections.abc import Iterator
 import json
 from pathlib import Path
+import subprocess
 import time
 from typing import TYPE_CHECKING
 
@@ -26,6 +27,9 @@ trajectories and what every process said.
 _LOOK_S = 0.05
 _FALLBACK = 'sweep'  # flies where no learned policy is shipped
 _RULES = ('hert', 'sweep')  # that every mission is compared with
+_RECORDER = 'recorder'  # a mission does without it
+_GAP = 'not recorded: '  # before what a recorder names as missing
+_MOST_GAPS = 3  # named
 _RECORDER_S = 15.0  # how long the recorder may take to close the bag
 
 
@@ -65,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
     start_s = time.monotonic()
     try:
         with running_fleet(folder, scenario.n_uavs + 2) as fleet:
-            _fly(fleet, folder, scenario, policy, arguments)
+            gap = _fly(fleet, folder, scenario, policy, arguments)
     except KeyboardInterrupt:
         say(f'interrupted; what was flown is in {folder}')
         return INTERRUPTED
@@ -73,9 +77,11 @@ def run(arguments: argparse.Namespace) -> int:
         say(f'error: {error}')
         return 1
     say(f'flown in {time.monotonic() - start_s:.1f} s\n')
+    if gap:
+        say(f'the bag is not whole: {gap}')
     status = report.run(argparse.Namespace(path=folder, pictures=None))
     _compare(folder / log_name(arguments.seed), scenario, arguments.bandwidth)
-    return status
+    return status or int(bool(gap))
 
 
 def _checked_policy(wanted: str | None, scenario: 'Scenario') -> str:
@@ -125,12 +131,13 @@ def _compare(log: Path, scenario: 'Scenario', bandwidth: str) -> None:
 
 def _fly(
     fleet: Fleet, folder: Path, scenario: 'Scenario', policy: str, arguments: argparse.Namespace
-) -> None:
+) -> str:
+    """Fly the mission; what its recording lacks, in words, or nothing."""
     scenario_file = folder / SCENARIO_FILE
     scenario_file.write_text(scenario.to_yaml(), encoding='utf-8')
     recorder = fleet.start(
         'recorder',
-        'recorder',
+        _RECORDER,
         ['--output', str(folder / 'bag'), '--ros-args', '-p', 'stop_after_missions:=1'],
         ends_last=True,
     )
@@ -142,6 +149,7 @@ def _fly(
             seed=arguments.seed,
             output_dir=folder,
             real_time_factor=arguments.real_time_factor,
+            recorders=1,
         ),
     )
     for uav in range(1, scenario.n_uavs + 1):
@@ -149,7 +157,7 @@ def _fly(
         flags += ['--guard-after', str(arguments.guard_after)]
         fleet.start('uav_agent', f'uav_{uav}', flags)
     _follow(fleet, world, folder / log_name(arguments.seed))
-    _wait_for_recorder(fleet, recorder)
+    return _gap_after(recorder)
 
 
 def _follow(fleet: Fleet, world: FleetProcess, log: Path) -> None:
@@ -162,9 +170,9 @@ def _follow(fleet: Fleet, world: FleetProcess, log: Path) -> None:
         task = progress.add_task('', total=1.0, phase='starting')
         for share, text in _progress(world, log):
             progress.update(task, completed=share, description=text, phase='flying')
-            fleet.check()
+            fleet.check(but=_RECORDER)
             time.sleep(_LOOK_S)
-    fleet.check()
+    fleet.check(but=_RECORDER)
 
 
 def _progress(world: FleetProcess, log: Path) -> Iterator[tuple[float, str]]:
@@ -192,13 +200,20 @@ def _progress(world: FleetProcess, log: Path) -> Iterator[tuple[float, str]]:
                 return
 
 
-def _wait_for_recorder(fleet: Fleet, recorder: FleetProcess) -> None:
-    deadline_s = time.monotonic() + _RECORDER_S
-    while recorder.popen.poll() is None:
-        if time.monotonic() > deadline_s:
-            raise FleetError(f'the recorder did not close the bag within {_RECORDER_S:g} s')
-        time.sleep(_LOOK_S)
-    fleet.check()
+def _gap_after(recorder: FleetProcess) -> str:
+    """What the recording lacks when its recorder has ended, in words, or nothing."""
+    try:
+        status = recorder.popen.wait(_RECORDER_S)
+    except subprocess.TimeoutExpired:
+        return f'the recorder did not close it within {_RECORDER_S:g} s'
+    if status == 0:
+        return ''
+    lines = recorder.log_lines()
+    gaps = [line.partition(_GAP)[2] for line in lines if _GAP in line]
+    if not gaps:
+        return f'the recorder failed with exit status {status}{recorder.log_tail()}'
+    more = f' and {len(gaps) - _MOST_GAPS} more' if len(gaps) > _MOST_GAPS else ''
+    return f'{"; ".join(gaps[:_MOST_GAPS])}{more}'
 
 
 def _make_folder(wanted: Path | None, scenario_name: str) -> Path:

@@ -1,13 +1,14 @@
 """Shows missions that were flown: a table each, and a picture of the trajectories beside them."""
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from uav_collect.commands import terminal
-from uav_collect.errors import MissionLogError
-from uav_collect.recording.mission_folder import SCENARIO_FILE
+from uav_collect.errors import BagError, MissionLogError
+from uav_collect.recording.mission_folder import log_name, SCENARIO_FILE
 from uav_collect.recording.mission_log import MissionHeader, MissionLog, read
 
 if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
@@ -21,6 +22,7 @@ _DESCRIPTION = """
 Prints, for each mission found, data collected [Mbit], energy [kJ], completion time [s], energy
 efficiency [kbit/J], decisions, messages and each UAV's part, and draws the trajectories into a PNG
 file beside it. PATH is a run folder, a mission log (.jsonl) or a bag; a bag needs nothing else.
+What the bag of a run folder lacks, the mission log tells.
 """
 _LOG_SUFFIX = '.jsonl'
 _BAG_SUFFIX = '.mcap'
@@ -91,8 +93,7 @@ def _find(path: Path) -> Iterator[tuple['FlownMission', Path]]:
     elif path.is_file():
         yield _logged(path), path.with_suffix('.png')
     elif bags := [folder for folder in sorted(path.iterdir()) if _is_bag(folder)]:
-        for bag in bags:  # it knows more than the log: the messages, and the sensors as they were
-            yield from _recorded(bag, path)
+        yield from _of_run(bags, path)  # bags know more than logs: messages, sensors as they were
     elif logs := sorted(path.glob(f'*{_LOG_SUFFIX}')):
         for log in logs:
             yield _logged(log), log.with_suffix('.png')
@@ -102,6 +103,48 @@ def _find(path: Path) -> Iterator[tuple['FlownMission', Path]]:
 
 def _is_bag(path: Path) -> bool:
     return path.is_dir() and any(path.glob(f'*{_BAG_SUFFIX}'))
+
+
+def _of_run(bags: Sequence[Path], folder: Path) -> Iterator[tuple['FlownMission', Path]]:
+    """The missions of a run folder: by its bags, or where these lack something by their logs."""
+    logs = {log.name: log for log in sorted(folder.glob(f'*{_LOG_SUFFIX}'))}
+    for bag in bags:
+        try:
+            missions = [*_recorded(bag, folder)]
+        except BagError as error:
+            if not logs:
+                raise
+            terminal.say(f'{error}; the figures are those of the mission log')
+            continue
+        for mission, picture in missions:
+            log = logs.pop(log_name(mission.log.header.mission_seed), None)
+            yield (mission if log is None else _fuller(mission, bag, log)), picture
+    for log in logs.values():
+        yield _logged_so_far(log), log.with_suffix('.png')
+
+
+def _fuller(recorded: 'FlownMission', bag: Path, log: Path) -> 'FlownMission':
+    """The mission of a bag, or of its log where that holds more of it."""
+    if recorded.is_whole:
+        return recorded
+    logged = _logged_so_far(log)
+    n_lacking = len(logged.log.events) - len(recorded.log.events)
+    if n_lacking <= 0:
+        return recorded
+    terminal.say(f'{bag}: lacks {n_lacking} events; the figures are those of {log.name}')
+    return logged
+
+
+def _logged_so_far(log: Path) -> 'FlownMission':
+    """The mission of a log that may have been cut off."""
+    from uav_collect.analysis.metrics import check_log
+
+    mission = _logged(log)
+    try:
+        check_log(mission.log)
+    except MissionLogError:
+        return replace(mission, is_whole=False)
+    return mission
 
 
 def _logged(path: Path) -> 'FlownMission':

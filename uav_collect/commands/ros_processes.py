@@ -40,11 +40,15 @@ class FleetProcess:
     popen: 'subprocess.Popen[bytes]'
     start: _Start
 
+    def log_lines(self) -> list[str]:
+        """What it has said, if that went to a log."""
+        return [] if self.log is None else self.log.read_text(errors='replace').splitlines()
+
     def log_tail(self) -> str:
         """The last lines of its log."""
-        if self.log is None:
+        lines = self.log_lines()
+        if not lines:
             return ''
-        lines = self.log.read_text(errors='replace').splitlines()
         tail = '\n'.join(f'  {line}' for line in lines[-5:])
         return f'; its last words, from {self.log}:\n{tail}'
 
@@ -87,9 +91,11 @@ class Fleet:
         log = None if is_shown else self._folder / f'{log_name}.log'
         return self._launch(log_name, log, start)
 
-    def check(self) -> None:
-        """Raise FleetError if a process failed."""
+    def check(self, *, but: str = '') -> None:
+        """Raise FleetError if a process failed, other than one by name."""
         for process in self._running:
+            if process.name == but:
+                continue
             status = process.popen.poll()
             if status not in (None, 0):
                 what = f'{process.name} failed with exit status {status}'

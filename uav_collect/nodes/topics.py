@@ -143,7 +143,7 @@ class WorldTopics:
         """The topics that somebody publishes in every mission of a fleet, by ids of its UAVs."""
         shared = [topic for topic in self.recorded() if topic != POLICY]
         own = [self.uav(uav) for uav in uavs]
-        parts = [(it.observation, it.radio_rx, it.command, it.radio_tx) for it in own]
+        parts = [(it.observation, it.radio_rx, it.refusal, it.command, it.radio_tx) for it in own]
         return (*shared, *(topic for part in parts for topic in part))
 
 
