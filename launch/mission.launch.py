@@ -2,7 +2,8 @@
 
 ros2 launch uav_collect mission.launch.py scenario:=lillgrund policy:=hert seed:=7 rviz:=true
 
-All end when the world does, which is after its last mission.
+All end when the world does, which is after its last mission, or when any of them fails; `ros2
+launch` then returns 1. Wrong arguments are refused before anything starts.
 """
 
 from pathlib import Path
@@ -13,13 +14,17 @@ from launch.actions import (
     OpaqueFunction,
     RegisterEventHandler,
 )
-from launch.conditions import IfCondition
 from launch.event_handlers import OnProcessExit
 from launch.events import Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
+from uav_collect.nodes.agent import node as agent
+from uav_collect.nodes.launching import ending_with, LaunchArguments, parameter_of
+from uav_collect.nodes.world import settings as world
 from uav_collect.scenario.load import load
+from uav_collect.uav.agent import allocator_named
+from uav_collect.uav.policy import policy_for, TOPIC
 import yaml
 
 from launch import LaunchContext, LaunchDescription
@@ -27,99 +32,87 @@ from launch import LaunchContext, LaunchDescription
 _CONFIG = Path(__file__).absolute().parent.parent / 'config'
 _NODES = _CONFIG / 'nodes.yaml'  # all other parameters, and the defaults of those below
 
-# Launch arguments: of which node, with defaults in nodes.yaml; the type; what each does.
-_ARGUMENTS = {
-    'scenario': ('world_sim', str, 'name of a shipped scenario, or path of a YAML file'),
-    'seed': ('world_sim', int, 'mission seed; each further mission adds 1'),
-    'missions': ('world_sim', int, 'missions to fly in a row'),
-    'real_time_factor': (
-        'world_sim',
-        float,
-        'simulated over wall-clock time; 0: as fast as the fleet decides',
-    ),
-    'policy': (
-        'uav_agent',
-        str,
-        'what decides: hert, hert-equal, sweep, random, a learned policy or its file, '
-        'module:name or strong',
-    ),
-    'bandwidth': ('uav_agent', str, 'how bandwidth is shared: exact, equal or cvxpy'),
+# Launch arguments that are parameters of the world, with defaults in nodes.yaml; what each does.
+_OF_WORLD = {
+    'scenario': 'name of a shipped scenario, or path of a YAML file',
+    'seed': 'mission seed; each further mission adds 1',
+    'missions': 'missions to fly in a row',
+    'real_time_factor': 'simulated over wall-clock time; 0: as fast as the fleet decides',
 }
-_OUTPUT_HELP = 'folder for the bag and the mission logs; empty: a bag named by the time, no logs'
+_OF_AGENTS = {
+    'policy': 'what decides: hert, hert-equal, sweep, random, a learned policy or its file, '
+    'module:name or strong',
+    'bandwidth': 'how bandwidth is shared: exact, equal or cvxpy',
+}
+_OTHERS = {
+    'output_dir': ('', 'folder for bag and mission logs; empty: a bag named by the time, no logs'),
+    'rviz': ('false', 'true: show the mission in RViz'),
+}
 
 
 def generate_launch_description() -> LaunchDescription:
     nodes = yaml.safe_load(_NODES.read_text())
-    arguments = [
-        DeclareLaunchArgument(
-            name,
-            default_value=str(nodes[f'/**/{owner}']['ros__parameters'][name]),
-            description=description,
-        )
-        for name, (owner, _, description) in _ARGUMENTS.items()
+    known = {}
+    for owner, arguments in (('world_sim', _OF_WORLD), ('uav_agent', _OF_AGENTS)):
+        defaults = nodes[f'/**/{owner}']['ros__parameters']
+        known |= {name: (str(defaults[name]), what) for name, what in arguments.items()}
+    declared = [
+        DeclareLaunchArgument(name, default_value=default, description=what)
+        for name, (default, what) in {**known, **_OTHERS}.items()
     ]
-    return LaunchDescription(
-        [
-            *arguments,
-            DeclareLaunchArgument('output_dir', default_value='', description=_OUTPUT_HELP),
-            DeclareLaunchArgument(
-                'rviz', default_value='false', description='true: show the mission in RViz'
-            ),
-            OpaqueFunction(function=_start),
-        ]
-    )
+    return LaunchDescription([*declared, OpaqueFunction(function=_start)])
 
 
 def _start(context: LaunchContext) -> list:
     """Start what the arguments ask for; the recorder and the agents may come before the world."""
-    output_dir = LaunchConfiguration('output_dir').perform(context)
-    scenario = load(LaunchConfiguration('scenario').perform(context))
-    world = _node('world_sim', {**_chosen('world_sim'), 'output_dir': _text(output_dir)})
+    names = (*_OF_WORLD, *_OF_AGENTS, *_OTHERS)
+    arguments = LaunchArguments({n: LaunchConfiguration(n).perform(context) for n in names})
+    of_world = {n: arguments.value(parameter_of(world.PARAMETERS, n)) for n in _OF_WORLD}
+    of_agents = {n: arguments.value(parameter_of(agent.PARAMETERS, n)) for n in _OF_AGENTS}
+    output_dir = arguments['output_dir']
     bag = str(Path(output_dir) / 'bag') if output_dir else ''
+    scenario = arguments.made('scenario', lambda: load(of_world['scenario']))
+    if scenario is not None and of_agents['policy'] != TOPIC:
+        arguments.made('policy', lambda: policy_for(of_agents['policy'], scenario))
+    arguments.made('bandwidth', lambda: allocator_named(of_agents['bandwidth']))
+    if bag:
+        arguments.new_folder('output_dir', Path(bag))
+    if arguments.flag('rviz'):
+        arguments.package('rviz', 'rviz2')
+    arguments.check()
+    world_node = _node('world_sim', {**of_world, 'output_dir': output_dir, 'recorders': 1})
+    end = EmitEvent(event=Shutdown(reason='the world has ended'))
     return [
-        _node('recorder', {'output_dir': _text(bag)}),
-        world,
-        *(_agent(number) for number in range(1, scenario.n_uavs + 1)),
-        Node(
-            package='rviz2',
-            executable='rviz2',
-            arguments=['-d', str(_CONFIG / 'rviz' / 'mission.rviz')],
-            parameters=[{'use_sim_time': True}],
-            condition=IfCondition(LaunchConfiguration('rviz')),
+        RegisterEventHandler(OnProcessExit(on_exit=ending_with(world_node, end))),
+        _node('recorder', {'output_dir': bag}),
+        world_node,
+        *(
+            _node('uav_agent', of_agents, arguments=['--id', str(number)])
+            for number in range(1, scenario.n_uavs + 1)
         ),
-        RegisterEventHandler(
-            OnProcessExit(
-                target_action=world,
-                on_exit=[EmitEvent(event=Shutdown(reason='the world has ended'))],
-            )
-        ),
+        *([_rviz()] if arguments.flag('rviz') else []),
     ]
 
 
-def _agent(number: int) -> Node:
-    """The agent of one UAV; it names its namespace itself."""
-    return _node('uav_agent', _chosen('uav_agent'), arguments=['--id', str(number)])
+def _rviz() -> Node:
+    return Node(
+        package='rviz2',
+        executable='rviz2',
+        arguments=['-d', str(_CONFIG / 'rviz' / 'mission.rviz')],
+        parameters=[{'use_sim_time': True}],
+    )
 
 
-def _node(executable: str, parameters: dict, **options) -> Node:
+def _node(executable: str, parameters: dict, **options: list[str]) -> Node:
+    # With their types: a text stays one even if it reads like a number.
+    typed = {
+        name: ParameterValue(it, value_type=str) if isinstance(it, str) else it
+        for name, it in parameters.items()
+    }
     return Node(
         package='uav_collect',
         executable=executable,
         output='screen',
-        parameters=[str(_NODES), parameters],  # the later ones count
+        parameters=[str(_NODES), typed],  # the later ones count
         **options,
     )
-
-
-def _chosen(owner: str) -> dict:
-    """The parameters of a node that are launch arguments, each of its type."""
-    return {
-        name: ParameterValue(LaunchConfiguration(name), value_type=kind)
-        for name, (node, kind, _) in _ARGUMENTS.items()
-        if node == owner
-    }
-
-
-def _text(value: str) -> ParameterValue:
-    """A string parameter, which stays one even if it reads like a number."""
-    return ParameterValue(value, value_type=str)

@@ -1,18 +1,18 @@
 """Takes the place of `launch`, which is not to be had from PyPI: records what a file asks for."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 import runpy
 import sys
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 
 import pytest
 
 ROOT = Path(__file__).parents[2]
 NODES_FILE = ROOT / 'config' / 'nodes.yaml'
 LAUNCH_MODULES = (
-    *('launch', 'launch.actions', 'launch.conditions', 'launch.event_handlers', 'launch.events'),
+    *('launch', 'launch.actions', 'launch.event_handlers', 'launch.events'),
     *('launch.substitutions', 'launch_ros', 'launch_ros.actions'),
     'launch_ros.parameter_descriptions',
 )
@@ -71,6 +71,20 @@ def nodes(description: Made, executable: str, **chosen: str) -> list[Made]:
 def given(node: Made, name: str) -> tuple[object, type]:
     """What a node is given for a parameter, and as which type."""
     value = node.options['parameters'][-1][name]
-    of = value.args[0]
-    shown = of.args[0] if isinstance(of, Made) else of
-    return shown, value.options['value_type']
+    if not isinstance(value, Made):
+        return value, type(value)
+    return value.args[0], value.options['value_type']
+
+
+def exit_handler(made: list[Made]) -> Callable[[object, object], list]:
+    """What is done when a process ends; it must be known before any process starts."""
+    assert made[0].kind == 'RegisterEventHandler'
+    (handler,) = made[0].args
+    assert handler.kind == 'OnProcessExit'
+    on_exit: Callable[[object, object], list] = handler.options['on_exit']
+    return on_exit
+
+
+def ended(action: Made, status: int) -> object:
+    """The event of a process that has ended."""
+    return SimpleNamespace(action=action, returncode=status, process_name='it-1')

@@ -4,14 +4,20 @@
 """
 
 import importlib
+import os
 from pathlib import Path
 import re
+import signal
 import sys
+from types import SimpleNamespace
 
+from fleets import wait_until
 from launch_recorder import (
     defaults,
     described_by,
+    ended,
     entities,
+    exit_handler,
     given,
     Made,
     nodes,
@@ -19,13 +25,17 @@ from launch_recorder import (
     ROOT,
     started,
 )
-from processes import Processes
+from processes import Processes, RunningProcess
 import pytest
-from uav_collect.errors import ConfigError
+from uav_collect.errors import ConfigError, FleetError
 from uav_collect.missions.simulation import Simulation
 from uav_collect.scenario.load import load
 from uav_collect.scenario.site import build_site
 import yaml
+
+pytest.importorskip('rclpy')
+
+from uav_collect.nodes import launching
 
 LAUNCH_FILE = ROOT / 'launch' / 'mission.launch.py'
 RVIZ_FILE = ROOT / 'config' / 'rviz' / 'mission.rviz'
@@ -99,13 +109,14 @@ def test_every_node_gets_the_shipped_parameters_and_then_what_was_chosen(
 
 def test_arguments_reach_the_nodes_that_they_are_for_in_their_type(description: Made) -> None:
     (world,) = nodes(description, 'world_sim')
-    assert given(world, 'scenario') == ('scenario', str)
-    assert given(world, 'seed') == ('seed', int)
-    assert given(world, 'missions') == ('missions', int)
-    assert given(world, 'real_time_factor') == ('real_time_factor', float)
-    for agent in nodes(description, 'uav_agent'):
-        assert given(agent, 'policy') == ('policy', str)
-        assert given(agent, 'bandwidth') == ('bandwidth', str)
+    assert given(world, 'scenario') == ('paper_10x10', str)
+    assert given(world, 'seed') == (0, int)
+    assert given(world, 'missions') == (1, int)
+    assert given(world, 'real_time_factor') == (0.0, float)
+    assert given(world, 'recorders') == (1, int)
+    for agent in nodes(description, 'uav_agent', policy='hert', bandwidth='equal'):
+        assert given(agent, 'policy') == ('hert', str)
+        assert given(agent, 'bandwidth') == ('equal', str)
 
 
 def test_bag_and_logs_go_to_one_folder(description: Made, tmp_path: Path) -> None:
@@ -118,38 +129,137 @@ def test_bag_and_logs_go_to_one_folder(description: Made, tmp_path: Path) -> Non
     assert given(recorder, 'output_dir') == ('', str)
 
 
-def test_rviz_starts_on_request_with_the_shipped_view(description: Made) -> None:
-    (rviz,) = nodes(description, 'rviz2')
-    assert rviz.options['condition'].kind == 'IfCondition'
-    assert rviz.options['condition'].args[0].args == ('rviz',)
+def test_rviz_starts_on_request_with_the_shipped_view(
+    description: Made, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert nodes(description, 'rviz2') == []
+    monkeypatch.setattr(launching, 'get_package_prefix', lambda package: package)
+    (rviz,) = nodes(description, 'rviz2', rviz='true')
     assert [Path(argument) for argument in rviz.options['arguments']] == [Path('-d'), RVIZ_FILE]
 
 
-def test_the_end_of_the_world_ends_all(description: Made) -> None:
+def test_the_end_of_the_world_ends_all_and_so_does_a_failure_of_any(description: Made) -> None:
     parts = started(description)
-    (world,) = (part for part in parts if part.options.get('executable') == 'world_sim')
-    (handler,) = (part.args[0] for part in parts if part.kind == 'RegisterEventHandler')
-    assert handler.kind == 'OnProcessExit'
-    assert handler.options['target_action'] is world
-    assert [action.options['event'].kind for action in handler.options['on_exit']] == ['Shutdown']
+    on_exit, running = exit_handler(parts), SimpleNamespace(is_shutdown=False)
+    recorder, world, *agents = (part for part in parts if part.kind == 'Node')
+    assert world.options['executable'] == 'world_sim'
+    (end,) = on_exit(ended(world, 0), running)
+    assert end.options['event'].kind == 'Shutdown'
+    for node in (recorder, *agents):
+        assert on_exit(ended(node, 0), running) == []
+    for node in (recorder, world, *agents):
+        with pytest.raises(FleetError, match='it-1 failed with exit status 2'):
+            on_exit(ended(node, 2), running)
+
+
+@pytest.mark.parametrize('status', [-signal.SIGINT, -signal.SIGTERM])
+def test_who_is_asked_to_end_may_do_so_by_the_signal(description: Made, status: int) -> None:
+    parts = started(description)
+    on_exit, ending = exit_handler(parts), SimpleNamespace(is_shutdown=True)
+    assert on_exit(ended(parts[1], status), ending) == []
+    with pytest.raises(FleetError):  # such as a recorder whose bag lacks something
+        on_exit(ended(parts[1], 1), ending)
+
+
+@pytest.mark.parametrize(
+    ('name', 'text', 'words'),
+    [
+        ('policy', 'nope', "policy 'nope' is unknown"),
+        ('bandwidth', 'x', "allocator 'x' is unknown"),
+        ('seed', 'abc', 'must be a whole number from 0'),
+        ('seed', '-1', 'must be a whole number from 0'),
+        ('missions', '1.5', 'must be a whole number from -1 to 1,000,000'),
+        ('real_time_factor', 'nan', 'must be a number from 0.0 to 1,000.0'),
+        ('real_time_factor', '1e9', 'must be a number from 0.0 to 1,000.0'),
+        ('rviz', 'maybe', 'must be true or false'),
+        ('rviz', 'true', 'the package rviz2 is not installed'),
+    ],
+)
+def test_a_wrong_argument_is_named_before_anything_starts(
+    description: Made, name: str, text: str, words: str, tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path))
+    with pytest.raises(ConfigError) as refused:
+        started(description, **{name: text})
+    assert str(refused.value).startswith(f'{name}:={text}: ')
+    assert words in str(refused.value)
+
+
+def test_all_that_is_wrong_is_named_at_once(description: Made, tmp_path: Path) -> None:
+    (tmp_path / 'bag').mkdir()
+    with pytest.raises(ConfigError) as refused:
+        started(description, seed='abc', scenario='no_such', output_dir=str(tmp_path))
+    seed, scenario, folder = str(refused.value).split('; ')
+    assert seed.startswith('seed:=abc')
+    assert scenario.startswith('scenario:=no_such')
+    assert folder.endswith(f'{tmp_path}/bag exists already')
+
+
+LAUNCH = f"""
+import sys
+from launch import LaunchDescription, LaunchService
+from launch.actions import IncludeLaunchDescription
+given = [argument.split(':=') for argument in sys.argv[1:]]
+included = IncludeLaunchDescription({str(LAUNCH_FILE)!r}, launch_arguments=given)
+service = LaunchService()
+service.include_launch_description(LaunchDescription([included]))
+sys.exit(service.run())
+"""
+
+
+def launch(processes: Processes, **arguments: object) -> RunningProcess:
+    pytest.importorskip('launch_ros', reason='launch is part of a ROS distribution')
+    given = [f'{name}:={value}' for name, value in arguments.items()]
+    return processes.run('launch', sys.executable, '-c', LAUNCH, *given)
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize(
+    'wrong', [{'policy': 'nope'}, {'seed': 'abc'}, {'missions': '-2'}, {'rviz': 'true'}]
+)
+def test_launch_starts_nothing_with_a_wrong_argument(
+    processes: Processes, wrong: dict[str, str]
+) -> None:
+    launched = launch(processes, **wrong)
+    assert launched.wait_for_exit() == 1
+    assert 'process started' not in launched.output
+    assert processes.survivors() == []
+
+
+@pytest.mark.ros
+def test_launch_passes_on_that_a_node_has_failed(processes: Processes, tmp_path: Path) -> None:
+    folder = tmp_path / 'run'
+    launched = launch(processes, real_time_factor=20.0, output_dir=folder)
+    log = folder / 'mission_0.jsonl'
+    wait_until(log.exists)
+    (pid,) = re.findall(r'uav_agent-3\]: process started with pid \[(\d+)\]', launched.output)
+    os.kill(int(pid), signal.SIGKILL)
+    assert launched.wait_for_exit() == 1
+    assert 'uav_agent-3 failed with exit status -9' in launched.output
+    assert processes.survivors() == []
+    assert (folder / 'bag' / 'metadata.yaml').is_file()
+
+
+@pytest.mark.ros
+def test_launch_that_is_interrupted_leaves_a_closed_bag(
+    processes: Processes, tmp_path: Path
+) -> None:
+    folder = tmp_path / 'run'
+    launched = launch(processes, real_time_factor=20.0, output_dir=folder)
+    wait_until((folder / 'mission_0.jsonl').exists)
+    os.killpg(launched.pid, signal.SIGINT)  # as a terminal does
+    launched.wait_for_exit()
+    assert processes.survivors() == []
+    assert (folder / 'bag' / 'metadata.yaml').is_file()
+    assert 'failed' not in launched.output
 
 
 @pytest.mark.ros
 def test_launch_flies_a_mission_and_leaves_nothing_behind(
     processes: Processes, tmp_path: Path
 ) -> None:
-    pytest.importorskip('launch_ros', reason='launch is part of a ROS distribution')
-    arguments = {'seed': '7', 'policy': 'hert', 'output_dir': str(tmp_path / 'run')}
-    script = f"""
-import sys
-from launch import LaunchDescription, LaunchService
-from launch.actions import IncludeLaunchDescription
-included = IncludeLaunchDescription({str(LAUNCH_FILE)!r}, launch_arguments={arguments}.items())
-service = LaunchService()
-service.include_launch_description(LaunchDescription([included]))
-sys.exit(service.run())
-"""
-    launched = processes.run('launch', sys.executable, '-c', script)
+    launched = launch(processes, seed=7, policy='hert', output_dir=tmp_path / 'run')
     assert launched.wait_for_exit() == 0
     assert processes.survivors() == []
     assert (tmp_path / 'run' / 'mission_7.jsonl').stat().st_size > 0

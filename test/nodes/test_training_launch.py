@@ -1,12 +1,27 @@
 """The launch file of a training, read by stand-ins for `launch`."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
-from launch_recorder import defaults, described_by, given, Made, nodes, NODES_FILE, ROOT, started
+from launch_recorder import (
+    defaults,
+    described_by,
+    ended,
+    exit_handler,
+    given,
+    Made,
+    nodes,
+    NODES_FILE,
+    ROOT,
+    started,
+)
 import pytest
+from uav_collect.errors import ConfigError, FleetError
 from uav_collect.scenario.load import load
 from uav_collect.training.config import load_preset
 from uav_collect.training.seeds import first_training_seed
+
+pytest.importorskip('rclpy')
 
 LAUNCH_FILE = ROOT / 'launch' / 'training.launch.py'
 
@@ -35,12 +50,12 @@ def test_it_declares_its_arguments_with_the_defaults_of_the_trainer(description:
 def test_each_world_has_a_name_a_fleet_and_missions_of_its_own(
     description: Made, worlds: str, names: list[str]
 ) -> None:
-    made = nodes(description, 'world_sim', worlds=worlds, seed='5')
+    made = nodes(description, 'world_sim', worlds=worlds, seed='5', output_dir='run')
     named = [['--world', name] if name else [] for name in names]
     assert [world.options['arguments'] for world in made] == named
     seeds = [world.options['parameters'][-1]['seed'] for world in made]
     assert seeds == [first_training_seed(5, number) for number in range(len(names))]
-    agents = nodes(description, 'uav_agent', worlds=worlds)
+    agents = nodes(description, 'uav_agent', worlds=worlds, output_dir='run')
     ids = [[*flags, '--id', uav] for flags in named for uav in ('1', '2')]
     assert [agent.options['arguments'] for agent in agents] == ids
 
@@ -64,13 +79,13 @@ def test_each_launch_of_a_run_flies_missions_and_keeps_bags_of_its_own(
 
 def test_worlds_and_agents_fly_as_the_preset_trains(description: Made) -> None:
     scenario, config = load('paper_8x8'), load_preset('strong')
-    (world,) = nodes(description, 'world_sim', scenario='paper_8x8')
+    (world,) = nodes(description, 'world_sim', scenario='paper_8x8', output_dir='run')
     values = world.options['parameters'][-1]
     assert (values['missions'], values['viewer_rate_hz']) == (-1, 0.0)
     assert values['max_decisions'] == config.max_decisions(scenario.n_cells)
-    for agent in nodes(description, 'uav_agent', scenario='paper_8x8'):
-        chosen = {'policy': 'topic', 'bandwidth': config.rollout.bandwidth}
-        assert agent.options['parameters'][-1] == chosen
+    for agent in nodes(description, 'uav_agent', scenario='paper_8x8', output_dir='run'):
+        assert given(agent, 'policy') == ('topic', str)
+        assert given(agent, 'bandwidth') == (config.rollout.bandwidth, str)
 
 
 def test_the_trainer_hears_all_worlds_and_its_end_ends_all(description: Made) -> None:
@@ -78,16 +93,44 @@ def test_the_trainer_hears_all_worlds_and_its_end_ends_all(description: Made) ->
     assert trainer.options['parameters'][0] == str(NODES_FILE)
     assert trainer.options['parameters'][-1]['worlds'] == ['a', 'b']
     assert given(trainer, 'output_dir') == ('2024', str)
-    assert given(trainer, 'seed') == ('seed', int)
-    parts = started(description)
-    (trainer,) = (part for part in parts if part.options.get('executable') == 'trainer')
-    (handler,) = (part.args[0] for part in parts if part.kind == 'RegisterEventHandler')
-    assert handler.options['target_action'] is trainer
-    assert [action.options['event'].kind for action in handler.options['on_exit']] == ['Shutdown']
+    assert given(trainer, 'seed') == (0, int)
+    parts = started(description, output_dir='2024')
+    on_exit, running = exit_handler(parts), SimpleNamespace(is_shutdown=False)
+    *others, trainer = (part for part in parts if part.kind == 'Node')
+    assert trainer.options['executable'] == 'trainer'
+    (end,) = on_exit(ended(trainer, 0), running)
+    assert end.options['event'].kind == 'Shutdown'
+    for node in (*others, trainer):
+        with pytest.raises(FleetError, match='it-1 failed with exit status 1'):
+            on_exit(ended(node, 1), running)
+
+
+@pytest.mark.parametrize(
+    ('name', 'text', 'words'),
+    [
+        ('output_dir', '', 'must be given'),
+        ('algorithm', 'qmix', 'must be one of aqmix, aiql'),
+        ('preset', 'nope', 'nope'),
+        ('worlds', '17', 'must be a whole number from 1 to 16'),
+        ('worlds', 'two', 'must be a whole number from 1 to 16'),
+        ('minutes', '-1', 'must be a number from 0.0'),
+        ('seed', 'abc', 'must be a whole number from 0'),
+        ('record', '1', 'must be true or false'),
+        ('scenario', 'no_such', 'no_such'),
+    ],
+)
+def test_a_wrong_argument_is_named_before_anything_starts(
+    description: Made, name: str, text: str, words: str, tmp_path: Path
+) -> None:
+    with pytest.raises(ConfigError) as refused:
+        started(description, **{'output_dir': 'run', name: text})
+    assert str(refused.value).startswith(f'{name}:={text}: ')
+    assert words in str(refused.value)
+    assert [*tmp_path.iterdir()] == []
 
 
 def test_each_world_is_recorded_on_request(description: Made) -> None:
-    assert nodes(description, 'recorder') == []
+    assert nodes(description, 'recorder', output_dir='run') == []
     made = nodes(description, 'recorder', record='true', worlds='2', output_dir='run')
     assert [given(one, 'output_dir')[0] for one in made] == ['run_bag_a', 'run_bag_b']
     (alone,) = nodes(description, 'recorder', record='true', output_dir='run')

@@ -29,7 +29,7 @@ goes on. What is killed is started again.
 _PRESET = 'strong'
 _MINUTES = 60.0
 _RUNS = Path('runs', 'train_fleet')
-_MAX_WORLDS = 16
+MAX_WORLDS = 16
 _PROCESSES = 'processes'  # of a run folder: what they say
 _LOOK_S = 0.2
 _SIZE_PERIOD_S = 60.0  # between two lines that say how much was recorded
@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_scenario_options(parser)
     parser.add_argument(
         '--worlds',
-        type=options.whole_number(1, _MAX_WORLDS),
+        type=options.whole_number(1, MAX_WORLDS),
         default=1,
         metavar='N',
         help='worlds to fly in at once, each with a fleet of its own (default: %(default)s)',
@@ -126,6 +126,7 @@ def _start(
             partial(next_training_seed, folder, arguments.seed, number),
             scenario=scenario_file,
             max_decisions=max_decisions,
+            recorders=int(arguments.record),
         )
         fleet.start('world_sim', f'world_sim{suffix}', flown)
         for uav in range(1, scenario.n_uavs + 1):
