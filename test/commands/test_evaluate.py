@@ -271,6 +271,20 @@ def test_a_wrong_argument_is_named_in_one_line(
     assert all(word in shown for word in words)
 
 
+def test_it_says_in_one_line_when_a_policy_flies_outside_what_it_learned_on(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    base = ['--scenario', 'paper_8x8', '--missions', '1', '--policy', 'strong', 'sweep']
+    assert evaluate(*base) == 0
+    assert 'outside' not in capsys.readouterr().err
+    assert evaluate(*base, '--set', 'radio.contact_range_m=0') == 0
+    shown = capsys.readouterr().err.splitlines()
+    assert [line for line in shown if 'outside' in line] == [
+        'policy paper_8x8_n2_aqmix flies outside what it learned on: contact range 0 m'
+        ' (learned: 200 m)'
+    ]
+
+
 def test_a_full_disk_is_said_in_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     base = ['--scenario', 'paper_8x8', '--missions', '1']
     assert evaluate(*base, '--json', '/dev/full') == 2

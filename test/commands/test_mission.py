@@ -173,6 +173,17 @@ def test_a_named_policy_flies_or_nothing(
         mission._checked_policy('strong', scenario)
 
 
+def test_a_policy_that_flies_outside_what_it_learned_on_is_said_to(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    for wanted in (None, 'strong', 'paper_10x10_n2_aqmix'):
+        mission._checked_policy(wanted, load('paper_10x10', {'demand.cell_share': 0.5}))
+        assert capsys.readouterr().err == (
+            'policy paper_10x10_n2_aqmix flies outside what it learned on: cells with data 0.5'
+            ' (learned: 0.3)\n'
+        )
+
+
 # The comparison
 
 

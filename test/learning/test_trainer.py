@@ -16,6 +16,7 @@ from uav_collect.missions.rollout import fly
 from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.training.config import TrainingConfig
+from uav_collect.uav.learned_on import learned_on
 from uav_collect.uav.policy_network import LearnedPolicy
 
 torch = single_threaded_torch()
@@ -161,6 +162,7 @@ def test_a_validation_tells_how_the_policy_flies_its_missions() -> None:
     policy, scenario = trainer.policy(), tiny(*FLEET)
     assert progress.validation is not None
     assert policy.header.validation.missions == 2
+    assert policy.header.learned_on == (learned_on(scenario),)
     seeds = [2**60, 2**60 + 1]
     learned = LearnedPolicy('it', policy)
     logs = fly(build_site(scenario), seeds, lambda: learned, 'equal', guard_after=0)

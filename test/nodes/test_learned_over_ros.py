@@ -61,6 +61,18 @@ def test_a_restarted_agent_remembers_what_its_policy_did_before_it_died(
     assert sum(unit.guarded for unit in ended.uavs) == n_guarded
 
 
+def test_an_agent_says_when_its_policy_flies_outside_what_it_learned_on(
+    processes: Processes, tmp_path: Path
+) -> None:
+    scenario = scenario_of(2, radio__contact_range_m=100.0)
+    fleet = Fleet(processes=processes, scenario=scenario, folder=tmp_path / 'run')
+    agent, _ = fleet.start_agents('strong')
+    world = fleet.start_world(decision_timeout_s=ENOUGH_S)
+    agent.wait_for(r'outside what it learned on: contact range 100 m \(learned: 200 m\)')
+    assert world.wait_for_exit() == 0
+    assert agent.output.count('outside') == 1
+
+
 def test_an_agent_whose_file_is_broken_ends_at_once_with_one_line(
     processes: Processes, tmp_path: Path
 ) -> None:

@@ -20,6 +20,7 @@ from uav_collect.kernels.arrays import Bools, Floats
 from uav_collect.scenario.load import load
 from uav_collect.uav.action_codes import N_ACTIONS
 from uav_collect.uav.briefing import brief
+from uav_collect.uav.learned_on import learned_on
 from uav_collect.uav.observation import Layout
 from uav_collect.uav.policy_file import FORMAT, load_policy, policy_bytes, save_policy
 from uav_collect.uav.policy_network import best_actions, FrozenPolicy, weights_digest
@@ -198,6 +199,21 @@ def rewrite(
     )
 
 
+def test_a_file_says_what_was_learned_on_even_without_limits(tmp_path: Path) -> None:
+    known = tuple(
+        learned_on(load('paper_10x10', {'radio.contact_range_m': range_m}))
+        for range_m in (1.0 / 3.0, np.inf)
+    )
+    path = saved(tmp_path, 'mine', header(learned_on=known))
+    assert load_policy(path).header.learned_on == known
+
+
+def test_a_file_that_does_not_say_what_was_learned_on_is_read(tmp_path: Path) -> None:
+    path = saved(tmp_path, 'mine', header())
+    rewrite(path, metadata={'learned_on': None})
+    assert load_policy(path).header == header()
+
+
 def not_finite(name: str, value: float) -> dict[str, np.ndarray | None]:
     tensor = random_weights(header())[name].copy()
     tensor.flat[17] = value
@@ -220,6 +236,8 @@ def not_finite(name: str, value: float) -> dict[str, np.ndarray | None]:
         ({'metadata': {'n_uavs_max': '7'}}, ['n_uavs_max is 7', '2 to 6']),
         ({'metadata': {'n_uavs_min': '0'}}, ['n_uavs_min is 0', '1 to 2']),
         ({'metadata': {'validation': '[1]'}}, ["validation is '[1]'", 'efficiency_kbit_per_j']),
+        ({'metadata': {'learned_on': '{}'}}, ["learned_on is '{}'", 'a JSON list', 'speeds_mps']),
+        ({'metadata': {'learned_on': '[{}]'}}, ["learned_on is '[{}]'", 'contact_range_m']),
         ({'metadata': {'digest': 'abc'}}, ["digest is 'abc'", 'must be']),
         ({'tensors': {'head.bias': None}}, ['tensor head.bias is missing', 'encoder.weight']),
         ({'tensors': {'mixer.bias': np.zeros(1, np.float32)}}, ['tensor mixer.bias is unknown']),

@@ -117,7 +117,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _contenders(arguments: argparse.Namespace, scenario: 'Scenario') -> list[_Contender]:
     """Find what is wrong before a thousand missions are flown for nothing."""
-    from uav_collect.uav.policy import policy_for
+    from uav_collect.uav.policy import policy_for, unfamiliar
 
     for option, values in (('policy', arguments.policy), ('bandwidth', arguments.bandwidth)):
         if len(set(values)) < len(values):
@@ -126,6 +126,9 @@ def _contenders(arguments: argparse.Namespace, scenario: 'Scenario') -> list[_Co
         raise PolicyMismatchError('--compare: name two policies or more with --policy')
     options.check_files(arguments)
     policies = {given: policy_for(given, scenario) for given in arguments.policy}
+    for policy in policies.values():
+        if (line := unfamiliar(policy, scenario)) is not None:
+            terminal.say(line)
     n_called = Counter(policy.name for policy in policies.values())
     contenders = []
     for (given, policy), bandwidth in product(policies.items(), arguments.bandwidth):

@@ -90,13 +90,15 @@ def _checked_policy(wanted: str | None, scenario: 'Scenario') -> str:
     Raises:
         PolicyMismatchError: the one that the user wants does not.
     """
-    from uav_collect.uav.policy import policy_for, STRONG
+    from uav_collect.uav.policy import policy_for, STRONG, unfamiliar
 
     if wanted is not None:
-        policy_for(wanted, scenario)
+        if (line := unfamiliar(policy_for(wanted, scenario), scenario)) is not None:
+            say(line)
         return wanted
     try:
-        policy_for(STRONG, scenario)
+        if (line := unfamiliar(policy_for(STRONG, scenario), scenario)) is not None:
+            say(line)
     except PolicyMismatchError as error:
         say(f'{error}: {_FALLBACK} flies')
         return _FALLBACK

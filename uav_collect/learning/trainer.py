@@ -20,6 +20,7 @@ from uav_collect.training.config import TrainingConfig
 from uav_collect.training.progress import Budget, Progress, SpeedMeter, ValidationResult
 from uav_collect.training.seeds import VALIDATION_SEED
 from uav_collect.uav import policy_network
+from uav_collect.uav.learned_on import learned_on
 from uav_collect.uav.observation import observation_size
 from uav_collect.uav.policy_network import (
     FrozenPolicy,
@@ -288,6 +289,7 @@ class Trainer:
             version=f'{run}@{n_updates}-{weights_digest(weights)[:8]}',
             git_revision=git_revision(),
             validation=_header_validation(validation, config.validation.missions * len(sides)),
+            learned_on=tuple(map(learned_on, self.scenarios)),
         )
 
     def _progress(

@@ -12,6 +12,7 @@ from uav_collect.uav.action_codes import NONE
 from uav_collect.uav.belief import Belief
 from uav_collect.uav.briefing import brief, Briefing
 from uav_collect.uav.heuristics import Heuristic, RulePolicy
+from uav_collect.uav.learned_on import strangeness
 from uav_collect.uav.policy_file import load_policy, SUFFIX
 from uav_collect.uav.policy_network import FrozenPolicy, LearnedPolicy
 from uav_collect.uav.user_policy import is_user_policy_name, user_policy, UserPolicy
@@ -86,6 +87,18 @@ def policy_for(name: str, scenario: Scenario) -> NamedPolicy:
     policy = policy_named(_strong_name(scenario) if name == STRONG else name)
     policy.begin(brief(scenario), 0)
     return policy
+
+
+def unfamiliar(policy: Policy, scenario: Scenario) -> str | None:
+    """In one line, by what a scenario lies outside what a policy learned on; None if by nothing.
+
+    Rules and functions learned nothing, and old files do not say on what.
+    """
+    if not isinstance(policy, LearnedPolicy):
+        return None
+    strange = strangeness(policy.frozen.header.learned_on, scenario)
+    what = f'policy {policy.name} flies outside what it learned on'
+    return f'{what}: {"; ".join(strange)}' if strange else None
 
 
 def guard_for(policy: Policy, guard_after: int) -> int:

@@ -1,7 +1,7 @@
 """A frozen policy's file: safetensors, the weights as float32, the header's fields beside them."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, MISSING
 import json
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 from uav_collect import files
 from uav_collect.errors import PolicyMismatchError
+from uav_collect.uav.learned_on import LearnedOn
 from uav_collect.uav.observation import Layout
 from uav_collect.uav.policy_network import FrozenPolicy, PolicyHeader, Validation, Weights
 
@@ -18,6 +19,8 @@ FORMAT = 'uav_collect.policy/1'
 SUFFIX = '.safetensors'
 _MAX_DIGITS = 19  # of a number in a header: 63 bits
 _LENGTH_BYTE = 8  # of the length that a safetensors file begins with
+
+_Value = Layout | Validation | tuple[LearnedOn, ...] | int | str  # of a header's field
 
 
 def policy_bytes(policy: FrozenPolicy) -> bytes:
@@ -105,9 +108,11 @@ def _metadata(policy: FrozenPolicy) -> dict[str, str]:
     return {'format': FORMAT, **texts, 'digest': policy.digest}
 
 
-def _text(value: Layout | Validation | int | str) -> str:
+def _text(value: _Value) -> str:
     if isinstance(value, Layout):
         return value.label
+    if isinstance(value, tuple):
+        return json.dumps([asdict(each) for each in value])
     return json.dumps(asdict(value)) if isinstance(value, Validation) else str(value)
 
 
@@ -115,11 +120,12 @@ def _header(metadata: Mapping[str, str]) -> PolicyHeader:
     values: dict[str, Any] = {
         field.name: _parsed(field.name, field.type, _field(metadata, field.name))
         for field in fields(PolicyHeader)
+        if field.default is MISSING or field.name in metadata  # files of before say less
     }
     return PolicyHeader(**values)
 
 
-def _parsed(name: str, kind: object, text: str) -> Layout | Validation | int | str:
+def _parsed(name: str, kind: object, text: str) -> _Value:
     if kind is Layout:
         known = {layout.label: layout for layout in Layout}
         if text not in known:
@@ -127,6 +133,8 @@ def _parsed(name: str, kind: object, text: str) -> Layout | Validation | int | s
         return known[text]
     if kind is Validation:
         return _validation(name, text)
+    if kind == tuple[LearnedOn, ...]:
+        return _learned_on(name, text)
     if kind is int:
         if not (text.isascii() and text.isdecimal() and len(text) <= _MAX_DIGITS):
             raise PolicyMismatchError(f'{name} is {text!r}: must be a whole number')
@@ -138,9 +146,19 @@ def _validation(name: str, text: str) -> Validation:
     try:
         return TypeAdapter(Validation).validate_json(text)
     except ValidationError as error:
-        names = ', '.join(field.name for field in fields(Validation))
-        what = f'{name} is {text!r}: must be a JSON object of {names}'
-        raise PolicyMismatchError(what) from error
+        raise _unreadable(name, text, 'a JSON object', Validation) from error
+
+
+def _learned_on(name: str, text: str) -> tuple[LearnedOn, ...]:
+    try:
+        return TypeAdapter(tuple[LearnedOn, ...]).validate_json(text)
+    except ValidationError as error:
+        raise _unreadable(name, text, 'a JSON list of objects', LearnedOn) from error
+
+
+def _unreadable(name: str, text: str, what: str, of: type[Any]) -> PolicyMismatchError:
+    names = ', '.join(field.name for field in fields(of))
+    return PolicyMismatchError(f'{name} is {text!r}: must be {what} of {names}')
 
 
 def _field(metadata: Mapping[str, str], name: str) -> str:

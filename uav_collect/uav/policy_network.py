@@ -23,6 +23,7 @@ from uav_collect.uav.action_codes import N_ACTIONS, NONE
 from uav_collect.uav.belief import Belief
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.exploration import explore
+from uav_collect.uav.learned_on import LearnedOn
 from uav_collect.uav.observation import encode, Layout, observation_size
 from uav_collect.uav.view import LocalView
 
@@ -81,6 +82,7 @@ class PolicyHeader:
     version: str  # for people and for logs: run, update, digest of the weights
     git_revision: str
     validation: Validation
+    learned_on: tuple[LearnedOn, ...] = ()  # by scenario; none where the file does not say
 
 
 class FrozenPolicy:

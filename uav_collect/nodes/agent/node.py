@@ -30,7 +30,14 @@ from uav_collect.uav.action_codes import NONE
 from uav_collect.uav.agent import Agent, allocator_named
 from uav_collect.uav.briefing import brief, Briefing
 from uav_collect.uav.observation import Layout
-from uav_collect.uav.policy import guard_for, policy_for, policy_named, STRONG, TOPIC
+from uav_collect.uav.policy import (
+    guard_for,
+    policy_for,
+    policy_named,
+    STRONG,
+    TOPIC,
+    unfamiliar,
+)
 from uav_collect_msgs.srv import Join
 
 _DESCRIPTION = """
@@ -156,6 +163,8 @@ class AgentNode(ProcessNode):
         briefing, uav = brief(scenario), self._uav - 1
         self._briefing, self._n_sensors = briefing, len(msg.sensor_id)
         policy = self._topic_policy(briefing) or policy_for(self._policy, scenario)
+        if (line := unfamiliar(policy, scenario)) is not None:
+            self.get_logger().warning(line)
         topic_policy = policy if isinstance(policy, TopicPolicy) else None
         # A learner is to see what its own policy does.
         self._guard = NONE if topic_policy else guard_for(policy, self._guard_after)

@@ -1,0 +1,140 @@
+"""What a policy learned on, and how far from it a scenario is said to be."""
+
+import dataclasses
+
+import pytest
+from random_policies import header, random_policy
+from uav_collect.scenario.load import load, with_uavs
+from uav_collect.scenario.model import Scenario
+from uav_collect.uav.learned_on import learned_on, LearnedOn, strangeness
+from uav_collect.uav.policy import policy_for, policy_named, shipped_policies, unfamiliar
+from uav_collect.uav.policy_network import LearnedPolicy
+
+HOME = 'fleet.default.home'
+
+
+def paper(**overrides: object) -> Scenario:
+    return load('paper_10x10', {key.replace('__', '.'): each for key, each in overrides.items()})
+
+
+KNOWN = (learned_on(paper()),)
+
+
+def test_what_a_scenario_teaches_is_kept_in_plain_numbers() -> None:
+    assert learned_on(paper()) == LearnedOn(
+        cells_per_side=10,
+        cell_size_m=50.0,
+        speeds_mps=(5.0, 10.0),
+        contact_range_m=200.0,
+        homes=((0.5, 0.5), (0.5, 0.5)),
+        sensors_per_cell=pytest.approx(0.3 * 10.0 + 0.7 * 1.0),
+        cell_share=0.3,
+        data_mbit=(0.1, 1.0),
+    )
+    farm = learned_on(load('lillgrund'))
+    assert (farm.sensors_per_cell, farm.cell_share, farm.data_mbit) == (0.48, 1.0, (10.0, 40.0))
+
+
+@pytest.mark.parametrize(
+    ('overrides', 'difference'),
+    [
+        (
+            {'area__cells_per_side': 20},
+            'area 20 x 20 cells of 50 m (learned: 10 x 10 cells of 50 m)',
+        ),
+        (
+            {'area__cell_size_m': 60.0},
+            'area 10 x 10 cells of 60 m (learned: 10 x 10 cells of 50 m)',
+        ),
+        ({'fleet__uavs': [{'speed_mps': 5.0}]}, 'fleet 1 UAV (learned: 2 UAVs)'),
+        (
+            {'fleet__uavs': [{'speed_mps': 10.0}, {'speed_mps': 5.0}]},
+            'speeds 10 and 5 m/s (learned: 5 and 10 m/s)',
+        ),
+        ({'radio__contact_range_m': 0.0}, 'contact range 0 m (learned: 200 m)'),
+        ({'radio__contact_range_m': float('inf')}, 'contact range inf m (learned: 200 m)'),
+        (
+            {'fleet__default__home': {'cell': [0, 9]}},
+            'homes (9.5, 0.5) cells east and north (learned: (0.5, 0.5) cells east and north)',
+        ),
+        ({'sensors__dense_mean': 20.0}, 'sensors per cell 6.7 (learned: 3.7)'),
+        ({'demand__cell_share': 0.5}, 'cells with data 0.5 (learned: 0.3)'),
+        (
+            {'demand__data_mbit': [0.5, 2.0]},
+            'data of a sensor 0.5 to 2 Mbit (learned: 0.1 to 1 Mbit)',
+        ),
+    ],
+)
+def test_each_difference_is_named_with_what_is_flown_and_what_was_learned(
+    overrides: dict[str, object], difference: str
+) -> None:
+    assert strangeness(KNOWN, paper(**overrides)) == [difference]
+
+
+@pytest.mark.parametrize(
+    'overrides',
+    [
+        {},
+        {'sensors__seed': 7},  # another topology, as dense
+        {'demand__data_mbit': [0.2, 0.9]},  # within what it learned on
+        {'fleet__default__energy_budget_kj': 50.0},
+        {'radio__csi_error_variance': 0.1},
+    ],
+)
+def test_what_it_generalises_over_is_not_mentioned(overrides: dict[str, object]) -> None:
+    assert strangeness(KNOWN, paper(**overrides)) == []
+
+
+def test_between_what_was_learned_in_several_scenarios_nothing_is_strange() -> None:
+    known = tuple(
+        learned_on(paper(radio__contact_range_m=range_m, demand__cell_share=share))
+        for range_m, share in ((50.0, 0.1), (400.0, 0.5))
+    )
+    assert strangeness(known, paper()) == []
+    assert strangeness(known, paper(radio__contact_range_m=0.0)) == [
+        'contact range 0 m (learned: 50 to 400 m)'
+    ]
+
+
+def test_speeds_are_held_against_fleets_of_as_many() -> None:
+    known = tuple(learned_on(with_uavs(paper(), n_uavs)) for n_uavs in (1, 2, 4))
+    assert strangeness(known, with_uavs(paper(), 4)) == []
+    assert strangeness(known, with_uavs(paper(), 3)) == [
+        'fleet 3 UAVs (learned: 1 UAV, 2 UAVs, 4 UAVs)'
+    ]
+
+
+def test_one_uav_has_nobody_to_be_in_contact_with() -> None:
+    alone = with_uavs(paper(radio__contact_range_m=0.0), 1)
+    assert strangeness((learned_on(with_uavs(paper(), 1)),), alone) == []
+
+
+def test_several_differences_make_one_line() -> None:
+    policy = policy_named('paper_10x10_n2_aqmix')
+    strange = paper(radio__contact_range_m=0.0, demand__cell_share=0.5)
+    assert unfamiliar(policy, strange) == (
+        'policy paper_10x10_n2_aqmix flies outside what it learned on: contact range 0 m '
+        '(learned: 200 m); cells with data 0.5 (learned: 0.3)'
+    )
+
+
+def test_what_a_file_does_not_say_is_not_judged() -> None:
+    old = LearnedPolicy('old', random_policy(header()))
+    assert old.frozen.header.learned_on == ()
+    assert unfamiliar(old, paper(radio__contact_range_m=0.0)) is None
+    assert unfamiliar(policy_named('sweep'), paper(radio__contact_range_m=0.0)) is None
+
+
+@pytest.mark.parametrize('name', shipped_policies())
+def test_each_shipped_policy_is_at_home_where_it_learned(name: str) -> None:
+    policy = policy_named(name)
+    assert isinstance(policy, LearnedPolicy)
+    home = policy.frozen.header
+    scenario = with_uavs(load(home.scenario), home.n_uavs_min)
+    assert home.learned_on == (learned_on(scenario),)
+    assert unfamiliar(policy_for(name, scenario), scenario) is None
+    elsewhere = scenario.model_copy(
+        update={'demand': scenario.demand.model_copy(update={'data_mbit': (0.01, 90.0)})}
+    )
+    assert 'data of a sensor 0.01 to 90 Mbit' in (unfamiliar(policy, elsewhere) or '')
+    assert dataclasses.asdict(home.learned_on[0])['cells_per_side'] == home.cells_per_side_min

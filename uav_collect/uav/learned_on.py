@@ -1,0 +1,138 @@
+"""What a policy learned on, and by what a scenario lies outside of it.
+
+A policy may fly where it did not learn, but how well nobody knows: whoever flies it there is told.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+import math
+
+from uav_collect.scenario.model import DrawnSensors, Scenario
+
+_TOLERANCE = 1e-6  # relative; what files round away
+
+Span = tuple[float, float]  # least and most
+
+
+@dataclass(frozen=True, kw_only=True)
+class LearnedOn:
+    """A scenario, as far as a policy has got used to it."""
+
+    cells_per_side: int
+    cell_size_m: float
+    speeds_mps: tuple[float, ...]  # by UAV
+    contact_range_m: float  # inf: always in contact
+    homes: tuple[tuple[float, float], ...]  # by UAV, east and north in cells
+    sensors_per_cell: float  # on average
+    cell_share: float  # of the cells with sensors, those that have data on average
+    data_mbit: Span  # of a sensor that has any
+
+
+def learned_on(scenario: Scenario) -> LearnedOn:
+    """What a policy gets used to that learns in a scenario."""
+    size_m, sensors, demand = scenario.area.cell_size_m, scenario.sensors, scenario.demand
+    if isinstance(sensors, DrawnSensors):
+        dense = sensors.dense_cell_share
+        per_cell = dense * sensors.dense_mean + (1.0 - dense) * sensors.sparse_mean
+        listed_mbit = []
+    else:
+        per_cell = len(sensors.entries) / scenario.n_cells
+        listed_mbit = [each.data_mbit or 0.0 for each in sensors.entries]
+    data_mbit = demand.data_mbit
+    return LearnedOn(
+        cells_per_side=scenario.area.cells_per_side,
+        cell_size_m=size_m,
+        speeds_mps=tuple(uav.speed_mps for uav in scenario.uavs),
+        contact_range_m=scenario.radio.contact_range_m,
+        homes=tuple((uav.home_m[0] / size_m, uav.home_m[1] / size_m) for uav in scenario.uavs),
+        sensors_per_cell=per_cell,
+        cell_share=1.0 if demand.cell_share == 'all' else demand.cell_share,
+        data_mbit=(min(listed_mbit), max(listed_mbit)) if data_mbit == 'csv' else data_mbit,
+    )
+
+
+def strangeness(known: Sequence[LearnedOn], scenario: Scenario) -> list[str]:
+    """By what a scenario lies outside all that a policy learned on.
+
+    Args:
+        known: the scenarios that it learned in; none: it does not say, and nothing is judged.
+
+    Returns:
+        Each difference as the value that is flown and those that were learned, for people.
+    """
+    if not known:
+        return []
+    return [*_strange(known, learned_on(scenario))]
+
+
+def _strange(known: Sequence[LearnedOn], flown: LearnedOn) -> Iterator[str]:
+    yield from _unlike('area', _area, known, flown)
+    yield from _unlike('fleet', _fleet, known, flown)
+    # Which UAV is which it tells by their number: only fleets of as many compare.
+    alike = [each for each in known if len(each.speeds_mps) == len(flown.speeds_mps)]
+    if alike:
+        yield from _unlike('speeds', _speeds, alike, flown)
+        yield from _unlike('homes', _homes, alike, flown)
+    if len(flown.speeds_mps) > 1:  # else there is nobody to be in contact with
+        yield from _beyond(
+            'contact range', 'm', lambda it: _point(it.contact_range_m), known, flown
+        )
+    yield from _beyond(
+        'sensors per cell', '', lambda it: _point(it.sensors_per_cell), known, flown
+    )
+    yield from _beyond('cells with data', '', lambda it: _point(it.cell_share), known, flown)
+    yield from _beyond('data of a sensor', 'Mbit', lambda it: it.data_mbit, known, flown)
+
+
+def _unlike(
+    name: str, text_of: Callable[[LearnedOn], str], known: Sequence[LearnedOn], flown: LearnedOn
+) -> Iterator[str]:
+    """The difference where what is flown is none of the learned."""
+    learned = [*dict.fromkeys(map(text_of, known))]
+    if text_of(flown) not in learned:
+        yield f'{name} {text_of(flown)} (learned: {", ".join(learned)})'
+
+
+def _beyond(
+    name: str,
+    unit: str,
+    span_of: Callable[[LearnedOn], Span],
+    known: Sequence[LearnedOn],
+    flown: LearnedOn,
+) -> Iterator[str]:
+    """The difference where what is flown lies outside the span of the learned."""
+    least = min(span_of(each)[0] for each in known)
+    most = max(span_of(each)[1] for each in known)
+    low, high = span_of(flown)
+    if not (_at_most(least, low) and _at_most(high, most)):
+        yield f'{name} {_span(low, high, unit)} (learned: {_span(least, most, unit)})'
+
+
+def _at_most(value: float, limit: float) -> bool:
+    return value <= limit or math.isclose(value, limit, rel_tol=_TOLERANCE)
+
+
+def _point(value: float) -> Span:
+    return value, value
+
+
+def _span(low: float, high: float, unit: str) -> str:
+    numbers = f'{low:g}' if _at_most(high, low) else f'{low:g} to {high:g}'
+    return f'{numbers} {unit}'.rstrip()
+
+
+def _area(it: LearnedOn) -> str:
+    return f'{it.cells_per_side} x {it.cells_per_side} cells of {it.cell_size_m:g} m'
+
+
+def _fleet(it: LearnedOn) -> str:
+    return f'{len(it.speeds_mps)} UAV{"s" if len(it.speeds_mps) > 1 else ""}'
+
+
+def _speeds(it: LearnedOn) -> str:
+    return f'{" and ".join(f"{speed:g}" for speed in it.speeds_mps)} m/s'
+
+
+def _homes(it: LearnedOn) -> str:
+    places = [f'({east:g}, {north:g})' for east, north in it.homes]
+    return f'{" and ".join(places if len({*places}) > 1 else places[:1])} cells east and north'
