@@ -61,7 +61,7 @@ def test_tables_count_what_the_guard_took_where_it_took_any() -> None:
     assert f'{mission.n_guarded} by the guard' in next(line for line in lines if 'decis' in line)
     for unit in mission.uavs:
         [row] = [line.split() for line in lines if line.split()[:1] == [str(unit.id)]]
-        assert row[7:9] == [str(unit.n_decisions), str(unit.n_guarded)]
+        assert row[7:9] == [str(unit.n_decisions), f'({unit.n_guarded})']
     without = guarded('user_policies:Wanderer', 0)
     assert 'guard' not in shown(mission_tables(without.header, mission_metrics(without)))
 

@@ -124,17 +124,13 @@ def _uav_table(mission: MissionMetrics) -> Table:
     table = Table(box=SIMPLE_HEAD, padding=(0, 0, 0, 1))
     for heading in (
         'UAV\n', 'speed\nm/s', 'data\nMbit', 'energy\nkJ', 'left\nkJ', 'flight\ns', 'hover\ns',
-        'decisions\n',
+        'decisions\n(guard)' if mission.n_guarded else 'decisions\n',
     ):  # fmt: skip
         table.add_column(heading, justify='right', no_wrap=True)
-    if mission.n_guarded:
-        table.add_column('by the\nguard', justify='right', no_wrap=True)
     table.add_column('went home by\n', no_wrap=True)
     for uav in mission.uavs:
         is_bad = uav.outcome in (FAILSAFE, UNFINISHED) or not uav.is_safe
-        by_guard = (str(uav.n_guarded),) if mission.n_guarded else ()
-        cells = (*_uav_row(uav), *by_guard, uav.outcome)
-        table.add_row(*cells, style=_WARNING if is_bad else None)
+        table.add_row(*_uav_row(uav), style=_WARNING if is_bad else None)
     return table
 
 
@@ -147,7 +143,8 @@ def _uav_row(uav: UavMetrics) -> tuple[str, ...]:
         f'{uav.energy_left_j / 1e3:.2f}',
         f'{uav.flight_s:.1f}',
         f'{uav.hover_s:.1f}',
-        str(uav.n_decisions),
+        f'{uav.n_decisions} ({uav.n_guarded})' if uav.n_guarded else str(uav.n_decisions),
+        uav.outcome,
     )
 
 
