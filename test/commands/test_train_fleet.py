@@ -131,8 +131,19 @@ def test_a_recorder_and_a_world_that_are_killed_cost_no_mission_and_none_is_flow
     assert len({*seeds}) == len(seeds)
     # The first bag is mended, the second as a recorder leaves it.
     assert repair(said / 'bag').n_messages > 0
-    for bag in ('bag', 'bag_2'):
-        assert len(read_missions(said / bag)) > 0
+    values = ros_parameters(
+        scenario=tmp_path / 'field.yaml',
+        preset=tmp_path / 'quick.yaml',
+        output_dir=tmp_path / 'offline',
+    )
+    bags = [str(said / name) for name in ('bag', 'bag_2')]
+    trainer = processes.start(
+        'trainer', '--from-bag', *bags, *values, UAV_COLLECT_KERNELS='interpreted'
+    )
+    assert trainer.wait_for_exit(TRAINED_S) == 0
+    n_joined = [int(number) for number in re.findall(r'(\d+) missions joined', trainer.output)]
+    assert 0 < sum(n_joined[-2:]) <= len(seeds)
+    assert n_joined[-1] > 0
 
 
 @pytest.mark.ros

@@ -63,8 +63,7 @@ def test_of_missions_played_back_while_a_fleet_flies_none_is_learned_from(
     trainer = start_trainer(processes, tmp_path / 'run', decisions=10**6)
     trainer.wait_for('waiting for missions')
     start_fleet(fleet_of(processes, tmp_path), seed=FIRST_LIVE)
-    # Without the scenario, which live worlds would take for one of their kind.
-    with published(heard, *REPORTING[1:]) as players:
+    with published(heard, *REPORTING) as players:
         for topic, player in players.items():
             for message in heard[topic]:
                 player.publish(message)

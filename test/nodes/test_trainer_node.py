@@ -154,6 +154,15 @@ def test_a_trainer_that_messages_never_reach_learns_on_and_stops_when_asked(
     assert trainer.wait_for_exit(TRAINED_S) == 0
 
 
+def test_a_policy_is_published_once_the_run_can_be_gone_on_with(
+    processes: Processes, tmp_path: Path
+) -> None:
+    with listener(topics.POLICY) as listening:
+        start_trainer(processes, tmp_path / 'run', checkpoint_period_s=1000.0)
+        listening.wait_until(lambda: len(listening.heard[topics.POLICY.name]) > 0)
+    assert (tmp_path / 'run' / 'checkpoint' / 'state.pt').is_file()
+
+
 def test_two_worlds_make_the_experience_of_one_trainer(
     processes: Processes, tmp_path: Path
 ) -> None:

@@ -25,6 +25,7 @@ class _Question:
     world_instance: str
     mission_id: str
     on_answer: Callable[[bool], None]
+    on_silence: Callable[[], None]
     looks_left: int = _PATIENCE
     future: Future | None = None
 
@@ -46,6 +47,7 @@ class Vouching:
         world_instance: str,
         mission_id: str,
         on_answer: Callable[[bool], None],
+        on_silence: Callable[[], None] | None = None,
     ) -> None:
         """Ask a world whether it lives and, unless `mission_id` is empty, whether that is its own.
 
@@ -53,8 +55,10 @@ class Vouching:
             service: as the world's Scenario message names it.
             world_instance: of that message.
             on_answer: called once, later: with False if nobody answers in time.
+            on_silence: called instead if nobody answers in time.
         """
-        question = _Question(service, world_instance, mission_id, on_answer)
+        silent = partial(on_answer, False) if on_silence is None else on_silence
+        question = _Question(service, world_instance, mission_id, on_answer, silent)
         if len(self._open) >= _MOST_QUESTIONS:
             question.looks_left = 0
         self._open.append(question)
@@ -65,7 +69,8 @@ class Vouching:
         """Ask what can be asked by now, and give up what was not answered."""
         for question in [*self._open]:
             if question.looks_left <= 0:
-                self._answer(question, is_vouched=False)
+                self._open.remove(question)
+                question.on_silence()
             elif question.future is None:
                 self._send(question)
             question.looks_left -= 1

@@ -3,6 +3,7 @@
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from uav_collect.ingest.reports import MissionReport
@@ -30,6 +31,7 @@ class MissionVouching:
         """Ask on behalf of a node."""
         self._vouching = Vouching(node)
         self._services: OrderedDict[str, str] = OrderedDict()  # by instance of the world
+        self._vouched: OrderedDict[str, None] = OrderedDict()  # worlds that have for a mission
         self._unasked: list[_Unasked] = []
 
     def note_world(self, msg: Any) -> None:
@@ -46,13 +48,31 @@ class MissionVouching:
             self.ask(each.report, each.on_answer)
 
     def ask(self, report: MissionReport, on_answer: Callable[[bool], None]) -> None:
-        """Ask the world that a mission names whether it is its own; the answer comes later."""
+        """Ask the world that a mission names whether it is its own; the answer comes later.
+
+        Where no answer comes, it is if the same process has vouched for a mission before.
+        """
         instance = report.world_instance
         service = self._services.get(instance)
         if service is None:
             self._unasked.append(_Unasked(report, on_answer))
-        else:
-            self._vouching.ask(service, instance, report.mission_id, on_answer)
+            return
+        self._vouching.ask(
+            service,
+            instance,
+            report.mission_id,
+            partial(self._note_answer, instance, on_answer),
+            lambda: on_answer(instance in self._vouched),
+        )
+
+    def _note_answer(self, instance: str, on_answer: Callable[[bool], None], is_own: bool) -> None:
+        """Keep in mind who has vouched: one that dies has no time for its last missions."""
+        if is_own:
+            self._vouched[instance] = None
+            self._vouched.move_to_end(instance)
+            if len(self._vouched) > _MOST_WORLDS:
+                self._vouched.popitem(last=False)
+        on_answer(is_own)
 
     def look(self) -> None:
         """Give up missions whose world has been silent for many looks."""

@@ -124,6 +124,8 @@ class WorldNode(ProcessNode):
     def _on_join(self, request: Any, response: Any) -> Any:
         response.world_instance = self._identity.instance
         if request.world_instance != self._identity.instance:
+            response.retry = True  # it asked another world, and may have found this one by now
+            response.reason = 'it asked to join another world'
             return response
         problem = names_problem(request, _PILOT_NAMES)
         if problem is not None:
