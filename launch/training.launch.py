@@ -22,7 +22,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from uav_collect.commands.train_fleet import MAX_WORLDS, unused_folder, world_names
-from uav_collect.limits import FLEET_ALGORITHMS
+from uav_collect.limits import FLEET_ALGORITHMS, RECORDED
 from uav_collect.nodes.launching import ending_with, LaunchArguments, parameter_of
 from uav_collect.nodes.parameters import Parameter
 from uav_collect.nodes.trainer.settings import PARAMETERS
@@ -54,8 +54,14 @@ _WORLDS = Parameter(
 )
 _OTHERS = {
     'worlds': ('1', _WORLDS.description),
-    'record': ('false', 'true: keep every message, in a bag for each world beside the folder'),
+    'record': (
+        'false',
+        'true: keep every message, in a bag for each world beside the folder; learning: keep what'
+        ' trainer --from-bag needs',
+    ),
 }
+# What the recorder keeps, by the argument.
+_RECORDED = {'false': None, 'true': RECORDED[0], RECORDED[1]: RECORDED[1]}
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -78,14 +84,15 @@ def _start(context: LaunchContext) -> list:
     scenario = arguments.made('scenario', lambda: load(of_trainer['scenario']))
     config = arguments.made('preset', lambda: load_preset(of_trainer['preset']))
     worlds = world_names(arguments.value(_WORLDS))
-    is_recorded = arguments.flag('record')
+    arguments.one_of('record', _RECORDED)
     arguments.check()
+    recorded = _RECORDED[arguments['record']]
     world = {
         'scenario': of_trainer['scenario'],
         'missions': -1,
         'max_decisions': config.max_decisions(scenario.n_cells),
         'viewer_rate_hz': 0.0,
-        'recorders': int(is_recorded),
+        'recorders': int(recorded is not None),
     }
     agent = {'policy': 'topic', 'bandwidth': config.rollout.bandwidth}
     folder, nodes = Path(of_trainer['output_dir']), []
@@ -96,9 +103,9 @@ def _start(context: LaunchContext) -> list:
         nodes.append(_node('world_sim', {**world, 'seed': seed}, named))
         for uav in range(1, scenario.n_uavs + 1):
             nodes.append(_node('uav_agent', agent, [*named, '--id', str(uav)]))
-        if is_recorded:
+        if recorded is not None:
             bag = unused_folder(Path(f'{folder}_bag{name and "_"}{name}'))
-            nodes.append(_node('recorder', {'output_dir': str(bag)}, named))
+            nodes.append(_node('recorder', {'output_dir': str(bag), 'topics': recorded}, named))
     trainer = _node('trainer', {**of_trainer, 'worlds': worlds}, [], sigterm_timeout=_SAVE_S)
     end = EmitEvent(event=Shutdown(reason='the trainer has ended'))
     handler = RegisterEventHandler(OnProcessExit(on_exit=ending_with(trainer, end)))

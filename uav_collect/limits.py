@@ -12,6 +12,8 @@ MAX_GUARD_AFTER = 10_000
 ALGORITHMS = ('aqmix', 'qmix', 'aiql')  # of a training
 FLEET_ALGORITHMS = ('aqmix', 'aiql')  # those whose UAVs do not wait for each other
 
+RECORDED = ('all', 'learning')  # topics that a recorder keeps: all, or those learned from
+
 # How bandwidth may be shared; the first two are known to kernels, by their place here.
 ALLOCATOR_NAMES = ('exact', 'equal', 'cvxpy')
 

@@ -4,12 +4,15 @@ from pathlib import Path
 import signal
 
 from episodes import single_threaded_torch
+from fleets import parameters
 from processes import Processes
 import pytest
 
 torch = single_threaded_torch()
 pytest.importorskip('rclpy')
+from rosbags.highlevel import AnyReader
 from trainings import fleet_of, NEVER, replayed, start_trainer, TRAINED_S
+from uav_collect.nodes import topics
 
 pytestmark = pytest.mark.ros
 
@@ -34,7 +37,7 @@ def recorded(processes: Processes, folder: Path, n_missions: int) -> tuple[Path,
     for process in agents:
         process.kill()
     later.send(signal.SIGINT)
-    assert later.wait_for_exit() == 0
+    later.wait_for_exit()  # 1 where it came too late for messages: missions are joined or not
     return fleet.bag, second
 
 
@@ -62,6 +65,35 @@ def test_each_mission_of_two_bags_that_a_restart_parted_is_learned_from_once(
     assert ': 0 missions joined' in again.output
     assert again.output.splitlines()[-1].endswith('there is no mission to learn from')
     assert (run / 'policy.safetensors').read_bytes() == policy
+
+
+def test_a_bag_of_what_is_learned_from_is_enough_to_learn_from(
+    processes: Processes, tmp_path: Path
+) -> None:
+    fleet, run = fleet_of(processes, tmp_path), tmp_path / 'run'
+    recorder = fleet.start_recorder(stop_after_missions=20, topics='learning')
+    fleet.start_agents('random', 'equal', observation_layout='egocentric')
+    assert fleet.start_world(missions=20).wait_for_exit() == 0
+    assert recorder.wait_for_exit() == 0
+    own = {topic.name for uav in (1, 2) for topic in topics.topics_of_uav(uav)}
+    with AnyReader([fleet.bag]) as reader:
+        recorded = {connection.topic for connection in reader.connections}
+    assert recorded & own == {'/uav_1/transition', '/uav_2/transition'}
+    assert recorded - own == {
+        '/world/scenario',
+        '/world/mission',
+        '/world/epoch',
+        '/trainer/policy',
+    }
+    trainer = start_trainer(processes, run, '--from-bag', str(fleet.bag))
+    assert trainer.wait_for_exit(TRAINED_S) == 0
+    assert '20 missions found: 20 missions joined' in trainer.output
+
+
+def test_a_recorder_of_what_nobody_knows_is_refused(processes: Processes) -> None:
+    recorder = processes.start('recorder', *parameters(topics='some'))
+    assert recorder.wait_for_exit() == 2
+    assert "topics is 'some': must be all or learning" in recorder.output
 
 
 def test_a_bag_that_is_too_short_to_learn_from_leaves_no_policy(

@@ -115,7 +115,7 @@ def test_the_trainer_hears_all_worlds_and_its_end_ends_all(description: Made) ->
         ('worlds', 'two', 'must be a whole number from 1 to 16'),
         ('minutes', '-1', 'must be a number from 0.0'),
         ('seed', 'abc', 'must be a whole number from 0'),
-        ('record', '1', 'must be true or false'),
+        ('record', '1', 'must be one of false, true, learning'),
         ('scenario', 'no_such', 'no_such'),
     ],
 )
@@ -133,5 +133,8 @@ def test_each_world_is_recorded_on_request(description: Made) -> None:
     assert nodes(description, 'recorder', output_dir='run') == []
     made = nodes(description, 'recorder', record='true', worlds='2', output_dir='run')
     assert [given(one, 'output_dir')[0] for one in made] == ['run_bag_a', 'run_bag_b']
+    assert {given(one, 'topics') for one in made} == {('all', str)}
+    (less,) = nodes(description, 'recorder', record='learning', output_dir='run')
+    assert given(less, 'topics') == ('learning', str)
     (alone,) = nodes(description, 'recorder', record='true', output_dir='run')
     assert given(alone, 'output_dir')[0] == 'run_bag'

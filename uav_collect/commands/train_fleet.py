@@ -13,7 +13,7 @@ from uav_collect.commands import options
 from uav_collect.commands.ros_processes import Fleet, ros_parameters, running_fleet
 from uav_collect.commands.terminal import INTERRUPTED, say
 from uav_collect.errors import FleetError
-from uav_collect.limits import FLEET_ALGORITHMS
+from uav_collect.limits import FLEET_ALGORITHMS, RECORDED
 from uav_collect.recording.mission_folder import SCENARIO_FILE
 from uav_collect.training.seeds import next_training_seed
 
@@ -63,7 +63,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_assignments(parser, '--override', 'replace values of the preset')
     options.add_seed_option(parser, 'of weights and missions')
     options.add_budget_options(parser, _MINUTES, 'how long to train')
-    parser.add_argument('--record', action='store_true', help='keep every message in a bag')
+    parser.add_argument(
+        '--record',
+        nargs='?',
+        choices=RECORDED,
+        const=RECORDED[0],
+        metavar='TOPICS',
+        help='keep messages in bags: all (the default), or learning: what'
+        ' trainer --from-bag needs; how much that is, is said every minute',
+    )
     parser.add_argument(
         '--output',
         type=Path,
@@ -84,7 +92,7 @@ def run(arguments: argparse.Namespace) -> int:
         f'{scenario.name}_n{scenario.n_uavs}_{arguments.algorithm}_{config.name}_s{arguments.seed}'
     )
     said = _new_folder(folder / _PROCESSES)
-    n_participants = 1 + arguments.worlds * (1 + scenario.n_uavs + arguments.record)
+    n_participants = 1 + arguments.worlds * (1 + scenario.n_uavs + bool(arguments.record))
     try:
         with running_fleet(said, n_participants) as fleet:
             _start(fleet, folder, said, scenario, arguments, allocator=config.rollout.bandwidth,
@@ -118,7 +126,7 @@ def _start(
     for number, name in enumerate(names):
         named, suffix = (['--world', name], f'_{name}') if name else ([], '')
         if arguments.record:
-            bag = partial(_bag_arguments, named, said / f'bag{suffix}')
+            bag = partial(_bag_arguments, named, said / f'bag{suffix}', arguments.record)
             fleet.start('recorder', f'recorder{suffix}', bag, ends_last=True)
         flown = partial(
             _world_arguments,
@@ -126,7 +134,7 @@ def _start(
             partial(next_training_seed, folder, arguments.seed, number),
             scenario=scenario_file,
             max_decisions=max_decisions,
-            recorders=int(arguments.record),
+            recorders=int(bool(arguments.record)),
         )
         fleet.start('world_sim', f'world_sim{suffix}', flown)
         for uav in range(1, scenario.n_uavs + 1):
@@ -146,9 +154,10 @@ def _start(
     fleet.start('trainer', 'trainer', values, is_shown=True, stop_s=_SAVE_S)
 
 
-def _bag_arguments(named: Sequence[str], first: Path) -> list[str]:
+def _bag_arguments(named: Sequence[str], first: Path, recorded: str) -> list[str]:
     """Of a recorder, with a bag of its own for each start."""
-    return [*named, '--output', str(unused_folder(first))]
+    bag = unused_folder(first)
+    return [*named, '--output', str(bag), *ros_parameters(topics=recorded)]
 
 
 def _world_arguments(

@@ -200,6 +200,11 @@ def fleet_topics(n_uavs: int, namespace: str = '') -> tuple[Topic, ...]:
     return (*world_topics(namespace).recorded(), *own)
 
 
+def is_learned_from(topic: Topic) -> bool:
+    """Whether a learner needs what is on a topic, to learn from it or to know what flew."""
+    return topic.message in (Scenario, Mission, Epoch, Transition, Policy)
+
+
 def publisher(node: Node, topic: Topic) -> Publisher:
     """A publisher on a topic of the table."""
     return node.create_publisher(topic.message, topic.name, topic.qos)

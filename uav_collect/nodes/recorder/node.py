@@ -24,13 +24,14 @@ from rosbags.interfaces import (
     QosTime,
 )
 from uav_collect.errors import BagError, NodeError, RecordingError, UnreadableError
-from uav_collect.limits import MAX_UAVS
+from uav_collect.ingest.from_messages import converter_for
+from uav_collect.limits import MAX_UAVS, RECORDED
 from uav_collect.nodes.parameters import add_world_option, declare, help_text, Parameter
 from uav_collect.nodes.process import FAILED, MISUSED, parse_arguments, ProcessNode, run_node
 from uav_collect.nodes.recorder.status import StatusPublisher
-from uav_collect.nodes.topics import Topic, topics_of_uav, world_of, world_topics
+from uav_collect.nodes.topics import is_learned_from, Topic, topics_of_uav, world_of, world_topics
 from uav_collect.recording.bag_writer import BagWriter, MessageTypes
-from uav_collect.recording.completeness import Completeness, Taken
+from uav_collect.recording.completeness import Completeness, Lack, Taken
 from uav_collect.recording.message_heads import HeadReader
 
 _DESCRIPTION = """
@@ -54,6 +55,12 @@ PARAMETERS = (
         name='output_dir',
         default='',
         description='folder to create for the bag; if empty, named by the time',
+    ),
+    Parameter(
+        name='topics',
+        default=RECORDED[0],
+        description='what to record: all topics, or those for learning, which trainer --from-bag'
+        ' reads: missions, events, transitions, scenario and policies',
     ),
     Parameter(
         name='stop_after_missions',
@@ -92,6 +99,7 @@ class RecorderNode(ProcessNode):
         super().__init__('recorder', namespace=world)
         self._names = names = world_topics(world_of(self.get_namespace()))
         declare(self, PARAMETERS)
+        self._takes_all = self._checked_choice() == RECORDED[0]
         types = MessageTypes(_definition_text)
         self._bag = self._open(output, types)
         self._scenarios = HeadReader(names.scenario.type_name, _SCENARIO_FIELDS, types.fields)
@@ -102,7 +110,7 @@ class RecorderNode(ProcessNode):
         self._worlds: dict[str, int] = {}  # number of UAVs by world instance, the latest last
         self._listeners: dict[str, Subscription] = {}  # by topic
         self._n_unreadable: Counter[str] = Counter()  # messages by topic
-        for topic in names.recorded():
+        for topic in filter(self._is_wanted, names.recorded()):
             self._record(topic)
         self._status = StatusPublisher(self, names.recorder, self._bag.folder)
         # Wall time, whatever the simulated clock does.
@@ -124,7 +132,7 @@ class RecorderNode(ProcessNode):
         for topic, n_messages in self._n_unreadable.items():
             self._bag.remark(f'left out of {topic}', f'{n_messages} messages that are none')
             self.get_logger().warning(f'left out {n_messages} messages of {topic}: they are none')
-        lacks = self._completeness.lacks()
+        lacks = self._lacks()
         for lack in lacks:
             self._bag.remark(f'missing of {lack.topic}', str(lack))
             self.get_logger().error(f'not recorded: {lack}')
@@ -138,8 +146,22 @@ class RecorderNode(ProcessNode):
         except RecordingError as error:
             raise NodeError(str(error)) from error
 
+    def _checked_choice(self) -> str:
+        chosen: str = self._value('topics')
+        if chosen not in RECORDED:
+            raise NodeError(f'topics is {chosen!r}: must be {" or ".join(RECORDED)}')
+        return chosen
+
     def _value(self, name: str) -> Any:
         return self.get_parameter(name).value
+
+    def _is_wanted(self, topic: Topic) -> bool:
+        return self._takes_all or is_learned_from(topic)
+
+    def _lacks(self) -> list[Lack]:
+        """What is missing of the topics that are recorded."""
+        lacks = self._completeness.lacks()
+        return [it for it in lacks if self._takes_all or converter_for(it.topic) is not None]
 
     def _record(self, topic: Topic) -> None:
         """Subscribe to a topic, and keep what comes in the bag."""
@@ -183,8 +205,8 @@ class RecorderNode(ProcessNode):
         if len(self._worlds) > _MOST_WORLDS:
             del self._worlds[next(iter(self._worlds))]
         for uav in range(1, n_uavs + 1):
-            new = [topic for topic in topics_of_uav(uav, self._names.namespace)
-                   if topic.name not in self._listeners]  # fmt: skip
+            own = filter(self._is_wanted, topics_of_uav(uav, self._names.namespace))
+            new = [topic for topic in own if topic.name not in self._listeners]
             for topic in new:
                 self._record(topic)
             if new:
@@ -195,7 +217,8 @@ class RecorderNode(ProcessNode):
 
     def _look(self) -> None:
         """Say what is not heard; stop when the last mission has ended and all of it is here."""
-        awaited = self._names.awaited(range(1, max(self._worlds.values(), default=0) + 1))
+        uavs = range(1, max(self._worlds.values(), default=0) + 1)
+        awaited = filter(self._is_wanted, self._names.awaited(uavs))
         silent = [it.name for it in awaited if not self._listeners[it.name].get_publisher_count()]
         self._status.publish([*self._worlds], silent)
         now_s = time.monotonic()
@@ -204,7 +227,7 @@ class RecorderNode(ProcessNode):
             return
         is_quiet = now_s - max(self._heard_s, self._ended_s) > _QUIET_S
         # The end of a mission may overtake its messages: topics are not ordered.
-        if is_quiet and not self._completeness.lacks():
+        if is_quiet and not self._lacks():
             self.end()
 
     def _drain(self) -> None:
@@ -213,7 +236,7 @@ class RecorderNode(ProcessNode):
         while self.end_status is None:
             for listener in self._listeners.values():
                 self._take_all(listener, until_s)
-            if not self._completeness.lacks() or time.monotonic() > until_s:
+            if not self._lacks() or time.monotonic() > until_s:
                 return
             time.sleep(_DRAIN_S / 100)
 
