@@ -234,9 +234,10 @@ def test_bytes_that_are_no_message_are_left_out_and_counted(
     recorder.send(signal.SIGINT)
     assert recorder.wait_for_exit() in (0, 1)  # some may read like missions
     assert 'Traceback' not in recorder.output
-    for topic in read:  # every other one was random, and is no message at all
+    # Every other one was random, and is no message at all; short histories may lose some.
+    for topic in read:
         (n_left_out,) = re.findall(rf'left out (\d+) messages of {topic.name}:', recorder.output)
-        assert int(n_left_out) > 1_000
+        assert int(n_left_out) > min(1_000, topic.qos.depth // 2)
     assert len(recorder.output) < 100_000
     with AnyReader([tmp_path / 'bag']) as reader:
         epochs = [it for it in reader.connections if it.topic == mine.name]

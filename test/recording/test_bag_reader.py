@@ -52,6 +52,21 @@ def test_the_log_in_a_bag_is_the_log_that_was_flown_to_the_byte(
     assert mission.is_complete
 
 
+def test_bytes_that_are_no_message_are_passed_over(
+    tmp_path: Path, site: Site, flown: list[MissionLog]
+) -> None:
+    bag = HandMadeBag(tmp_path / 'bag')
+    bag.add_scenario(site)
+    bag.add_mission(flown[0], 'first')
+    for topic in ('/world/scenario', '/world/mission', '/world/epoch'):
+        for content in (b'\0\1\0\0', b'\0\1\0\0' + b'\xff' * 300):
+            bag.add_bytes(topic, content)
+    bag.writer.close()
+    mission = read_one(tmp_path / 'bag')
+    assert mission.log.to_jsonl() == flown[0].to_jsonl()
+    assert mission.is_complete
+
+
 def test_every_bit_of_heard_survives_a_fleet_of_64(tmp_path: Path) -> None:
     site = build_site(tiny(*[uav() for _ in range(64)]))
     (log,) = fly(site, [0], 'sweep')

@@ -75,7 +75,7 @@ def read_missions(path: Path) -> list[RecordedMission]:
 
 
 def messages(path: Path, is_wanted: Callable[[str], bool]) -> Iterator[tuple[str, Any]]:
-    """Topic and content of the messages of some topics, as received.
+    """Topic and content of the messages of some topics, as received, but bytes that are none.
 
     Raises:
         BagError: there is no bag, or its recorder was cut off.
@@ -83,7 +83,11 @@ def messages(path: Path, is_wanted: Callable[[str], bool]) -> Iterator[tuple[str
     with _reader(path) as reader:
         wanted = [it for it in reader.connections if is_wanted(it.topic)]
         for connection, _, content in reader.messages(wanted) if wanted else ():
-            yield connection.topic, reader.deserialize(content, connection.msgtype)
+            try:
+                message = reader.deserialize(content, connection.msgtype)
+            except AnyReaderError:
+                continue
+            yield connection.topic, message
 
 
 @contextmanager

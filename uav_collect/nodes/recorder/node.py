@@ -44,9 +44,11 @@ _READER_DEPTH = 10_000  # messages of a topic that wait while a chunk is written
 _LOOK_PERIOD_S = 0.05  # between looks for publishers that are not heard yet
 _MOST_WORLDS = 8  # kept in mind
 _SCENARIO_FIELDS = ('world_instance', 'n_uavs')
-_DRAIN_S = 1.0  # longest wait, when it is stopped, for what was published before
+_DRAIN_S = 3.0  # longest wait, when it is stopped, for what was published before
+_SILENT_S = 1.0  # the same without any message
 _QUIET_S = 0.3  # without any message, when the last mission has ended, it was the last
-_WAIT_S = 5.0  # longest wait for that: DDS repeats lost packets every 3 s
+_WAIT_S = 5.0  # longest wait for that; without any, nothing more will come: DDS repeats every 3 s
+_MOST_WAIT_S = 30.0  # longest wait for what is missing while other messages come
 
 Taker = Callable[[bytes], Taken | None]  # takes note of a message, and may refuse it
 
@@ -222,28 +224,34 @@ class RecorderNode(ProcessNode):
         silent = [it.name for it in awaited if not self._listeners[it.name].get_publisher_count()]
         self._status.publish([*self._worlds], silent)
         now_s = time.monotonic()
-        if now_s - self._ended_s > _WAIT_S:
-            self.end()
+        since_end_s, quiet_s = now_s - self._ended_s, now_s - self._heard_s
+        if since_end_s < _QUIET_S or (quiet_s < _QUIET_S and since_end_s < _WAIT_S):
             return
-        is_quiet = now_s - max(self._heard_s, self._ended_s) > _QUIET_S
         # The end of a mission may overtake its messages: topics are not ordered.
-        if is_quiet and not self._lacks():
+        is_hopeless = quiet_s > _WAIT_S or since_end_s > _MOST_WAIT_S
+        if is_hopeless or not self._lacks():
             self.end()
 
     def _drain(self) -> None:
-        """Take what the middleware has, and wait a moment for what it is still to get."""
-        until_s = time.monotonic() + _DRAIN_S
+        """Take what the middleware has, and wait a moment for what it is still to get.
+
+        A world that was stopped just now aborts its mission; of what is missing, more may come.
+        """
+        begun_s = time.monotonic()
         while self.end_status is None:
             for listener in self._listeners.values():
-                self._take_all(listener, until_s)
-            if not self._lacks() or time.monotonic() > until_s:
+                self._take_some(listener)
+            now_s = time.monotonic()
+            is_silent = now_s - max(begun_s, self._heard_s) > _SILENT_S
+            patience_s = _DRAIN_S if self._lacks() else _QUIET_S
+            if is_silent or now_s - begun_s > patience_s:
                 return
-            time.sleep(_DRAIN_S / 100)
+            time.sleep(_LOOK_PERIOD_S / 10)
 
     @staticmethod
-    def _take_all(listener: Subscription, until_s: float) -> None:
+    def _take_some(listener: Subscription) -> None:
         with listener.handle:
-            while time.monotonic() < until_s:
+            for _ in range(_READER_DEPTH):
                 taken = listener.handle.take_message(listener.msg_type, listener.raw)
                 if taken is None:
                     return
