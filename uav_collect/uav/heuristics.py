@@ -30,6 +30,7 @@ _LANE_WIDTH = 3  # columns that one flight along a lane's middle sees
 _MOVES_PER_STOP = 2.0  # planned for a stop of the tour with its detours and hovers
 _UNSEEN_CELLS = 2  # further away a cell counts whose demand is not known yet
 _PATIENCE = 1.5  # planned ends after which the sweep no longer waits for the others
+_SILENCE = 1.2  # planned ends that whoever still comes home is silent for at most
 
 
 class Heuristic(IntEnum):
@@ -281,7 +282,8 @@ def _awaits_news(
     alone = _next_faster(briefing, -1)
     while _next_faster(briefing, alone) >= 0:
         alone = _next_faster(briefing, alone)
-    return alone == uav or view.time_s - max(belief.peer_s[alone], 0.0) <= planned_s
+    silent_s = view.time_s - max(belief.peer_s[alone], 0.0)
+    return alone == uav or silent_s <= _SILENCE * planned_s
 
 
 @kernel
