@@ -102,7 +102,7 @@ def test_an_aborted_mission_is_judged_up_to_its_last_event(log: MissionLog) -> N
 
 
 def test_what_comes_after_the_recorder_was_asked_to_stop_is_not_expected(
-    mission: Recorded,
+    log: MissionLog, mission: Recorded
 ) -> None:
     epochs = [place for place, (name, _) in enumerate(mission) if name == '/world/epoch']
     completeness = held(mission[: epochs[4] + 1])
@@ -110,6 +110,12 @@ def test_what_comes_after_the_recorder_was_asked_to_stop_is_not_expected(
     take = completeness.taker('/world/epoch')
     assert take is not None
     take(mission[epochs[5]][1])  # whose other messages are on their way
+    assert completeness.lacks() == []
+    for topic, content in (*mission[epochs[7] :], *MESSAGES.of_mission(log, 'w-1', end=ABORTED)):
+        late = completeness.taker(topic)
+        assert late is not None
+        if topic.startswith('/world/'):  # which may overtake all others
+            late(content)
     assert completeness.lacks() == []
 
 

@@ -101,8 +101,10 @@ class Completeness:
         return partial(self._take_numbered, reader, match['what'], int(match['uav']))
 
     def freeze(self) -> None:
-        """Expect no more of missions in flight than their events so far say."""
+        """Expect no more of missions in flight than their events so far say, and no new ones."""
         self._is_frozen = True
+        for mission in (*self._late.values(), *self._missions.values()):
+            mission.is_frozen = not mission.has_ended
 
     def lacks(self) -> list[Lack]:
         """What is missing, by topic: in missions that have not ended, up to their last event."""
@@ -115,9 +117,9 @@ class Completeness:
         mission = self._mission(mission_id)
         if phase == STARTED:
             mission.has_started = True
-        else:
+        elif not mission.is_frozen:
             mission.has_ended = True
-        if phase == ENDED:
+        if phase == ENDED and not mission.is_frozen:
             mission.n_events = n_decisions + n_uavs  # each UAV turns home once
         return Taken('mission', mission_id, has_ended=phase != STARTED)
 
@@ -132,7 +134,7 @@ class Completeness:
         terminal: bool,
     ) -> Taken:
         mission = self._mission(mission_id)
-        if self._is_frozen and not mission.has_ended:
+        if mission.is_frozen:
             return Taken('epoch', mission_id)
         if uav in _UAVS and mission.events.add(event):
             if terminal:
@@ -149,6 +151,8 @@ class Completeness:
 
     def _mission(self, mission_id: str) -> '_Mission':
         mission = self._missions.get(mission_id) or self._late.get(mission_id)
+        if mission is None and self._is_frozen:
+            return _Mission(is_frozen=True)  # that nobody asks for again
         if mission is None:
             mission = self._missions[mission_id] = _Mission()
             self._make_room()
@@ -233,6 +237,7 @@ class _Mission:
 
     has_started: bool = False  # its first Mission message is here
     has_ended: bool = False
+    is_frozen: bool = False  # judged by the events that are here, whatever comes
     n_events: int | None = None  # known when it has ended
     events: _Numbers = field(default_factory=_Numbers)
     uavs: defaultdict[int, _UavParts] = field(default_factory=lambda: defaultdict(_UavParts))
