@@ -39,7 +39,8 @@ class Vouching:
         self._clients: OrderedDict[str, Client] = OrderedDict()  # by service, the latest last
         self._open: list[_Question] = []
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._timer = node.create_timer(_LOOK_S, self._look, clock=steady, autostart=False)
+        # It never stops: one that is cancelled in its own callback may not be started again.
+        node.create_timer(_LOOK_S, self._look, clock=steady)
 
     def ask(
         self,
@@ -62,8 +63,6 @@ class Vouching:
         if len(self._open) >= _MOST_QUESTIONS:
             question.looks_left = 0
         self._open.append(question)
-        if self._timer.is_canceled():
-            self._timer.reset()
 
     def _look(self) -> None:
         """Ask what can be asked by now, and give up what was not answered."""
@@ -74,8 +73,6 @@ class Vouching:
             elif question.future is None:
                 self._send(question)
             question.looks_left -= 1
-        if not self._open:
-            self._timer.cancel()
 
     def _send(self, question: _Question) -> None:
         client = self._client(question.service)
