@@ -18,7 +18,15 @@ from processes import Processes, RunningProcess
 from rclpy.duration import Duration
 from rclpy.serialization import deserialize_message, serialize_message
 from uav_collect.nodes import topics
-from uav_collect_msgs.msg import Command, Observation, Policy, RadioMessage, Refusal, Scenario
+from uav_collect_msgs.msg import (
+    Command,
+    Observation,
+    Policy,
+    RadioMessage,
+    RecorderStatus,
+    Refusal,
+    Scenario,
+)
 from uav_collect_msgs.srv import ControlMission, Join
 
 pytestmark = pytest.mark.ros
@@ -90,6 +98,7 @@ def sample(flight: Flight, topic: Any) -> bytes:  # noqa: ANN401
     """A message as it is sent on a topic, but for decisions and deliveries far ahead."""
     made = {
         Refusal: Refusal(what='command', reason='none', agent_instance='x'),
+        RecorderStatus: RecorderStatus(recorder_instance='r', bag='b', waits_for=['x'] * 9),
         Policy: Policy(version='v', content=[1] * 100, sha256='0' * 64, trainer_instance='t'),
     }
     message = made.get(topic.message)
@@ -116,7 +125,8 @@ def test_fuzzed_messages_end_no_node_and_change_nothing(flight: Flight) -> None:
         for name in ('observation', 'radio_rx', 'command', 'radio_tx', 'refusal')
         for each in [getattr(topics.uav_topics(uav), name)]
     ]
-    draw, heard_topics = random.Random(0), (*own, topics.SCENARIO, topics.POLICY)
+    shared = (topics.SCENARIO, topics.POLICY, topics.RECORDER)
+    draw, heard_topics = random.Random(0), (*own, *shared)
     samples = {topic.name: sample(flight, topic) for topic in heard_topics}
     publishers = {
         topic.name: topics.publisher(flight.listening.node, topic) for topic in heard_topics

@@ -118,6 +118,18 @@ def test_a_uav_whose_agent_stays_away_is_flown_home_and_flies_again_in_the_next_
     assert 'UAV 2 was flown home by the failsafe: its agent did not answer' in warnings
 
 
+def test_an_agent_killed_as_it_joins_leaves_its_uav_to_the_next_one(fleet: Fleet) -> None:
+    world = fleet.start_world(seed=SEED, decision_timeout_s=ENOUGH_S)
+    fleet.start_agent(1, 'random')
+    for _ in range(3):  # before it has shown a sign of life, the middleware does not miss it
+        victim = fleet.start_agent(2, 'random')
+        victim.wait_for('UAV 2 flies')
+        victim.kill()
+    fleet.start_agent(2, 'random')
+    assert world.wait_for_exit() == 0
+    assert fleet.log(SEED) == logs(fleet.scenario, [SEED], 'random')[0]
+
+
 def test_agents_of_a_killed_world_fly_for_the_next_one(fleet: Fleet) -> None:
     expected = logs(fleet.scenario, [SEED, SEED + 1], 'random')
     agents = fleet.start_agents('random')
