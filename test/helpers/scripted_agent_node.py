@@ -163,6 +163,8 @@ class ScriptedAgents:
 
         def is_asked() -> bool:
             for uav, inbox in self._inboxes.items():
+                if inbox.doubts_mission:
+                    inbox.replay(self.ask_to_join(uav, inbox.agent.policy.name))
                 observation = inbox.next_observation()
                 if observation is not None:
                     found.append((uav, observation))

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from pathlib import Path
 import time
+from typing import Any
 
 import pytest
 
@@ -18,7 +19,7 @@ from uav_collect.nodes import topics
 from uav_collect.nodes.topics import publisher
 from uav_collect.recording.mission_log import read
 from uav_collect_msgs.msg import Mission, Scenario, UavFigures
-from uav_collect_msgs.srv import ControlMission
+from uav_collect_msgs.srv import ControlMission, Vouch
 
 pytestmark = pytest.mark.ros
 
@@ -87,11 +88,22 @@ def test_a_fleet_that_cannot_start_is_refused_before_anybody_waits(
 def test_of_two_worlds_the_later_one_gives_way(
     came: str, fleet: Fleet, pilot: ScriptedAgents
 ) -> None:
+    def vouch(request: Any, response: Any) -> Any:  # noqa: ANN401
+        response.world_instance = 'rival'
+        return response
+
     world = fleet.start_world()
     world.wait_for('waiting for UAV 1')
     scenarios = pilot.heard[topics.SCENARIO.name]
     pilot.wait_until(lambda: bool(scenarios))
-    rival = Scenario(stamp=scenarios[0].stamp, world_instance='rival', yaml='name: other\n')
+    service = '/world/vouch_rival'
+    pilot.node.create_service(Vouch, service, vouch)
+    rival = Scenario(
+        stamp=scenarios[0].stamp,
+        world_instance='rival',
+        vouch_service=service,
+        yaml='name: other\n',
+    )
     rival.stamp.sec += 1 if came == 'later' else -1
     publisher(pilot.node, topics.SCENARIO).publish(rival)
     if came == 'later':

@@ -240,6 +240,11 @@ class MissionJoiner:
             self._ask(report)
         return self._advance(mission_id, mission, report)
 
+    @property
+    def n_unvouched(self) -> int:
+        """How many missions wait for the answer of their world."""
+        return sum(mission.is_asked for mission in self._missions.values())
+
     def answer(self, mission_id: str, *, is_own: bool) -> JoinedMission | None:
         """Note what the world of a mission has answered, or that nobody has.
 

@@ -58,7 +58,7 @@ _NOTICED = {
 _CURRENT = QoSProfile(depth=1, durability=_LATCHED)
 # A reader keeps this many of all worlds together: with one, of two worlds it may miss the first.
 _WORLD = QoSProfile(depth=10, durability=_LATCHED, **_NOTICED)
-_MISSIONS = QoSProfile(depth=1_000, durability=_LATCHED)
+_MISSIONS = QoSProfile(depth=200, durability=_LATCHED)  # about as many as the histories below hold
 _EVENTS = QoSProfile(depth=10_000, durability=_LATCHED)
 _TO_UAV = QoSProfile(depth=3_000, durability=_LATCHED)
 _FROM_UAV = QoSProfile(depth=3_000, durability=_LATCHED, **_NOTICED)

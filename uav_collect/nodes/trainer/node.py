@@ -273,9 +273,10 @@ class TrainerNode(ProcessNode):
         """Which policy is flown, and what became of missions and messages, for people."""
         total = JoinCounts.sum(joiner.counts for joiner in self._joiners.values())
         n_waiting = sum(joiner.n_waiting for joiner in self._joiners.values())
+        n_unvouched = sum(joiner.n_unvouched for joiner in self._joiners.values())
         return (
             f'policy {self._version}' if self._version else 'no policy yet',
-            total.missions_text,
+            f'{total.missions_text}, {n_unvouched} wait for the word of their world',
             f'messages: {n_waiting} wait, {total.reports[ReportOutcome.DUPLICATE]} twice,'
             f' {total.reports[ReportOutcome.LATE]} late, {total.n_missing} missing',
         )
