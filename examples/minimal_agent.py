@@ -33,26 +33,28 @@ class MinimalAgent(Node):
         self.radio = self.create_publisher(RadioMessage, 'radio_tx', ALIVE)
         self.client = self.create_client(Join, '/world/join')
         self.create_subscription(Scenario, '/world/scenario', self.join, LATCHED)
+        self.create_subscription(RadioMessage, 'radio_rx', self.hear, LATCHED)
 
     def join(self, scenario):
-        values = yaml.safe_load(scenario.yaml)
-        self.side = values['area']['cells_per_side']
-        self.hz = values['radio']['system_bandwidth_mhz'] * 1e6 / scenario.n_uavs
         request = Join.Request(world_instance=scenario.world_instance, uav=self.uav)
         request.agent_instance, request.policy = self.instance, 'minimal'
         self.client.wait_for_service()
-        self.client.call_async(request).add_done_callback(self.greet)
+        answer = self.client.call_async(request)
+        answer.add_done_callback(lambda future: self.greet(future.result(), scenario))
 
-    def greet(self, future):
-        if not future.result().accepted:
-            raise SystemExit(future.result().reason)
+    def greet(self, answer, scenario):
+        if not answer.accepted:  # of a recording that is played back, say
+            self.get_logger().warning(answer.reason)
+            return
+        values = yaml.safe_load(scenario.yaml)
+        self.side = values['area']['cells_per_side']
+        self.hz = values['radio']['system_bandwidth_mhz'] * 1e6 / scenario.n_uavs
         self.commands.publish(Command(agent_instance=self.instance, action=Command.ACTION_NONE))
-        self.create_subscription(RadioMessage, 'radio_rx', self.hear, LATCHED)
         self.create_subscription(Observation, 'observation', self.decide, LATCHED)
 
     def hear(self, said):
         bits = int.from_bytes(bytes(said.complete), 'little')
-        self.complete[said.mission_id] |= {c for c in range(self.side**2) if bits >> c & 1}
+        self.complete[said.mission_id] |= {c for c in range(bits.bit_length()) if bits >> c & 1}
 
     def decide(self, seen):
         complete, (row, column) = self.complete[seen.mission_id], divmod(seen.cell, self.side)

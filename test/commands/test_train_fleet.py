@@ -141,8 +141,11 @@ def test_a_recorder_and_a_world_that_are_killed_cost_no_mission_and_none_is_flow
         'trainer', '--from-bag', *bags, *values, UAV_COLLECT_KERNELS='interpreted'
     )
     assert trainer.wait_for_exit(TRAINED_S) == 0
-    n_joined = [int(number) for number in re.findall(r'(\d+) missions joined', trainer.output)]
-    assert 0 < sum(n_joined[-2:]) <= len(seeds)
+    n_joined = [
+        int(number) for number in re.findall(r'found: (\d+) missions joined', trainer.output)
+    ]
+    assert len(n_joined) == len(bags)
+    assert sum(n_joined) <= len(seeds)
     assert n_joined[-1] > 0
 
 

@@ -68,6 +68,11 @@ def executable(name: str) -> Path | None:
     return None
 
 
+def _hear_of_closed_terminals() -> None:
+    """Let a process hear SIGHUP, though the tests may run under nohup."""
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
+
+
 class RunningProcess:
     """A started executable; its output, both streams, goes to a file."""
 
@@ -183,6 +188,7 @@ class Processes:
                 env={**self._environment, **environment},
                 cwd=self._folder,
                 start_new_session=True,
+                preexec_fn=_hear_of_closed_terminals,
             )
         process = RunningProcess(name, popen, output_file)
         self._started.append(process)

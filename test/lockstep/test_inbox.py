@@ -290,3 +290,45 @@ def test_there_is_a_bound_on_what_waits(history: History, inbox: Inbox) -> None:
             )
     kept = inbox._messages.values()  # memory shows nowhere else
     assert sum(len(each.observations) + len(each.radio) for each in kept) < 20
+
+
+def test_what_did_not_count_is_decided_again(history: History, inbox: Inbox) -> None:
+    inbox.replay(history.answer(1))
+    for message in history.radio:
+        inbox.add_radio(message)
+    inbox.add_observation(history.observations[1])
+    assert decide(inbox) == history.decisions[1:2]
+    inbox.replay(history.answer(2, pending=True))
+    assert decide(inbox) == []  # it was sent
+    inbox.lose_step()
+    inbox.replay(history.answer(2, pending=True))
+    assert decide(inbox) == history.decisions[1:2]
+
+
+def test_a_history_of_any_length_is_lived_through(history: History, inbox: Inbox) -> None:
+    n_heard, first = 10_000, history.observations[0]
+    about = {'mission_id': mission(0), 'message': history.radio[0].message}
+    late = observation_of(mission(0), 0, n_radio_delivered=n_heard, view=first.view)
+    inbox.replay(
+        SimpleNamespace(
+            mission_id=mission(0),
+            observations=[late],
+            radio=[SimpleNamespace(delivery=number + 1, **about) for number in range(n_heard)],
+            decision_pending=True,
+        )
+    )
+    assert len(decide(inbox)) == 1
+
+
+def test_a_mission_that_the_world_does_not_know_is_left_when_it_says_so_twice(
+    history: History, inbox: Inbox
+) -> None:
+    inbox.add_observation(observation_of(mission(999), 0))
+    inbox.replay(history.answer(1))
+    assert inbox.doubts_mission  # it may have begun since the world answered
+    inbox.replay(history.answer(1))
+    assert not inbox.doubts_mission
+    for message in history.radio:
+        inbox.add_radio(message)
+    inbox.add_observation(history.observations[1])
+    assert decide(inbox) == history.decisions[1:2]

@@ -6,6 +6,7 @@ from fleets import Fleet, logs, scenario_of
 from processes import Processes
 import pytest
 from random_policies import header, saved
+from uav_collect.nodes.process import FAILED
 from uav_collect.recording.bag_reader import messages, read_missions
 from uav_collect.uav.observation import Layout
 
@@ -54,7 +55,7 @@ def test_a_restarted_agent_remembers_what_its_policy_did_before_it_died(
         agents[uav - 1] = fleet.start_agent(uav, policy, guard_after=guard_after)
         agents[uav - 1].wait_for(f'UAV {uav} flies, policy mine')
     assert world.wait_for_exit() == 0
-    assert recorder.wait_for_exit() == 0
+    assert recorder.wait_for_exit() in (0, FAILED)  # it may lack the last words of the killed
     [mission] = read_missions(fleet.bag)
     assert mission.log.to_jsonl() == fleet.log(SEEDS[0]) == expected
     *_, (_, ended) = messages(fleet.bag, lambda name: name.endswith('/mission'))

@@ -50,7 +50,7 @@ def held(messages: Iterable[tuple[str, bytes]], namespace: str = '') -> Complete
 def n_kept() -> int:
     """How many missions are in mind."""
     gc.collect()
-    return sum(isinstance(each, completeness_module._Mission) for each in gc.get_objects())
+    return sum(type(each) is completeness_module._Mission for each in gc.get_objects())
 
 
 def lacks(messages: Iterable[tuple[str, bytes]]) -> dict[str, int]:

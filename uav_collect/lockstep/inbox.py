@@ -69,20 +69,28 @@ class Inbox:
             answer: of the world to the request to join.
         """
         mission = self._number(answer.mission_id)
-        self.doubts_mission = False
-        if mission < self._mission:  # the next one's first observation overtook the answer
+        has_asked_again, self.doubts_mission = self.doubts_mission, False
+        if mission < self._mission and (self._is_in_step or not has_asked_again):
+            # The next one's first observation overtook the answer, or it was none of the world's.
+            self.doubts_mission = not self._is_in_step
             return
         was_in_step, self._is_in_step = self._is_in_step, False
-        if mission > self._mission or not was_in_step:
+        if mission != self._mission or not was_in_step:
             self._begin(mission)
-        for message in answer.radio:
-            self.add_radio(message)
+        heard = {message.delivery: message for message in answer.radio}
+        self._kept(mission).radio.update(
+            {number: heard[number] for number in heard if number > self._n_heard}
+        )
         answered = len(answer.observations) - (1 if answer.decision_pending else 0)
         for observation in answer.observations[self._decision : answered]:
             self.note(self.agent.decide(self.deliver(observation)))
         for observation in answer.observations[answered:]:
             self.add_observation(observation)
         self._is_in_step = True
+
+    def lose_step(self) -> None:
+        """Live through the mission anew with the next answer: what was sent did not count."""
+        self._is_in_step = False
 
     def note(self, decision: Decision) -> None:
         """Take note of what the agent decided on what was delivered last."""

@@ -2,7 +2,7 @@
 
 An agent that asks to join gets a claim, which keeps nobody else out. The UAV is its own once it
 has greeted the world on its command topic: a request alone, forged or of a process that died, is
-void after a few seconds. An agent that greeted and then showed no sign of life is gone as well:
+worth nothing. An agent that greeted and then showed no sign of life is gone as well:
 the middleware only reports those dead who were alive once.
 """
 
@@ -12,8 +12,8 @@ from uav_collect.limits import GUARD_AFTER
 from uav_collect.uav.action_codes import NONE
 from uav_collect.uav.policy import TOPIC
 
-CONFIRM_S = 3.0  # for a claim to be followed by a greeting, and that by a sign of life
-_MOST_CLAIMS = 8  # for one UAV
+CONFIRM_S = 3.0  # for a greeting to be followed by a sign of life
+_MOST_CLAIMS = 32  # for one UAV, the latest
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,12 +53,6 @@ class JoinAnswer:
     reason: str = ''
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Claim:
-    pilot: Pilot
-    until_s: float
-
-
 @dataclass
 class Roster:
     """The pilots of a fleet, by UAV id; times are of one monotonic clock."""
@@ -67,39 +61,35 @@ class Roster:
     pilots: dict[int, Pilot] = field(default_factory=dict)  # the latest of each UAV
     present: set[int] = field(default_factory=set)  # UAVs whose pilot is alive
     flying: dict[int, Pilot] = field(default_factory=dict)  # as the mission in flight began
-    _claims: dict[int, dict[str, _Claim]] = field(default_factory=dict)  # by UAV, then instance
+    _claims: dict[int, dict[str, Pilot]] = field(default_factory=dict)  # by UAV, then instance
     _alive: set[int] = field(default_factory=set)  # UAVs on whose topic somebody is alive
     _unproven: dict[int, float] = field(
         default_factory=dict
     )  # present UAVs not among those: until
 
-    def join(self, pilot: Pilot, now_s: float) -> JoinAnswer:
+    def join(self, pilot: Pilot) -> JoinAnswer:
         """Let an agent claim a UAV, or say why not."""
         refusal = self._refusal(pilot)
         if refusal is not None:
             return refusal
         claims = self._claims.setdefault(pilot.uav, {})
-        for instance in [each for each, claim in claims.items() if now_s > claim.until_s]:
-            del claims[instance]
         claims.pop(pilot.instance, None)
         if len(claims) == _MOST_CLAIMS:
             del claims[next(iter(claims))]
-        claims[pilot.instance] = _Claim(pilot=pilot, until_s=now_s + CONFIRM_S)
+        claims[pilot.instance] = pilot
         return JoinAnswer(accepted=True)
 
     def greet(self, uav: int, instance: str, now_s: float) -> JoinAnswer:
         """Let an agent that has a claim fly the UAV, or say why not."""
-        claim = self._claims.get(uav, {}).pop(instance, None)
-        if claim is None or now_s > claim.until_s:
+        pilot = self._claims.get(uav, {}).pop(instance, None)
+        if pilot is None:
             if uav in self.present and self.is_flown_by(uav, instance):
                 return JoinAnswer(accepted=True)
-            return JoinAnswer(
-                accepted=False, retry=True, reason='it has not joined, or greets too late'
-            )
-        refusal = self._refusal(claim.pilot)
+            return JoinAnswer(accepted=False, retry=True, reason='it has not joined')
+        refusal = self._refusal(pilot)
         if refusal is not None:
             return refusal
-        self.pilots[uav] = claim.pilot
+        self.pilots[uav] = pilot
         self.present.add(uav)
         if uav not in self._alive:
             self._unproven[uav] = now_s + CONFIRM_S

@@ -106,6 +106,9 @@ def command_msg(decision: Decision, observation: Any) -> Command:
     )
 
 
+GREETING = 'greeting'  # what is refused, in a Refusal
+
+
 def greeting_msg(agent_instance: str) -> Command:
     """What an agent sends first, to take the UAV that it has joined for: no action."""
     return Command(agent_instance=agent_instance, action=Command.ACTION_NONE)

@@ -12,7 +12,7 @@ from rclpy.task import Future
 from uav_collect.nodes.process import ProcessNode
 from uav_collect_msgs.srv import Vouch
 
-ANSWER_S = 3.0  # a world that is there answers much sooner, even on a busy machine
+ANSWER_S = 5.0  # DDS repeats lost packets every 3 s
 _LOOK_S = 0.02
 _PATIENCE = round(ANSWER_S / _LOOK_S)  # looks: a node that is busy itself does not look either
 _MOST_CLIENTS = 64
@@ -69,6 +69,8 @@ class Vouching:
         for question in [*self._open]:
             if question.looks_left <= 0:
                 self._open.remove(question)
+                if question.future is not None:
+                    self._clients[question.service].remove_pending_request(question.future)
                 question.on_silence()
             elif question.future is None:
                 self._send(question)
@@ -96,6 +98,7 @@ class Vouching:
             if len(self._clients) > _MOST_CLIENTS:
                 _, oldest = self._clients.popitem(last=False)
                 self._node.destroy_client(oldest)
+        self._clients.move_to_end(service)
         return self._clients[service]
 
     def _answer(self, question: _Question, is_vouched: bool) -> None:

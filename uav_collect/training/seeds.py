@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from uav_collect import files
+from uav_collect.errors import TrainingRunError
 
 STARTS_FILE = 'world_starts.csv'  # of a run folder: each start of a world, and its first seed
 _COLUMNS = ('world', 'first_seed')
@@ -39,10 +40,16 @@ def next_training_seed(folder: Path, run_seed: int, world: int) -> int:
 
     Raises:
         OSError: naming what cannot be read or written.
+        TrainingRunError: the world was started too often.
     """
     path = folder / STARTS_FILE
     lines = path.read_text(encoding='utf-8').splitlines()[1:] if path.exists() else []
     n_starts = sum(line.startswith(f'{world},') for line in lines)
+    if n_starts >= _N_STARTS:
+        raise TrainingRunError(
+            f'{path}: world {world} was started {n_starts} times, and there are no more missions'
+            ' that it has not flown: begin another run'
+        )
     seed = first_training_seed(run_seed, world, n_starts)
     rows = [line.split(',') for line in lines]
     folder.mkdir(parents=True, exist_ok=True)

@@ -265,6 +265,8 @@ class AgentNode(ProcessNode):
         self._command_pub.publish(convert.greeting_msg(self._instance))
         self.get_logger().info(f'UAV {self._uav} flies, policy {self._inbox.agent.policy.name}')
         self._inbox.replay(answer)
+        if self._inbox.doubts_mission:
+            self._join_anew()
         self._answer_observations()
 
     def _renew_publishers(self) -> None:
@@ -326,6 +328,8 @@ class AgentNode(ProcessNode):
         """Say why the world did not do what this agent sent, and make sure to be its agent."""
         if msg.agent_instance == self._instance:
             self.warn('refused by the world', f'{msg.what} refused: {msg.reason}')
+            if msg.what == convert.GREETING and self._inbox is not None:
+                self._inbox.lose_step()
             self._join_anew()
 
     def _answer_observations(self) -> None:

@@ -239,7 +239,7 @@ class RecorderNode(ProcessNode):
         """
         begun_s = time.monotonic()
         while self.end_status is None:
-            for listener in self._listeners.values():
+            for listener in [*self._listeners.values()]:  # a scenario brings new ones
                 self._take_some(listener)
             now_s = time.monotonic()
             is_silent = now_s - max(begun_s, self._heard_s) > _SILENT_S

@@ -12,7 +12,7 @@ from uav_collect.nodes.vouching import Vouching
 
 _MOST_WORLDS = 64  # that are remembered, the latest ones
 _MOST_CHARACTERS = 64  # of an instance; one is a UUID
-_PATIENCE = 60  # looks until a mission is given up whose world says nothing of itself
+_PATIENCE = 120  # looks until a mission is given up whose world says nothing of itself
 
 
 @dataclass(eq=False)
@@ -65,6 +65,8 @@ class MissionVouching:
         """
         instance = report.world_instance
         service = self._services.get(instance)
+        if service is not None:
+            self._services.move_to_end(instance)
         if service is None:
             self._unasked.append(_Unasked(report, on_answer))
             return

@@ -48,6 +48,7 @@ waits for its command, and relays messages between UAVs in range. Waits for the 
 its missions, writes their logs and exits.
 """
 _TICK_S = 0.005
+_MOST_CLOCK_S = 2.0**31 - 1e6  # ROS counts seconds in 32 bits
 _WAITING_PERIOD_S = 5.0  # between two lines that say for whom the world waits
 _OTHER_WORLD_S = 0.5  # how long a starting world listens for one that is there already
 _PILOT_NAMES = ('agent_instance', 'host', 'policy', 'policy_version', 'allocator')
@@ -136,7 +137,7 @@ class WorldNode(ProcessNode):
         response.waits_for_policy = pilot.policy == TOPIC and self._policies.latest is None
         if response.waits_for_policy:
             return response
-        answer = self._roster.join(pilot, time.monotonic())
+        answer = self._roster.join(pilot)
         response.accepted, response.retry = answer.accepted, answer.retry
         response.reason = answer.reason
         if not answer.accepted:
@@ -157,7 +158,9 @@ class WorldNode(ProcessNode):
 
     def _on_liveliness(self, uav: int, event: Any) -> None:
         if event.alive_count > 0:
-            self._roster.mark_alive(uav, is_back=event.not_alive_count_change < 0)
+            self._roster.mark_alive(
+                uav, is_back=event.alive_count_change > 0 > event.not_alive_count_change
+            )
             return
         lost = self._roster.mark_gone(uav)
         if lost is not None:
@@ -172,7 +175,7 @@ class WorldNode(ProcessNode):
         was_present = uav not in self._roster.missing()
         answer = self._roster.greet(uav, msg.agent_instance, time.monotonic())
         if not answer.accepted:
-            self._refuse(uav, 'greeting', msg, answer.reason)
+            self._refuse(uav, convert.GREETING, msg, answer.reason)
         elif not (was_flown and was_present):
             pilot = self._roster.pilots[uav]
             self.get_logger().info(
@@ -254,6 +257,10 @@ class WorldNode(ProcessNode):
         return False
 
     def _start_mission(self) -> None:
+        if self._clock_s > _MOST_CLOCK_S:
+            self.get_logger().error('the clock of ROS has no room for more missions: start anew')
+            self.end(FAILED)
+            return
         mission_id = self._identity.mission_id(self._schedule.n_started)
         seed = self._schedule.start_next()
         self._roster.begin_mission()

@@ -7,6 +7,7 @@ from builtin_interfaces.msg import Time
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 from uav_collect.missions.simulation import Event, Simulation
+from uav_collect.nodes import convert
 from uav_collect.nodes.topics import publisher, WorldTopics
 from uav_collect.nodes.world.markers import MissionMarkers
 from uav_collect.scenario.site import Site
@@ -55,9 +56,12 @@ class WorldPublishers:
         self._radio[uav].publish(message)
 
     def publish_refusal(self, uav: int, message: Any) -> None:
-        """Publish why something that a UAV's agent sent is not done, but not too often."""
-        now_s = time.monotonic()
-        if now_s - self._refused_s[uav] >= _REFUSAL_PERIOD_S:
+        """Publish why something that a UAV's agent sent is not done, but not too often.
+
+        A greeting is refused in any case: its agent takes itself for the UAV's own.
+        """
+        now_s, is_greeting = time.monotonic(), message.what == convert.GREETING
+        if is_greeting or now_s - self._refused_s[uav] >= _REFUSAL_PERIOD_S:
             self._refused_s[uav] = now_s
             self._refusals[uav].publish(message)
 

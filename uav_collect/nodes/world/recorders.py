@@ -5,6 +5,7 @@ import time
 from typing import Any
 
 from uav_collect.lockstep.recorders import RecorderReport, RecorderWatch, TakeOff
+from uav_collect.nodes.incidents import in_one_line
 from uav_collect.nodes.process import ProcessNode
 from uav_collect.nodes.topics import subscription, WorldTopics
 from uav_collect.nodes.world.settings import WorldSettings
@@ -55,7 +56,7 @@ class WorldRecorders:
         said, self._said = self._said, answer.unready
         if not answer.unready:
             return
-        what = '; '.join(answer.unready)
+        what = in_one_line('; '.join(answer.unready))
         if answer.is_clear:
             text = f'a mission starts after {self._timeout_s:g} s without {what}'
             self._warn('recorder not ready', text)

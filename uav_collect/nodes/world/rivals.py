@@ -21,6 +21,7 @@ class RivalWatch:
         self._identity = identity
         self._vouching = Vouching(node)
         self._n_asked = 0
+        self._silent: set[str] = set()  # worlds that did not answer while this one was to open
         self.is_open = False  # whether this world has opened
         self.gives_way = False
         subscription(node, topic, self._on_scenario)
@@ -33,13 +34,17 @@ class RivalWatch:
     def _on_scenario(self, msg: Any) -> None:
         other = identity_of(msg)
         if other.instance != self._identity.instance:
-            self._n_asked += 1
-            answered = partial(self._on_answer, msg)
+            # A recording that is played again and again is waited for once.
+            is_awaited = not self.is_open and other.instance not in self._silent
+            self._n_asked += is_awaited
+            answered = partial(self._on_answer, msg, is_awaited)
             self._vouching.ask(msg.vouch_service, other.instance, '', answered)
 
-    def _on_answer(self, msg: Any, is_there: bool) -> None:
-        self._n_asked -= 1
+    def _on_answer(self, msg: Any, is_awaited: bool, is_there: bool) -> None:
+        self._n_asked -= is_awaited
         if not is_there:
+            if is_awaited:
+                self._silent.add(identity_of(msg).instance)
             self._node.warn('no world', silent_world(msg))
             return
         gives_way = not self.is_open or self._identity.gives_way_to(identity_of(msg))
