@@ -69,8 +69,9 @@ class Vouching:
         for question in [*self._open]:
             if question.looks_left <= 0:
                 self._open.remove(question)
-                if question.future is not None:
-                    self._clients[question.service].remove_pending_request(question.future)
+                client = self._clients.get(question.service)
+                if client is not None and question.future is not None:
+                    client.remove_pending_request(question.future)
                 question.on_silence()
             elif question.future is None:
                 self._send(question)
