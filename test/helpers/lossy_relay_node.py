@@ -29,8 +29,8 @@ class Relay(ProcessNode):
         self._held: list[tuple[float, Any, Any]] = []  # until when, publisher, message
         self._counts: Counter[str] = Counter()
         heard, said = (topics.world_topics(namespace) for namespace in ('/a', '/b'))
-        for told, passed in ((heard.scenario, said.scenario), (heard.mission, said.mission)):
-            subscription(self, told, publisher(self, passed).publish)
+        for source, sink in ((heard.scenario, said.scenario), (heard.mission, said.mission)):
+            subscription(self, source, publisher(self, sink).publish)
         for uav in range(1, n_uavs + 1):
             self._pass_on(heard.uav(uav).transition, said.uav(uav).transition)
         self._pass_on(heard.epoch, said.epoch)
