@@ -27,12 +27,14 @@ from uav_collect.scenario.model import Scenario
 MISSIONS = 30
 N_ROUND_TRIPS = 3_000
 N_STARTS = 5
-FLEET = 16
+FLEETS = (16, 32)
 DEADLINE_S = 120.0
 
 RATE_PER_S = 1_500.0
 ANSWER_MS = 2.0
-AGENT_MB = 90.0
+AGENT_MB = 85.0
+BARE_SHARE = 0.45  # of the round trips per second of two processes that do nothing else
+JOIN_S = 15.0  # until the largest fleet flies
 READY_S = 1.0
 
 
@@ -279,18 +281,26 @@ def main() -> None:
     os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     console = Console(width=None if sys.stdout.isatty() else 132)
-    two, many = load('paper_10x10'), with_uavs(load('paper_20x20'), FLEET)
+    two = load('paper_10x10')
     load_before = os.getloadavg()[0]
     trip_us = round_trips_us()
     flights = [
         fly('hert', two, 'hert', n_missions),
         fly('sweep', two, 'sweep', n_missions),
         fly('sweep, recorded', two, 'sweep', n_missions, records=True),
-        fly(f'{FLEET} agents, 20 x 20 cells', many, 'sweep', 1),
     ]
+    # More participants than find each other where discovery stays on this machine.
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SUBNET'
+    for n_uavs in FLEETS:
+        many = with_uavs(load('paper_20x20'), n_uavs)
+        flights.append(fly(f'{n_uavs} agents, 20 x 20 cells', many, 'sweep', 1))
     console.print(flights_table(flights))
+    share = flights[0].rate_per_s * trip_us[0] * 1e-6
     console.print(
         f'bare round trip of two processes: p50 {trip_us[0]:,.0f} us, p99 {trip_us[1]:,.0f} us; '
+        f'{flights[0].label} makes {verdict(share, BARE_SHARE, is_upper=False, form=".0%")} of as '
+        f'many decisions; {FLEETS[-1]} agents fly after '
+        f'{verdict(flights[-1].start_s, JOIN_S, is_upper=True, form=".1f")} s; '
         f'agent ready after {verdict(ready_s(), READY_S, is_upper=True, form=".2f")} s; '
         f'{os.cpu_count()} cores, load {load_before:.1f} before, {os.getloadavg()[0]:.1f} after'
     )
