@@ -205,6 +205,19 @@ def is_learned_from(topic: Topic) -> bool:
     return topic.message in (Scenario, Mission, Epoch, Transition, Policy)
 
 
+def patient_qos(offered: QoSProfile, depth: int) -> QoSProfile:
+    """How to take everything that is offered, however busy the reader is.
+
+    Args:
+        depth: messages that may wait, if not more are offered.
+    """
+    return QoSProfile(
+        depth=max(offered.depth, depth),
+        reliability=offered.reliability,
+        durability=offered.durability,
+    )
+
+
 def publisher(node: Node, topic: Topic) -> Publisher:
     """A publisher on a topic of the table."""
     return node.create_publisher(topic.message, topic.name, topic.qos)

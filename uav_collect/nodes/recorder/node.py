@@ -29,7 +29,14 @@ from uav_collect.limits import MAX_UAVS, RECORDED
 from uav_collect.nodes.parameters import add_world_option, declare, help_text, Parameter
 from uav_collect.nodes.process import FAILED, MISUSED, parse_arguments, ProcessNode, run_node
 from uav_collect.nodes.recorder.status import StatusPublisher
-from uav_collect.nodes.topics import is_learned_from, Topic, topics_of_uav, world_of, world_topics
+from uav_collect.nodes.topics import (
+    is_learned_from,
+    patient_qos,
+    Topic,
+    topics_of_uav,
+    world_of,
+    world_topics,
+)
 from uav_collect.recording.bag_writer import BagWriter, MessageTypes
 from uav_collect.recording.completeness import Completeness, Lack, Taken
 from uav_collect.recording.message_heads import HeadReader
@@ -176,7 +183,7 @@ class RecorderNode(ProcessNode):
             topic.message,
             topic.name,
             partial(on_message, stored, take),
-            _reader_qos(topic.qos),
+            patient_qos(topic.qos, _READER_DEPTH),
             raw=True,
         )
 
@@ -317,15 +324,6 @@ def _repair(bag: Path) -> int:
 def _definition_text(type_name: str) -> str:
     package, _, name = type_name.split('/')
     return Path(get_package_share_directory(package), 'msg', f'{name}.msg').read_text()
-
-
-def _reader_qos(offered: QoSProfile) -> QoSProfile:
-    """Take everything that is offered, however long a chunk takes to write."""
-    return QoSProfile(
-        depth=max(offered.depth, _READER_DEPTH),
-        reliability=offered.reliability,
-        durability=offered.durability,
-    )
 
 
 def _rosbag_qos(offered: QoSProfile) -> Qos:

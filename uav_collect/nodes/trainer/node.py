@@ -13,7 +13,6 @@ from typing import Any
 import uuid
 
 from rclpy.clock import Clock, ClockType
-from rclpy.qos import QoSProfile
 from uav_collect.errors import (
     BagError,
     ConfigError,
@@ -150,7 +149,9 @@ class TrainerNode(ProcessNode):
                 raise RuntimeError(f'topic {topic.name} reports nothing to a learner')
             _, convert = found
             on_message = partial(self._ingest, self._joiners[namespace], convert)
-            topics.subscription(self, topic, on_message, qos=_reader_qos(topic.qos))
+            topics.subscription(
+                self, topic, on_message, qos=topics.patient_qos(topic.qos, _READER_DEPTH)
+            )
 
     def _new_joiner(self, ask: Callable[[MissionReport], None] | None = None) -> MissionJoiner:
         """What joins the missions of one world into episodes as the run learns from them."""
@@ -297,15 +298,6 @@ def _converted(bag: Path, convert: Callable[[Any], FleetReport], msg: Any) -> Fl
         return convert(msg)
     except AttributeError as error:
         raise BagError(f'{bag}: was recorded by another version: {error}') from error
-
-
-def _reader_qos(offered: QoSProfile) -> QoSProfile:
-    """Take everything that is offered, however busy the learner is."""
-    return QoSProfile(
-        depth=max(offered.depth, _READER_DEPTH),
-        reliability=offered.reliability,
-        durability=offered.durability,
-    )
 
 
 def main(argv: Sequence[str]) -> int:
