@@ -4,7 +4,7 @@ It holds the world, the UAVs' radios and the log. A UAV's radio keeps the comple
 UAV sent last, merges what it hears, and answers with that.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Container, Iterator, Sequence
 from dataclasses import dataclass
 import math
 
@@ -40,6 +40,9 @@ from uav_collect.world.dynamics import (
     x_m_at,
     y_m_at,
 )
+
+# What the world does with a UAV that has no agent, or whose agent does not answer.
+FAILSAFE_DECISION = Decision(action=HOME, reason=action_codes.FAILSAFE)
 
 _FIRST_CAPACITY = 512  # events that the log has room for before it must grow
 _REASONS_TO_GO_ON = (BY_POLICY, GUARD)
@@ -278,23 +281,49 @@ def fly_by_agents(
         Agent(simulation.briefing, uav, policy, allocator_named(allocator), guard_after=guard)
         for uav, (policy, guard) in enumerate(zip(policies, guards, strict=True))
     ]
-    while (event := simulation.next_event()) is not None:
-        agent = agents[event.uav]
-        for message in event.heard:
-            agent.hear(message)
-        agent.observe(event.view)
-        for hearer in simulation.transmit(event.uav, agent.belief.complete):
-            agents[hearer].hear(simulation.radio(event.uav))
-        decision = agent.decide(event.view)
-        refusal = simulation.refusal(event, decision)
-        if refusal is not None:
-            raise PolicyMismatchError(f'UAV {event.uav + 1}, event {event.index}: {refusal}')
-        simulation.start(event, decision)
+    for _ in fly_agents(simulation, agents):
+        pass
     names, allocators = [agent.policy.name for agent in agents], [allocator] * n_uavs
     header = mission_header(
         site.scenario, mission_seed, simulation.demand_bit, names, allocators, guards
     )
     return simulation.log(header)
+
+
+def fly_agents(
+    simulation: Simulation, agents: Sequence[Agent | None], failsafes: Container[int] = ()
+) -> Iterator[Event]:
+    """Fly a mission on to its end, agent by agent; gives each event once its action has started.
+
+    Args:
+        agents: by UAV; None: it has none, and the failsafe flies it home.
+        failsafes: events at which the failsafe takes over, as their agents did not answer.
+
+    Raises:
+        PolicyMismatchError: a policy breaks the rules.
+    """
+    while (event := simulation.next_event()) is not None:
+        agent = agents[event.uav]
+        if agent is None or event.index in failsafes:
+            simulation.start(event, FAILSAFE_DECISION)
+            yield event
+            continue
+        for message in event.heard:
+            agent.hear(message)
+        agent.observe(event.view)
+        for hearer in simulation.transmit(event.uav, agent.belief.complete):
+            _hear(agents[hearer], simulation.radio(event.uav))
+        decision = agent.decide(event.view)
+        refusal = simulation.refusal(event, decision)
+        if refusal is not None:
+            raise PolicyMismatchError(f'UAV {event.uav + 1}, event {event.index}: {refusal}')
+        simulation.start(event, decision)
+        yield event
+
+
+def _hear(agent: Agent | None, message: RadioMessage) -> None:
+    if agent is not None:
+        agent.hear(message)
 
 
 def _bits(uavs: list[int]) -> int:

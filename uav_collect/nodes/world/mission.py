@@ -13,7 +13,7 @@ from uav_collect.kernels.arrays import Row, row_of
 from uav_collect.lockstep.published_policy import PublishedPolicy
 from uav_collect.lockstep.roster import Pilot
 from uav_collect.missions.event_log import mission_header
-from uav_collect.missions.simulation import Event, Simulation
+from uav_collect.missions.simulation import Event, FAILSAFE_DECISION, Simulation
 from uav_collect.nodes import convert
 from uav_collect.recording.mission_log import Events, header_line, MissionHeader
 from uav_collect.scenario.site import Site
@@ -25,7 +25,6 @@ from uav_collect_msgs.msg import Epoch, Mission, Observation, UavFigures
 from uav_collect_msgs.msg import RadioMessage as RadioMessageMsg
 
 _NO_AGENT = 'none'  # stands for the policy of a UAV that had no agent when the mission began
-FAILSAFE_DECISION = Decision(action=action_codes.HOME, reason=action_codes.FAILSAFE)
 
 
 @dataclass

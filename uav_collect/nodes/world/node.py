@@ -15,7 +15,7 @@ from uav_collect.lockstep.checks import names_problem
 from uav_collect.lockstep.published_policy import PolicyStore
 from uav_collect.lockstep.roster import Pilot, Roster
 from uav_collect.lockstep.schedule import MissionSchedule, SimulationPacer
-from uav_collect.missions.simulation import Event
+from uav_collect.missions.simulation import Event, FAILSAFE_DECISION
 from uav_collect.nodes import convert, topics
 from uav_collect.nodes.identity import scenario_msg, WorldIdentity
 from uav_collect.nodes.parameters import add_world_option, help_text
@@ -23,12 +23,7 @@ from uav_collect.nodes.process import FAILED, parse_arguments, ProcessNode, run_
 from uav_collect.nodes.topics import subscription
 from uav_collect.nodes.trainer_listener import subscribe_to_trainers
 from uav_collect.nodes.world.diagnostics import WorldDiagnostics
-from uav_collect.nodes.world.mission import (
-    FAILSAFE_DECISION,
-    mission_msg,
-    mission_summary,
-    MissionInFlight,
-)
+from uav_collect.nodes.world.mission import mission_msg, mission_summary, MissionInFlight
 from uav_collect.nodes.world.publishers import ViewerPublisher, WorldPublishers
 from uav_collect.nodes.world.recorders import WorldRecorders
 from uav_collect.nodes.world.rivals import RivalWatch
