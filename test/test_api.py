@@ -16,7 +16,6 @@ HEAVY = {
     'numba',
     'numpy',
     'pettingzoo',
-    'pydantic',
     'rclpy',
     'rich',
     'torch',

@@ -1,5 +1,6 @@
 """The clairvoyant bound: the world flies its plans, and no plan and no policy beats its limits."""
 
+from dataclasses import replace
 from functools import cache
 from itertools import permutations
 import math
@@ -244,8 +245,8 @@ def test_no_policy_that_collects_everything_gets_beyond_the_limits(
 def test_limits_lie_below_the_plans_of_many_uavs() -> None:
     for seed in range(5):
         scenario = load('paper_10x10')
-        fleet = scenario.fleet.model_copy(update={'uavs': scenario.uavs * 3})
-        found = bound(scenario.model_copy(update={'fleet': fleet}), seed)
+        fleet = replace(scenario.fleet, uavs=scenario.uavs * 3)
+        found = bound(replace(scenario, fleet=fleet), seed)
         shortest, thriftiest = plans(found)
         assert 0.5 * shortest.completion_s < found.least_completion_s <= shortest.completion_s
         low_j, high_j = 0.8 * thriftiest.total_energy_j, thriftiest.total_energy_j

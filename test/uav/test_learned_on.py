@@ -133,8 +133,7 @@ def test_each_shipped_policy_is_at_home_where_it_learned(name: str) -> None:
     scenario = with_uavs(load(home.scenario), home.n_uavs_min)
     assert home.learned_on == (learned_on(scenario),)
     assert unfamiliar(policy_for(name, scenario), scenario) is None
-    elsewhere = scenario.model_copy(
-        update={'demand': scenario.demand.model_copy(update={'data_mbit': (0.01, 90.0)})}
-    )
+    wider = dataclasses.replace(scenario.demand, data_mbit=(0.01, 90.0))
+    elsewhere = dataclasses.replace(scenario, demand=wider)
     assert 'data of a sensor 0.01 to 90 Mbit' in (unfamiliar(policy, elsewhere) or '')
     assert dataclasses.asdict(home.learned_on[0])['cells_per_side'] == home.cells_per_side_min

@@ -114,7 +114,7 @@ def test_a_given_amount_waits_only_in_drawn_cells() -> None:
 def test_demand_depends_on_the_mission_seed_alone() -> None:
     scenario = everywhere(0.25)
     other = everywhere(0.25, radio__contact_range_m=0.0, reward__discount_per_s=0.5)
-    fleet = tiny(uav(7.0), sensors=EVERYWHERE, demand=scenario.demand.model_dump())
+    fleet = tiny(uav(7.0), sensors=EVERYWHERE, demand=scenario.demand.as_mapping())
     for same in (other, fleet):
         for bit, same_bit in zip(demands(scenario, 20), demands(same, 20), strict=True):
             assert bit.tolist() == same_bit.tolist()

@@ -19,7 +19,7 @@ with 0 if a mission can fly and with 1 if not.
 """
 _PYTHONS = ((3, 11), (3, 12))
 _DISTRIBUTION = 'jazzy'
-_NEEDED = ('numpy', 'numba', 'pydantic', 'PyYAML', 'rich', 'matplotlib', 'rosbags', 'safetensors')
+_NEEDED = ('numpy', 'numba', 'PyYAML', 'rich', 'matplotlib', 'rosbags')
 _OPTIONAL = {  # and what needs it
     'cvxpy': '--bandwidth cvxpy',
     'clarabel': '--bandwidth cvxpy',

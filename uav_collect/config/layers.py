@@ -65,6 +65,16 @@ def parse(text: str, *, label: str, folder: Path) -> Document:
     return Document(values=values, origins={}, aliases={}, top=source)
 
 
+def of_mapping(values: Mapping[str, Any], *, label: str) -> Document:
+    """Values that stand in no file.
+
+    Args:
+        label: what to call them in errors.
+    """
+    source = Source(label=label, folder=Path(), text='')
+    return Document(values=dict(values), origins={}, aliases={}, top=source)
+
+
 def parse_value(text: str) -> object:
     """Read a value from the command line, as YAML.
 

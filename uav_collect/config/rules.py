@@ -1,26 +1,55 @@
 """What a configuration value may be, and the one line that says it is not.
 
-Built on pydantic: sections are frozen models, leaves carry a rule that knows its own words.
+Sections are frozen dataclasses, and their annotations are the schema; leaves carry a rule that has
+its own words. The standard library does it all, for distributions differ in their validators.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, fields, MISSING
 import math
-from typing import Any, get_args, get_origin, Literal, TypeVar
+from typing import (
+    Annotated,
+    Any,
+    ClassVar,
+    dataclass_transform,
+    get_args,
+    get_origin,
+    get_type_hints,
+    Literal,
+    TypeVar,
+)
 
-from pydantic import BaseModel, ConfigDict, ValidationError
-from pydantic_core import core_schema, ErrorDetails, PydanticCustomError
 from uav_collect.config.layers import Document
 from uav_collect.config.yaml_text import Keys, shown
 from uav_collect.errors import ConfigError
 
-_Model = TypeVar('_Model', bound=BaseModel)
+
+@dataclass_transform(frozen_default=True, kw_only_default=True)
+@dataclass(frozen=True, kw_only=True)
+class Section:
+    """A mapping of the file: every key known, none missing but those with a default.
+
+    A key is a leaf (`Annotated[float, number(0, 1)]`), a word (`Literal`), a section, one of some
+    sections by its key `kind` (`A | B`), a list of these (`tuple[A, ...]`), or a mapping in which
+    anything may stand (`dict[str, Any]`).
+    """
+
+    _annotations: ClassVar[Mapping[str, object]] = {}  # what each key must be
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        dataclass(frozen=True, kw_only=True)(cls)
+        hints = get_type_hints(cls, include_extras=True)
+        cls._annotations = {field.name: hints[field.name] for field in fields(cls)}
+
+    def as_mapping(self) -> dict[str, Any]:
+        """The keys and their values, sections as mappings; without the keys that are None."""
+        return asdict(
+            self, dict_factory=lambda items: {key: it for key, it in items if it is not None}
+        )
 
 
-class Section(BaseModel):
-    """A mapping of the file: every key known, none missing, never changed."""
-
-    model_config = ConfigDict(frozen=True, extra='forbid')
+_Section = TypeVar('_Section', bound=Section)
 
 
 @dataclass(frozen=True)
@@ -30,18 +59,13 @@ class Rule:
     allowed: str
     parse: Callable[[object], Any]
 
-    def __get_pydantic_core_schema__(
-        self, source: object, handler: object
-    ) -> core_schema.CoreSchema:
-        return core_schema.no_info_plain_validator_function(self._checked)
 
-    def _checked(self, value: object) -> object:
-        try:
-            return self.parse(value)
-        except (ValueError, OverflowError) as error:
-            raise PydanticCustomError(
-                'rule', 'must be {allowed}', {'allowed': self.allowed}
-            ) from error
+@dataclass(frozen=True)
+class Entries:
+    """How many entries a list must have."""
+
+    at_least: int
+    at_most: int | None = None  # None: as many as there are
 
 
 def number(
@@ -120,99 +144,128 @@ def pair(rule: Rule, allowed: str, *, word: str = '', is_span: bool = False) -> 
     return Rule(allowed, parse)
 
 
-def validated(model: type[_Model], document: Document, keys: Keys = ()) -> _Model:
-    """The part of a document at a path, as a model.
+def validated(section: type[_Section], document: Document, keys: Keys = ()) -> _Section:
+    """The part of a document at a path, as a section.
 
     Raises:
         ConfigError: one line for each thing that is wrong.
     """
-    try:
-        return model.model_validate(document.at(keys))
-    except ValidationError as error:
-        problems = [
-            _problem(document, keys, details, model)
-            for details in error.errors(include_url=False)
-            if not _follows_from_another(details)
-        ]
-        raise ConfigError(*dict.fromkeys(problems)) from None
+    reader = _Reader(document)
+    read: _Section = reader.read(section, keys, document.at(keys))
+    if reader.problems:
+        raise ConfigError(*dict.fromkeys(reader.problems))
+    return read
 
 
-def _follows_from_another(details: ErrorDetails) -> bool:
-    # pydantic counts only the valid entries of a list: an invalid one also makes it too short.
-    return details['type'] == 'too_short' and len(details['input']) >= details['ctx']['min_length']
+class _Reader:
+    """Reads values as their annotations say; keeps a line for each that it refuses."""
+
+    def __init__(self, document: Document) -> None:
+        self.problems: list[str] = []
+        self._document = document
+
+    def read(self, annotation: object, keys: Keys, value: object) -> Any:  # noqa: ANN401
+        """The value at a path; None if it is refused."""
+        kind, note = _kind_and_note(annotation)
+        if isinstance(note, Rule):
+            return self._leaf(note, keys, value)
+        origin = get_origin(kind)
+        if origin is Literal:
+            return value if value in get_args(kind) else self._refuse(keys, value, _allowed(kind))
+        if origin is tuple:
+            return self._list(get_args(kind)[0], note, keys, value)
+        if not isinstance(value, dict):
+            return self._refuse(keys, value, 'a mapping of keys')
+        return self._mapping(keys, value) if origin is dict else self._section(kind, keys, value)
+
+    def _leaf(self, rule: Rule, keys: Keys, value: object) -> object:
+        try:
+            return rule.parse(value)
+        except (ValueError, OverflowError):
+            return self._refuse(keys, value, rule.allowed)
+
+    def _list(self, kind: object, bounds: object, keys: Keys, value: object) -> object:
+        if not isinstance(value, list | tuple):
+            return self._refuse(keys, value, 'a list')
+        if isinstance(bounds, Entries):
+            if len(value) < bounds.at_least:
+                self._note(keys, f'has {len(value)} entries: must have at least {bounds.at_least}')
+            if bounds.at_most is not None and len(value) > bounds.at_most:
+                self._note(keys, f'has {len(value)} entries: must have at most {bounds.at_most}')
+        return tuple(self.read(kind, (*keys, index), each) for index, each in enumerate(value))
+
+    def _mapping(self, keys: Keys, value: dict[Any, Any]) -> dict[Any, Any]:
+        for key in value:
+            if not isinstance(key, str):
+                self._note((*keys, key), 'is a key that is not text')
+        return value
+
+    def _section(self, kind: object, keys: Keys, value: dict[Any, Any]) -> Section | None:
+        section = self._chosen(_sections_in(kind), keys, value)
+        if section is None:
+            return None
+        annotations, values = section._annotations, {}
+        for field in fields(section):
+            below, annotation = (*keys, field.name), annotations[field.name]
+            if field.name in value:
+                values[field.name] = self.read(annotation, below, value[field.name])
+            elif field.default is MISSING:
+                self._note(below, f'is missing: must be {_allowed(annotation)}')
+        for key in self._mapping(keys, value):
+            if isinstance(key, str) and key not in annotations:
+                known = ', '.join(annotations)
+                self._note((*keys, key), f'is an unknown key: must be one of {known}')
+        return None if self.problems else section(**values)
+
+    def _chosen(
+        self, sections: tuple[type[Section], ...], keys: Keys, value: dict[Any, Any]
+    ) -> type[Section] | None:
+        """Of several sections, that whose `kind` is the mapping's."""
+        if len(sections) == 1:
+            return sections[0]
+        kinds = {kind: it for it in sections for kind in get_args(it._annotations['kind'])}
+        if 'kind' not in value:
+            self._note((*keys, 'kind'), 'is missing')
+            return None
+        kind = value['kind']
+        if isinstance(kind, str) and kind in kinds:
+            return kinds[kind]
+        self._refuse((*keys, 'kind'), kind, f'one of {", ".join(map(repr, kinds))}')
+        return None
+
+    def _refuse(self, keys: Keys, value: object, allowed: str) -> Any:  # noqa: ANN401 - None
+        self._note(keys, f'is {shown(value)}: must be {allowed}')
+
+    def _note(self, keys: Keys, what: str) -> None:
+        self.problems.append(self._document.problem(keys, what))
 
 
-def _problem(
-    document: Document, above: Keys, details: ErrorDetails, model: type[BaseModel]
-) -> str:
-    below, section = _walked(model, details['loc'])
-    keys = (*above, *below)
-    value = shown(details['input'])
-    match details['type']:
-        case 'rule':
-            return document.problem(keys, f'is {value}: {details["msg"]}')
-        case 'missing':
-            return document.problem(keys, f'is missing: must be {_allowed(section, below[-1])}')
-        case 'extra_forbidden':
-            known = ', '.join(section.model_fields)
-            return document.problem(keys, f'is an unknown key: must be one of {known}')
-        case 'model_type' | 'model_attributes_type':
-            return document.problem(keys, f'is {value}: must be a mapping of keys')
-        case 'tuple_type':
-            return document.problem(keys, f'is {value}: must be a list')
-        case 'too_short' | 'too_long':
-            return document.problem(keys, _wrong_length(details['ctx']))
-        case 'invalid_key':
-            return document.problem(keys, 'is a key that is not text')
-        case 'literal_error':
-            return document.problem(keys, f'is {value}: must be {details["ctx"]["expected"]}')
-        case 'union_tag_invalid':
-            tag, tags = details['ctx']['tag'], details['ctx']['expected_tags']
-            return document.problem((*keys, 'kind'), f'is {shown(tag)}: must be one of {tags}')
-        case 'union_tag_not_found':
-            return document.problem((*keys, 'kind'), 'is missing')
-        case _:
-            return document.problem(keys, f'is {value}: {details["msg"]}')
+def _kind_and_note(annotation: object) -> tuple[object, object]:
+    """A type, and what `Annotated` notes of it."""
+    if get_origin(annotation) is not Annotated:
+        return annotation, None
+    kind, note = get_args(annotation)
+    return kind, note
 
 
-def _walked(model: type[BaseModel], location: Keys) -> tuple[Keys, type[BaseModel]]:
-    """The keys of pydantic's location without the tags of unions, and the section of the last."""
-    keys: list[str | int] = []
-    section, inner = model, [model]
-    for part in location:
-        if len(inner) > 1:  # a union: the part is the tag that chose one of it
-            inner = [
-                kind for kind in inner if part in get_args(kind.model_fields['kind'].annotation)
-            ]
-            continue
-        keys.append(part)
-        if isinstance(part, str):
-            section = inner[0]
-            field = section.model_fields.get(part)
-            inner = _models_in(field.annotation) if field else []
-    return tuple(keys), section
+def _sections_in(kind: object) -> tuple[type[Section], ...]:
+    """A section itself, or each of a union."""
+    return (kind,) if isinstance(kind, type) else get_args(kind)
 
 
-def _models_in(annotation: object) -> list[type[BaseModel]]:
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return [annotation]
-    return [model for part in get_args(annotation) for model in _models_in(part)]
-
-
-def _allowed(section: type[BaseModel], key: str | int) -> str:
-    field = section.model_fields[str(key)]
-    rules = [rule.allowed for rule in field.metadata if isinstance(rule, Rule)]
-    if rules:
-        return rules[0]
-    if get_origin(field.annotation) is Literal:
-        return ' or '.join(repr(word) for word in get_args(field.annotation))
-    sections = _models_in(field.annotation)
-    is_list = get_origin(field.annotation) is tuple
-    known = ', '.join(sections[0].model_fields) if len(sections) == 1 else 'kind'
-    return f'a list of mappings with {known}' if is_list else f'a mapping with {known}'
-
-
-def _wrong_length(context: dict[str, Any]) -> str:
-    bound = f'at least {context["min_length"]}' if 'min_length' in context else ''
-    bound = bound or f'at most {context["max_length"]}'
-    return f'has {context["actual_length"]} entries: must have {bound}'
+def _allowed(annotation: object) -> str:
+    kind, note = _kind_and_note(annotation)
+    if isinstance(note, Rule):
+        return note.allowed
+    origin = get_origin(kind)
+    if origin is Literal:
+        return ' or '.join(map(repr, get_args(kind)))
+    if origin is dict:
+        return 'a mapping of keys'
+    if origin is tuple:
+        entry = _allowed(get_args(kind)[0])
+        is_mapping = entry.startswith('a mapping')
+        return f'a list of mappings{entry.removeprefix("a mapping")}' if is_mapping else 'a list'
+    sections = _sections_in(kind)
+    known = ', '.join(sections[0]._annotations) if len(sections) == 1 else 'kind'
+    return f'a mapping with {known}'

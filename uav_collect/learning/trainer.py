@@ -16,7 +16,7 @@ from uav_collect.learning.task import EpisodeSource, make_tasks
 from uav_collect.revision import git_revision
 from uav_collect.scenario.load import fingerprint, from_yaml
 from uav_collect.scenario.model import Scenario
-from uav_collect.training.config import TrainingConfig
+from uav_collect.training.config import from_mapping, TrainingConfig
 from uav_collect.training.progress import Budget, Progress, SpeedMeter, ValidationResult
 from uav_collect.training.seeds import VALIDATION_SEED
 from uav_collect.uav import policy_network
@@ -155,7 +155,7 @@ class Trainer:
         best = self._best_policy
         state = {
             'scenarios': [scenario.to_yaml() for scenario in self.scenarios],
-            'config': self.config.model_dump(),
+            'config': self.config.as_mapping(),
             'algorithm': self.algorithm.value,
             'seed': self.seed,
             'device': self._device,
@@ -184,7 +184,7 @@ class Trainer:
         state = read_checkpoint(folder)
         try:
             scenarios = [from_yaml(text) for text in state['scenarios']]
-            config = TrainingConfig.model_validate(state['config'])
+            config = from_mapping(state['config'])
             trainer = cls(
                 scenarios,
                 config,

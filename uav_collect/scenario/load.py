@@ -70,12 +70,13 @@ def parse_override(assignment: str) -> tuple[str, object]:
 def with_uavs(scenario: Scenario, n_uavs: int) -> Scenario:
     """The scenario with another number of UAVs: those it has, in turn."""
     uavs = tuple(islice(cycle(scenario.uavs), n_uavs))
-    return scenario.model_copy(update={'fleet': FleetConfig(uavs=uavs)})
+    return replace(scenario, fleet=FleetConfig(uavs=uavs))
 
 
 def fingerprint(scenario: Scenario) -> str:
     """16 hex digits that change with any value of the scenario but its name."""
-    values = scenario.model_dump(exclude={'name'}, exclude_none=True)
+    values = scenario.as_mapping()
+    del values['name']
     canonical = json.dumps(values, sort_keys=True, separators=(',', ':'))
     return hashlib.sha256(canonical.encode()).hexdigest()[:16]
 

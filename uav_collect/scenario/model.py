@@ -3,12 +3,12 @@
 Values live in YAML, never here; config/scenarios/paper_10x10.yaml says what each one means.
 """
 
+from dataclasses import replace
 import math
 from typing import Annotated, Literal
 
-from pydantic import Field
 from uav_collect.config import yaml_text
-from uav_collect.config.rules import number, pair, Section, text, whole
+from uav_collect.config.rules import Entries, number, pair, Section, text, whole
 from uav_collect.limits import MAX_UAVS
 from uav_collect.scenario import sensor_files
 
@@ -71,7 +71,7 @@ class ListedSensors(Section):
     """Sensors of a real site, in metres from the area's south-west corner."""
 
     kind: Literal['listed']
-    entries: Annotated[tuple[ListedSensor, ...], Field(min_length=1)]
+    entries: Annotated[tuple[ListedSensor, ...], Entries(1)]
 
 
 class DemandConfig(Section):
@@ -184,7 +184,7 @@ class UavConfig(Section):
 class FleetConfig(Section):
     """The UAVs, in the order of their ids."""
 
-    uavs: Annotated[tuple[UavConfig, ...], Field(min_length=1, max_length=MAX_UAVS)]
+    uavs: Annotated[tuple[UavConfig, ...], Entries(1, MAX_UAVS)]
 
 
 class Scenario(Section):
@@ -192,7 +192,7 @@ class Scenario(Section):
 
     name: Annotated[str, text(100)]
     area: AreaConfig
-    sensors: Annotated[DrawnSensors | ListedSensors, Field(discriminator='kind')]
+    sensors: DrawnSensors | ListedSensors
     demand: DemandConfig
     radio: RadioConfig
     reward: RewardConfig
@@ -220,12 +220,11 @@ class Scenario(Section):
 
     def with_discount(self, discount_per_s: float) -> 'Scenario':
         """The scenario with another discount of rewards."""
-        reward = self.reward.model_copy(update={'discount_per_s': discount_per_s})
-        return self.model_copy(update={'reward': reward})
+        return replace(self, reward=replace(self.reward, discount_per_s=discount_per_s))
 
     def to_yaml(self) -> str:
         """The scenario as YAML that stands alone; equal scenarios give equal text."""
-        return yaml_text.dump(self.model_dump(exclude_none=True))
+        return yaml_text.dump(self.as_mapping())
 
 
 def _watt(dbm: float) -> float:

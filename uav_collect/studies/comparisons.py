@@ -1,6 +1,7 @@
 """What studies have in common: scenarios with one thing changed, trainings, what is compared."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from uav_collect.scenario.load import from_yaml, load, with_uavs
 from uav_collect.scenario.model import Scenario
@@ -29,28 +30,27 @@ def field_of(config: FieldConfig) -> Scenario:
 
 def with_budget(scenario: Scenario, budget_kj: float) -> Scenario:
     """The scenario with another energy budget for each UAV."""
-    uavs = [uav.model_copy(update={'energy_budget_kj': budget_kj}) for uav in scenario.uavs]
-    return _checked(scenario, fleet=scenario.fleet.model_copy(update={'uavs': tuple(uavs)}))
+    uavs = [replace(uav, energy_budget_kj=budget_kj) for uav in scenario.uavs]
+    return _checked(replace(scenario, fleet=replace(scenario.fleet, uavs=tuple(uavs))))
 
 
 def with_density(scenario: Scenario, density: float) -> Scenario:
     """The scenario with another share of cells that hold data."""
-    return _checked(scenario, demand=scenario.demand.model_copy(update={'cell_share': density}))
+    return _checked(replace(scenario, demand=replace(scenario.demand, cell_share=density)))
 
 
 def with_range(scenario: Scenario, range_m: float) -> Scenario:
     """The scenario with another communication range."""
-    return _checked(scenario, radio=scenario.radio.model_copy(update={'contact_range_m': range_m}))
+    return _checked(replace(scenario, radio=replace(scenario.radio, contact_range_m=range_m)))
 
 
 def with_csi_error(scenario: Scenario, variance: float) -> Scenario:
     """The scenario with another channel estimation error, relative to the path gain."""
-    changed = {'csi_error_variance': variance}
-    return _checked(scenario, radio=scenario.radio.model_copy(update=changed))
+    return _checked(replace(scenario, radio=replace(scenario.radio, csi_error_variance=variance)))
 
 
-def _checked(scenario: Scenario, **parts: object) -> Scenario:
-    return from_yaml(scenario.model_copy(update=parts).to_yaml())
+def _checked(scenario: Scenario) -> Scenario:
+    return from_yaml(scenario.to_yaml())
 
 
 def train_all(

@@ -17,7 +17,7 @@ class Requests:
     scale: ScaleConfig
     jobs: dict[str, Job] = field(default_factory=dict)  # by digest
     _asked: set[str] = field(default_factory=set)  # since they were last taken
-    _texts: dict[str, str] = field(default_factory=dict)  # of scenarios: YAML is slowly written
+    _texts: dict[Scenario, str] = field(default_factory=dict)  # as YAML, slowly written
     _trainings: dict[object, TrainedPolicies] = field(default_factory=dict)
 
     def add(self, job: Job) -> str:
@@ -111,10 +111,9 @@ class Requests:
 
     def _text(self, scenario: Scenario) -> str:
         """The scenario as YAML."""
-        values = scenario.model_dump_json()
-        if values not in self._texts:
-            self._texts[values] = scenario.to_yaml()
-        return self._texts[values]
+        if scenario not in self._texts:
+            self._texts[scenario] = scenario.to_yaml()
+        return self._texts[scenario]
 
     def _parts(self) -> list[range]:
         """The seeds of the test missions, job by job."""

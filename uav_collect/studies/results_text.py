@@ -48,12 +48,13 @@ def results_text(
 def _what_was_run(
     scale: ScaleConfig, studies: Mapping[str, Study], spent: SpentCost, not_run: Sequence[str]
 ) -> str:
-    tests, fields = scale.tests, scale.fields
+    tests = scale.tests
     last = tests.first_seed + tests.missions - 1
-    seeds = ', '.join(f'{name} {n}' for name, n in scale.seeds.model_dump().items())
+    seeds = ', '.join(f'{name} {n}' for name, n in scale.seeds.as_mapping().items())
     fleets = ', '.join(f'{it.n_uavs} UAVs {it.decisions:,}' for it in scale.fleets)
     decisions = ', '.join(
-        f'{name} ({field.scenario}) {field.decisions:,}' for name, field in fields
+        f'{name} ({field["scenario"]}) {field["decisions"]:,}'
+        for name, field in scale.fields.as_mapping().items()
     )
     lines = [
         f'- Scale `{scale.name}`: preset `{scale.trainings.preset}`'

@@ -7,16 +7,15 @@ import math
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import Field
 from uav_collect.config import layers
 from uav_collect.config.installed import shared_folders
-from uav_collect.config.rules import number, Section, text, validated, whole
+from uav_collect.config.rules import Entries, number, Section, text, validated, whole
 from uav_collect.errors import ConfigError
 from uav_collect.limits import MAX_DECISIONS, MAX_SEED, MAX_UAVS
 
 _Count = Annotated[int, whole(1, 1000)]
 _Decisions = Annotated[int, whole(1, MAX_DECISIONS)]
-_Several = Field(min_length=2)
+_Several = Entries(2)
 
 
 class FieldConfig(Section):

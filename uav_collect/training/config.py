@@ -5,7 +5,7 @@ config/training/paper.yaml says what each one means.
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from uav_collect.config import layers, yaml_text
 from uav_collect.config.installed import shared_folders
@@ -135,7 +135,7 @@ class TrainingConfig(Section):
 
     def to_yaml(self) -> str:
         """The settings as a file that stands alone."""
-        return yaml_text.dump(self.model_dump())
+        return yaml_text.dump(self.as_mapping())
 
 
 def load_preset(
@@ -153,6 +153,15 @@ def load_preset(
     folders = shared_folders('training')
     document = layers.load(name_or_path, folders, field='preset', overrides=overrides)
     return validated(TrainingConfig, document)
+
+
+def from_mapping(values: Mapping[str, Any]) -> TrainingConfig:
+    """The settings that `TrainingConfig.as_mapping` gave.
+
+    Raises:
+        ConfigError: one line per problem.
+    """
+    return validated(TrainingConfig, layers.of_mapping(values, label='settings'))
 
 
 def preset_names() -> tuple[str, ...]:

@@ -1,46 +1,28 @@
 """A frozen policy's file: safetensors, the weights as float32, the header's fields beside them."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, fields, MISSING
+from dataclasses import asdict, fields, is_dataclass, MISSING
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args, get_origin, get_type_hints
 
-import numpy as np
-from numpy.typing import NDArray
-from pydantic import TypeAdapter, ValidationError
 from uav_collect import files
 from uav_collect.errors import PolicyMismatchError
 from uav_collect.uav.learned_on import LearnedOn
 from uav_collect.uav.observation import Layout
-from uav_collect.uav.policy_network import FrozenPolicy, PolicyHeader, Validation, Weights
+from uav_collect.uav.policy_network import FrozenPolicy, PolicyHeader, Validation
+from uav_collect.uav.tensor_file import read_tensor_file, tensor_file
 
 FORMAT = 'uav_collect.policy/1'
 SUFFIX = '.safetensors'
 _MAX_DIGITS = 19  # of a number in a header: 63 bits
-_LENGTH_BYTE = 8  # of the length that a safetensors file begins with
 
 _Value = Layout | Validation | tuple[LearnedOn, ...] | int | str  # of a header's field
 
 
 def policy_bytes(policy: FrozenPolicy) -> bytes:
     """What a policy's file holds; the inverse is `policy_from_bytes`."""
-    from safetensors.numpy import save
-
-    tensors = {
-        name: np.ascontiguousarray(tensor, dtype='<f4') for name, tensor in policy.weights.items()
-    }
-    return _in_order(save(tensors, _metadata(policy)))
-
-
-def _in_order(content: bytes) -> bytes:
-    """The same file, its head sorted: safetensors writes it in another order each time."""
-    end = _LENGTH_BYTE + int.from_bytes(content[:_LENGTH_BYTE], 'little')
-    metadata = json.loads(content[_LENGTH_BYTE:end])
-    head = json.dumps(metadata, sort_keys=True, separators=(',', ':'), ensure_ascii=False).encode()
-    if len(head) > end - _LENGTH_BYTE:
-        raise RuntimeError(f'a head of {len(head)} bytes has no room in {end - _LENGTH_BYTE}')
-    return content[:_LENGTH_BYTE] + head.ljust(end - _LENGTH_BYTE) + content[end:]
+    return tensor_file(policy.weights, _metadata(policy))
 
 
 def policy_from_bytes(content: bytes) -> FrozenPolicy:
@@ -49,7 +31,8 @@ def policy_from_bytes(content: bytes) -> FrozenPolicy:
     Raises:
         PolicyMismatchError: one line: the field, its value, what it must be.
     """
-    metadata, weights = _read(content)
+    weights, metadata = read_tensor_file(content)
+    _check_field('format', _field(metadata, 'format'), FORMAT)
     policy = FrozenPolicy(_header(metadata), weights)
     _check_field('digest', _field(metadata, 'digest'), policy.digest)
     return policy
@@ -76,29 +59,6 @@ def load_policy(path: Path) -> FrozenPolicy:
         raise PolicyMismatchError(f'{path}: cannot be read: {error.strerror or error}') from error
     except PolicyMismatchError as error:
         raise PolicyMismatchError(f'{path}: {error}') from error
-
-
-def _read(content: bytes) -> tuple[dict[str, str], Weights]:
-    """The strings and the tensors of a file."""
-    from safetensors import deserialize, SafetensorError
-
-    try:
-        tensors = deserialize(content)  # type: ignore[no-untyped-call]
-    except SafetensorError as error:
-        raise PolicyMismatchError(f'is not a whole safetensors file ({error})') from error
-    # What deserialize has checked, but keeps to itself.
-    end = _LENGTH_BYTE + int.from_bytes(content[:_LENGTH_BYTE], 'little')
-    metadata: dict[str, str] = json.loads(content[_LENGTH_BYTE:end]).get('__metadata__') or {}
-    _check_field('format', _field(metadata, 'format'), FORMAT)
-    return metadata, {name: _tensor(name, tensor) for name, tensor in tensors}
-
-
-def _tensor(name: str, tensor: Mapping[str, Any]) -> NDArray[np.float32]:
-    kind = tensor['dtype']
-    if kind != 'F32':  # numpy does not even know all that there are
-        raise PolicyMismatchError(f'{name} is {kind}: must be F32')
-    values = np.frombuffer(tensor['data'], dtype='<f4').reshape(tensor['shape'])
-    return values.astype(np.float32)
 
 
 def _metadata(policy: FrozenPolicy) -> dict[str, str]:
@@ -144,16 +104,18 @@ def _parsed(name: str, kind: object, text: str) -> _Value:
 
 def _validation(name: str, text: str) -> Validation:
     try:
-        return TypeAdapter(Validation).validate_json(text)
-    except ValidationError as error:
+        validation: Validation = _of_kind(Validation, json.loads(text))
+    except (ValueError, RecursionError) as error:
         raise _unreadable(name, text, 'a JSON object', Validation) from error
+    return validation
 
 
 def _learned_on(name: str, text: str) -> tuple[LearnedOn, ...]:
     try:
-        return TypeAdapter(tuple[LearnedOn, ...]).validate_json(text)
-    except ValidationError as error:
+        known: tuple[LearnedOn, ...] = _of_kind(tuple[LearnedOn, ...], json.loads(text))
+    except (ValueError, RecursionError) as error:
         raise _unreadable(name, text, 'a JSON list of objects', LearnedOn) from error
+    return known
 
 
 def _unreadable(name: str, text: str, what: str, of: type[Any]) -> PolicyMismatchError:
@@ -170,3 +132,22 @@ def _field(metadata: Mapping[str, str], name: str) -> str:
 def _check_field(name: str, value: str, wanted: str) -> None:
     if value != wanted:
         raise PolicyMismatchError(f'{name} is {value!r}: must be {wanted!r}')
+
+
+def _of_kind(kind: Any, value: object) -> Any:  # noqa: ANN401 - of that kind
+    """What JSON holds of a record, a tuple, a number or a text; raises ValueError for another."""
+    if isinstance(kind, type) and is_dataclass(kind):
+        kinds = get_type_hints(kind)
+        if not isinstance(value, dict) or value.keys() != kinds.keys():
+            raise ValueError
+        return kind(**{name: _of_kind(kinds[name], each) for name, each in value.items()})
+    if get_origin(kind) is tuple:
+        parts = get_args(kind)
+        if not isinstance(value, list):
+            raise ValueError
+        if parts[-1] is ...:
+            parts = parts[:1] * len(value)
+        return tuple(_of_kind(part, each) for part, each in zip(parts, value, strict=True))
+    if isinstance(value, bool) or not isinstance(value, int | float if kind is float else kind):
+        raise ValueError
+    return kind(value)

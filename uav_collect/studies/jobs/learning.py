@@ -138,8 +138,8 @@ def measure_rates(job: TrainingJob, duration_s: float) -> Rates:
         duration_s: to measure for, of a core's time [s].
     """
     settings = job_config(job)
-    validation = settings.validation.model_copy(update={'every_updates': _NEVER})
-    config = settings.model_copy(update={'validation': validation})
+    validation = replace(settings.validation, every_updates=_NEVER)
+    config = replace(settings, validation=validation)
     trainer = Trainer([from_yaml(job.scenario)], config, job.algorithm, job.seed)
     looks = trainer.run(Budget(decisions=job.decisions))
     next(looks, None)  # kernels are compiled
