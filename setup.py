@@ -44,6 +44,7 @@ setup(
             'uav_agent = uav_collect.nodes.executables:uav_agent',
             'recorder = uav_collect.nodes.executables:recorder',
             'trainer = uav_collect.nodes.executables:trainer',
+            'verify = uav_collect.__main__:verify',
             'doctor = uav_collect.__main__:doctor',
             'evaluate = uav_collect.__main__:evaluate',
             'mission = uav_collect.__main__:mission',

@@ -25,6 +25,7 @@ from uav_collect.commands import (
     report,
     train,
     train_fleet,
+    verify,
 )
 from uav_collect.scenario.load import load, scenario_names
 from uav_collect.scenario.site import build_site
@@ -47,7 +48,13 @@ CODE = '\n'.join(
 )
 PAPER_MAP = (ROOT / 'docs' / 'paper_map.md').read_text()
 COMMANDS = {
-    **{'curves': curves, 'evaluate': evaluate, 'mission': mission, 'report': report},
+    **{
+        'verify': verify,
+        'curves': curves,
+        'evaluate': evaluate,
+        'mission': mission,
+        'report': report,
+    },
     **{'train': train, 'bound': bound, 'figures': figures, 'train-fleet': train_fleet},
 }
 ABROAD = {

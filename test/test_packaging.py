@@ -20,7 +20,7 @@ from tools.structure import Sources
 
 ROOT = Path(__file__).parent.parent
 EXECUTABLES = (
-    *('world_sim', 'uav_agent', 'recorder', 'mission', 'evaluate', 'report', 'doctor'),
+    *('world_sim', 'uav_agent', 'recorder', 'mission', 'evaluate', 'report', 'verify', 'doctor'),
     *('train', 'curves', 'bound', 'figures', 'trainer', 'train_fleet'),
 )
 INTERFACES = sorted((ROOT / 'msg_defs').glob('*/*.[ms][sr][gv]'))

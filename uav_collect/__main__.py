@@ -22,6 +22,7 @@ SUMMARIES = {
     'bound': 'plan missions whose demand is known: what time and energy they take at least',
     'figures': "draw the figures of the paper's evaluation, from what it takes to what it says",
     'report': 'tables and pictures of missions that were flown, from their log or bag',
+    'verify': 'fly recorded missions again, and prove their recordings byte for byte',
     'doctor': 'say whether a mission can fly on this machine, and what it would run on',
 }
 _MISUSE = 2
@@ -101,6 +102,11 @@ def report() -> int:
     return _run('report', sys.argv[1:], prog='report')
 
 
+def verify() -> int:
+    """Prove recorded missions."""
+    return _run('verify', sys.argv[1:], prog='verify')
+
+
 def doctor() -> int:
     """Say whether a mission can fly on this machine."""
     return _run('doctor', sys.argv[1:], prog='doctor')
@@ -146,6 +152,8 @@ def _command(name: str) -> _Command:
             from uav_collect.commands.figures import add_arguments, run
         case 'report':
             from uav_collect.commands.report import add_arguments, run
+        case 'verify':
+            from uav_collect.commands.verify import add_arguments, run
         case 'doctor':
             from uav_collect.commands.doctor import add_arguments, run
         case _:

@@ -203,3 +203,15 @@ def test_report_is_silent_where_a_bound_takes_too_long(
     (tmp_path / 'mission.jsonl').write_bytes(log.to_jsonl())
     assert main(['report', str(tmp_path)]) == 0
     assert 'clairvoyant' not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize('n_cut_byte', [5, 3000])
+def test_report_of_a_log_that_was_cut_off_shows_its_whole_lines(
+    report_folder: Path, n_cut_byte: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = report_folder / 'mission.jsonl'
+    path.write_bytes(path.read_bytes()[:-n_cut_byte])
+    assert main(['report', str(path)]) == 0
+    shown = capsys.readouterr().out
+    assert 'paper_8x8, mission seed 4' in shown
+    assert 'warning: not all of the mission was recorded' in shown

@@ -96,6 +96,10 @@ class HandMadeMessages:
         kind, what = field
         if kind.name == 'NAME':
             return self._message(what, given or {})
+        if kind.name == 'SEQUENCE' and what[0][0].name == 'NAME' and given is not None:
+            return [
+                self._message(what[0][1], it) if isinstance(it, Mapping) else it for it in given
+            ]
         if given is not None:
             return given
         if kind.name == 'BASE':

@@ -20,7 +20,7 @@ from uav_collect.lockstep.roster import Pilot
 from uav_collect.missions.simulation import Event
 from uav_collect.nodes import convert
 from uav_collect.recording.mission_log import EVENT_DTYPE
-from uav_collect.uav import action_codes
+from uav_collect.uav import action_codes, messages
 from uav_collect.uav.agent import Agent, allocator_named
 from uav_collect.uav.belief import Belief, BeliefRows, NEVER
 from uav_collect.uav.briefing import brief
@@ -101,21 +101,21 @@ def test_a_radio_message_arrives_with_its_map() -> None:
 
 @given(st.lists(st.integers(0, 1), min_size=1, max_size=70))
 def test_a_map_is_one_bit_per_cell(complete: list[int]) -> None:
-    packed = convert.packed_map(row_of(complete))
+    packed = messages.packed_map(row_of(complete))
     assert len(packed) == math.ceil(len(complete) / 8)
     for cell, flag in enumerate(complete):
         assert packed[cell // 8] >> cell % 8 & 1 == flag
-    assert convert.unpacked_map(packed, len(complete)) == complete
+    assert messages.unpacked_map(packed, len(complete)) == complete
 
 
 @pytest.mark.parametrize('n_bytes', [0, 12, 14])
 def test_a_map_of_another_size_is_refused(n_bytes: int) -> None:
     with pytest.raises(ValueError, match=f'a map of {n_bytes} bytes for 100 cells'):
-        convert.unpacked_map(bytes(n_bytes), 100)
+        messages.unpacked_map(bytes(n_bytes), 100)
 
 
 def test_maps_follow_each_other_each_in_its_own_bytes() -> None:
-    joined = convert.packed_maps([row_of([1] * 9), row_of([0, 1] + [0] * 7)])
+    joined = messages.packed_maps([row_of([1] * 9), row_of([0, 1] + [0] * 7)])
     assert list(joined) == [255, 1, 2, 0]
 
 

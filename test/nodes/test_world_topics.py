@@ -15,10 +15,11 @@ from processes import own_domain, Processes, ros_environment
 from scripted_agent_node import scripted_agents, ScriptedAgents
 from uav_collect.analysis.metrics import mission_metrics
 from uav_collect.nodes import topics
-from uav_collect.nodes.convert import uav_ids, unpacked_map
+from uav_collect.nodes.convert import uav_ids
 from uav_collect.nodes.world import markers
 from uav_collect.recording.mission_log import EVENT_DTYPE, header_from_line, MissionLog, read
 from uav_collect.scenario.load import from_yaml
+from uav_collect.uav.messages import unpacked_map
 from uav_collect_msgs.msg import Command, Epoch, Mission
 
 pytestmark = pytest.mark.ros

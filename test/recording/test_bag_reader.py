@@ -223,3 +223,15 @@ def test_an_existing_folder_is_never_written_to(tmp_path: Path) -> None:
     (tmp_path / 'bag').mkdir()
     with pytest.raises(RecordingError, match='bag exists already'):
         HandMadeBag(tmp_path / 'bag')
+
+
+def test_a_scenario_that_is_none_here_disturbs_no_other_mission(
+    tmp_path: Path, site: Site, flown: list[MissionLog]
+) -> None:
+    bag = HandMadeBag(tmp_path / 'bag')
+    bag.add('/world/scenario', 'Scenario', world_instance='other', yaml='area: 3\n')
+    bag.add('/world/scenario', 'Scenario', world_instance='world', yaml='area: 3\n')
+    bag.add_scenario(site)
+    bag.add_mission(flown[0], 'first')
+    bag.writer.close()
+    assert read_one(tmp_path / 'bag').log.to_jsonl() == flown[0].to_jsonl()

@@ -65,6 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
     scenario = options.scenario_of(arguments)
     policy = _checked_policy(arguments.policy, scenario)
     folder = _make_folder(arguments.output, scenario.name)
+    _keep_policy(policy, scenario, folder)
     say(f'{scenario.name}, seed {arguments.seed}, {scenario.n_uavs} UAVs: {policy}')
     start_s = time.monotonic()
     try:
@@ -103,6 +104,17 @@ def _checked_policy(wanted: str | None, scenario: 'Scenario') -> str:
         say(f'{error}: {_FALLBACK} flies')
         return _FALLBACK
     return STRONG
+
+
+def _keep_policy(name: str, scenario: 'Scenario', folder: Path) -> None:
+    """Leave a learned policy in the run folder, so that the mission can be flown again."""
+    from uav_collect.uav.policy import policy_for
+    from uav_collect.uav.policy_file import save_policy, SUFFIX
+    from uav_collect.uav.policy_network import LearnedPolicy
+
+    policy = policy_for(name, scenario)
+    if isinstance(policy, LearnedPolicy):
+        save_policy(folder / f'{policy.name}{SUFFIX}', policy.frozen)
 
 
 def _compare(log: Path, scenario: 'Scenario', bandwidth: str) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from uav_collect.commands import terminal
 from uav_collect.errors import BagError, MissionLogError
 from uav_collect.recording.mission_folder import log_name, SCENARIO_FILE
-from uav_collect.recording.mission_log import MissionHeader, MissionLog, read
+from uav_collect.recording.mission_log import MissionHeader, MissionLog, read_so_far
 
 if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
     from rich.console import Console
@@ -151,8 +151,9 @@ def _logged(path: Path) -> 'FlownMission':
     from uav_collect.api import flown_mission
     from uav_collect.scenario.site import build_site
 
-    log = read(path)
-    return flown_mission(log, build_site(_scenario_of(log, path.parent / SCENARIO_FILE)))
+    log = read_so_far(path)
+    mission = flown_mission(log, build_site(_scenario_of(log, path.parent / SCENARIO_FILE)))
+    return replace(mission, is_whole=log.is_over)
 
 
 def _scenario_of(log: MissionLog, file: Path) -> 'Scenario':

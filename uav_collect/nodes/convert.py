@@ -1,18 +1,16 @@
 """Messages to records of the core and back."""
 
 from array import array
-from collections.abc import Sequence
 from typing import Any
 
 from builtin_interfaces.msg import Time
-import numpy as np
 from uav_collect.kernels.arrays import Row, row_of
 from uav_collect.lockstep.roster import Pilot
 from uav_collect.missions.simulation import Event
 from uav_collect.nodes.incidents import in_one_line
 from uav_collect.recording.mission_log import Events
 from uav_collect.uav.belief import Belief
-from uav_collect.uav.messages import Decision, RadioMessage
+from uav_collect.uav.messages import Decision, packed_map, RadioMessage, unpacked_map
 from uav_collect.uav.view import LocalView
 from uav_collect_msgs.msg import Command, Epoch, Observation, Refusal, Transition
 from uav_collect_msgs.msg import RadioMessage as RadioMessageMsg
@@ -24,25 +22,6 @@ def stamp(time_s: float) -> Time:
     """Simulated time as ROS writes it."""
     sec, nanosec = divmod(round(time_s * _NANOSECONDS), _NANOSECONDS)
     return Time(sec=sec, nanosec=nanosec)
-
-
-def packed_map(complete: Row[int]) -> bytes:
-    """A completion map, one bit per cell: cell c is bit c % 8 of byte c // 8."""
-    bits = np.array(complete, dtype=np.uint8)
-    return np.packbits(bits, bitorder='little').tobytes()
-
-
-def unpacked_map(content: Any, n_cells: int) -> list[int]:
-    """The completion map of `packed_map`, (n_cells,).
-
-    Raises:
-        ValueError: there are not as many bytes as that many cells take.
-    """
-    if len(content) != (n_cells + 7) // 8:
-        raise ValueError(f'a map of {len(content)} bytes for {n_cells} cells')
-    bits = np.frombuffer(bytes(content), dtype=np.uint8)
-    cells: list[int] = np.unpackbits(bits, count=n_cells, bitorder='little').tolist()
-    return cells
 
 
 def observation_msg(
@@ -252,8 +231,3 @@ def fill_epoch(epoch: Epoch, events: Events) -> None:
 def uav_ids(mask: int) -> list[int]:
     """The ids of the UAVs in a bit mask of indices."""
     return [index + 1 for index in range(mask.bit_length()) if mask >> index & 1]
-
-
-def packed_maps(complete: Sequence[Row[int]]) -> 'array[int]':
-    """Completion maps one after the other, each packed."""
-    return array('B', b''.join(packed_map(each) for each in complete))

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from rosbags.highlevel import AnyReader, AnyReaderError
+from rosbags.rosbag2 import ReaderError
 from uav_collect.errors import BagError, ConfigError, MissionLogError
 from uav_collect.kernels.arrays import Floats
 from uav_collect.recording.mission_log import EVENT_DTYPE, Events, header_from_line, MissionLog
@@ -52,12 +53,12 @@ def read_missions(path: Path) -> list[RecordedMission]:
     Raises:
         BagError: there is no bag, its recorder was cut off, or it holds no mission.
     """
-    scenarios: dict[str, Any] = {}
+    scenarios: dict[str, list[Any]] = {}  # Scenario messages by world
     missions: dict[str, _Parts] = {}
     parts_of_missions = (_SCENARIO, _MISSION, _EPOCH, _DELIVERED)
     for topic, message in messages(path, lambda name: name.endswith(parts_of_missions)):
         if topic.endswith(_SCENARIO):
-            scenarios[message.world_instance] = message
+            scenarios.setdefault(message.world_instance, []).append(message)
             continue
         parts = missions.setdefault(message.mission_id, _Parts(start=None))
         if topic.endswith(_MISSION):
@@ -70,7 +71,8 @@ def read_missions(path: Path) -> list[RecordedMission]:
     found = [parts for parts in missions.values() if parts.start is not None]
     if not found:
         raise BagError(f'{path}: holds no mission, neither start nor end of one was recorded')
-    sites = {world: _site(path, message) for world, message in scenarios.items()}
+    worlds = {parts.start.world_instance for parts in found}
+    sites = {world: _site_of(path, scenarios[world]) for world in worlds if world in scenarios}
     return [_mission(path, parts, sites) for parts in found]
 
 
@@ -101,13 +103,29 @@ def _reader(path: Path) -> Iterator[AnyReader]:
     try:
         with AnyReader([path]) as reader:
             yield reader
-    except (AnyReaderError, OSError) as error:
+    except (AnyReaderError, ReaderError, OSError) as error:
         raise BagError(
             f'{path}: cannot be read ({error}); try: recorder --repair {path}'
         ) from error
 
 
-def _site(path: Path, message: Any) -> Site:  # noqa: ANN401 - a message
+def _site_of(path: Path, sent: list[Any]) -> Site:
+    """The site of a world, by the first of its Scenario messages that tells one."""
+    errors = []
+    for message in sent:
+        try:
+            return recorded_site(path, message)
+        except BagError as error:
+            errors.append(error)
+    raise errors[0]
+
+
+def recorded_site(path: Path, message: Any) -> Site:  # noqa: ANN401 - a message
+    """The site that a Scenario message in a bag tells.
+
+    Raises:
+        BagError: it is not valid here, or its sensors would be others.
+    """
     try:
         site = build_site(from_yaml(message.yaml))
     except ConfigError as error:
@@ -141,11 +159,18 @@ def _mission(path: Path, parts: _Parts, sites: dict[str, Site]) -> RecordedMissi
 
 def _events(epochs: list[Any]) -> Events:
     events = np.zeros(len(epochs), dtype=EVENT_DTYPE)
-    for event, epoch in zip(events, epochs, strict=True):
-        for name in EVENT_DTYPE.names or ():
-            value = getattr(epoch, name)
-            event[name] = _bits(value) if name == 'heard' else value
+    for place, epoch in enumerate(epochs):
+        events[place] = event_of(epoch)
     return events
+
+
+def event_of(epoch: Any) -> np.void:  # noqa: ANN401 - a message
+    """The event of the mission log that an Epoch message is about."""
+    [event] = np.zeros(1, dtype=EVENT_DTYPE)
+    for name in EVENT_DTYPE.names or ():
+        value = getattr(epoch, name)
+        event[name] = _bits(value) if name == 'heard' else value
+    return event
 
 
 def _bits(uavs: Any) -> int:  # noqa: ANN401 - an array of ids

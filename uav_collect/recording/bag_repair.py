@@ -20,10 +20,11 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import MCAP0_MAGIC
 from rosbags.highlevel import AnyReader, AnyReaderError
 from rosbags.interfaces import Connection
-from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.rosbag2 import ReaderError, StoragePlugin, Writer
 from rosbags.rosbag2.metadata import parse_qos
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 from uav_collect.errors import BagError
+from uav_collect.recording.bag_checksums import BagChecksums
 from uav_collect.recording.bag_writer import RESERVE
 from zstandard import ZstdError
 
@@ -142,7 +143,7 @@ def _look_at(folder: Path) -> Repair | None:
             timed = [c for c in reader.connections if _tells_time(c.msgtype)]
             for connection, _, content in reader.messages(timed) if timed else ():
                 count.take(connection.msgtype, content)
-    except (AnyReaderError, OSError):
+    except (AnyReaderError, ReaderError, OSError):
         return None
     return Repair(
         n_messages=n_messages,
@@ -168,6 +169,7 @@ def _copy(torn: _TornFile, bag: Path) -> _MessageCount:
     types = get_typestore(Stores.EMPTY)
     topics: dict[int, Connection] = {}  # by channel
     with Writer(bag, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        checksums = BagChecksums(writer.storage)
         for schema, channel, message in torn.messages():
             if channel.id not in topics:
                 definition = schema.data.decode()
@@ -183,6 +185,7 @@ def _copy(torn: _TornFile, bag: Path) -> _MessageCount:
                 )
             writer.write(topics[channel.id], message.log_time, message.data)
             count.take(schema.name, message.data)
+    checksums.finish()
     return count
 
 

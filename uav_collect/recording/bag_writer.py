@@ -18,6 +18,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
 from rosbags.rosbag2.storage_mcap import PendingChunk
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 from uav_collect.errors import RecordingError
+from uav_collect.recording.bag_checksums import BagChecksums
 from uav_collect.recording.message_heads import FieldKind
 
 _SEPARATOR = '=' * 80
@@ -88,6 +89,7 @@ class BagWriter:
         self._waiting: list[tuple[Connection, int, bytes]] = []
         self._waiting_byte = 0
         self._writer, self._storage = _opened(folder)
+        self._checksums = BagChecksums(self._storage)
 
     def add_topic(self, name: str, type_name: str, qos: Qos) -> Connection:
         """Announce a topic; the result stands for it in `write`."""
@@ -124,6 +126,7 @@ class BagWriter:
                 self._writer.write(topic, received_ns, message)
             self._storage.close_chunk()
             self._storage.bio.flush()
+            self._checksums.note_flushed()
         except OSError as error:
             raise self._given_up(before, error) from error
         self.n_messages += len(self._waiting)
@@ -150,6 +153,8 @@ class BagWriter:
             with suppress(OSError):
                 self._writer.abort()
             raise self._left_open(error) from error
+        with suppress(OSError):  # the bag is whole without them
+            self._checksums.finish()
 
     def _marks(self) -> dict[str, Any]:
         """What tells the state of the file before a chunk."""

@@ -5,6 +5,7 @@ import os
 from pathlib import Path
 
 from uav_collect.recording.mission_log import Events, LogWriter, MissionHeader
+from uav_collect.recording.origin import ORIGIN_FILE, origin_text
 
 SCENARIO_FILE = 'scenario.yaml'  # resolved
 
@@ -34,11 +35,12 @@ class MissionFolder:
                 raise PermissionError(f'{name} cannot be written to')
 
     def keep_scenario(self, text: str) -> str | None:
-        """Write the resolved scenario."""
+        """Write the resolved scenario, and by which code it is flown."""
         if self._folder is None:
             return None
         try:
             (self._folder / SCENARIO_FILE).write_text(text, encoding='utf-8')
+            (self._folder / ORIGIN_FILE).write_text(f'{origin_text()}\n', encoding='utf-8')
         except OSError as error:
             return f'the scenario cannot be written: {error}'
         return None

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from uav_collect.errors import MissionLogError
 from uav_collect.limits import GUARD_AFTER
-from uav_collect.uav.action_codes import ACTION_NAMES, REASON_NAMES
+from uav_collect.uav.action_codes import ACTION_NAMES, HOME, REASON_NAMES
 
 FORMAT = 'uav_collect mission log'
 FORMAT_VERSION = 1
@@ -78,6 +78,11 @@ class MissionLog:
 
     header: MissionHeader
     events: Events  # EVENT_DTYPE, one per event, in order
+
+    @property
+    def is_over(self) -> bool:
+        """Whether every UAV has turned home in it."""
+        return int((self.events['action'] == HOME).sum()) == len(self.header.uavs)
 
     def to_jsonl(self) -> bytes:
         """The log as JSON lines: the header, then one line per event."""
@@ -177,6 +182,19 @@ def read(path: Path) -> MissionLog:
     """
     try:
         return from_jsonl(path.read_bytes())
+    except (OSError, UnicodeDecodeError, MissionLogError) as error:
+        raise MissionLogError(f'{path}: {error}') from error
+
+
+def read_so_far(path: Path) -> MissionLog:
+    """The mission of a log file that may have been cut off, in the middle of a line even.
+
+    Raises:
+        MissionLogError: naming the file and the line.
+    """
+    try:
+        whole, end, _ = path.read_bytes().rpartition(b'\n')
+        return from_jsonl(whole + end)
     except (OSError, UnicodeDecodeError, MissionLogError) as error:
         raise MissionLogError(f'{path}: {error}') from error
 

@@ -40,6 +40,7 @@ from uav_collect.nodes.topics import (
 from uav_collect.recording.bag_writer import BagWriter, MessageTypes
 from uav_collect.recording.completeness import Completeness, Lack, Taken
 from uav_collect.recording.message_heads import HeadReader
+from uav_collect.recording.origin import ORIGIN_KEY, origin_text
 
 _DESCRIPTION = """
 Records every topic of a mission, as received, into one bag (rosbag2 layout, MCAP). Start it in any
@@ -151,9 +152,11 @@ class RecorderNode(ProcessNode):
     def _open(self, output: Path | None, types: MessageTypes) -> BagWriter:
         named = self._value('output_dir') or time.strftime('rosbag2_%Y_%m_%d-%H_%M_%S')
         try:
-            return BagWriter(output or Path(named), types, chunk_byte=self._value('chunk_byte'))
+            bag = BagWriter(output or Path(named), types, chunk_byte=self._value('chunk_byte'))
         except RecordingError as error:
             raise NodeError(str(error)) from error
+        bag.remark(ORIGIN_KEY, origin_text())
+        return bag
 
     def _checked_choice(self) -> str:
         chosen: str = self._value('topics')

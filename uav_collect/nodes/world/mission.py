@@ -19,7 +19,7 @@ from uav_collect.recording.mission_log import Events, header_line, MissionHeader
 from uav_collect.scenario.site import Site
 from uav_collect.uav import action_codes
 from uav_collect.uav.action_codes import REASON_NAMES
-from uav_collect.uav.messages import Decision, RadioMessage
+from uav_collect.uav.messages import Decision, packed_maps, RadioMessage
 from uav_collect.uav.policy import TOPIC
 from uav_collect_msgs.msg import Epoch, Mission, Observation, UavFigures
 from uav_collect_msgs.msg import RadioMessage as RadioMessageMsg
@@ -267,8 +267,8 @@ class MissionInFlight:
             uav_y_m=array('d', [y_m for _, y_m in places_m]),
             uav_energy_left_j=array('d', [simulation.energy_left_j(uav) for uav in uavs]),
             uav_phase=array('B', [simulation.phase(uav, time_s) for uav in uavs]),
-            uav_complete=convert.packed_maps([simulation.known_complete(uav) for uav in uavs]),
-            true_complete=convert.packed_maps([served]),
+            uav_complete=packed_maps([simulation.known_complete(uav) for uav in uavs]),
+            true_complete=packed_maps([served]),
         )
 
 

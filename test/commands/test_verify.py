@@ -1,0 +1,257 @@
+"""The command verify, of logs, folders and bags flown in this process."""
+
+from collections.abc import Callable
+import json
+from pathlib import Path
+import shutil
+
+from bag_damage import changed_byte
+from fleets import flown_without
+import pytest
+from random_policies import header, saved
+from uav_collect.__main__ import main
+from uav_collect.missions.rollout import fly
+from uav_collect.recording.mission_folder import MissionFolder
+from uav_collect.recording.mission_log import MissionLog
+from uav_collect.recording.origin import ORIGIN_FILE
+from uav_collect.scenario.load import load
+from uav_collect.scenario.model import Scenario
+from uav_collect.scenario.site import build_site, Site
+
+SEED = 4
+
+
+@pytest.fixture(scope='module')
+def small() -> Scenario:
+    return load('paper_8x8', {'fleet.default.energy_budget_kj': 8.0})
+
+
+@pytest.fixture(scope='module')
+def site(small: Scenario) -> Site:
+    return build_site(small)
+
+
+@pytest.fixture(scope='module')
+def log(site: Site) -> MissionLog:
+    return fly(site, [SEED], 'sweep')[0]
+
+
+def keep(folder: Path, scenario: Scenario, *logs: MissionLog) -> Path:
+    """Write a run folder as a world does."""
+    run = MissionFolder(str(folder))
+    run.keep_scenario(scenario.to_yaml())
+    for log in logs:
+        run.begin(log.header)
+        run.append(log.events)
+    run.end()
+    return folder
+
+
+@pytest.fixture
+def run_folder(small: Scenario, log: MissionLog, tmp_path: Path) -> Path:
+    return keep(tmp_path / 'run', small, log)
+
+
+@pytest.fixture
+def verified(capsys: pytest.CaptureFixture[str]) -> Callable[..., list[str]]:
+    """Runs the command; checks its exit status, gives the lines that it prints."""
+
+    def verify(*arguments: object, status: int) -> list[str]:
+        assert main(['verify', *map(str, arguments)]) == status
+        return capsys.readouterr().out.splitlines()
+
+    return verify
+
+
+Verified = Callable[..., list[str]]
+
+
+def test_a_mission_is_proved_by_its_log_and_scenario(
+    run_folder: Path, log: MissionLog, verified: Verified
+) -> None:
+    for path in (run_folder, run_folder / f'mission_{SEED}.jsonl'):
+        [mission, last] = verified(path, status=0)
+        assert mission == f'mission_{SEED}.jsonl: proved, {len(log.events)} events'
+        assert last == '1 mission: 1 proved'
+
+
+@pytest.mark.parametrize('policy', ['hert', 'random', 'paper_8x8_n2_aqmix'])
+def test_rules_and_shipped_policies_are_found_by_name(
+    policy: str, small: Scenario, site: Site, tmp_path: Path, verified: Verified
+) -> None:
+    folder = keep(tmp_path / 'run', small, *fly(site, [1, 2], policy, 'equal', guard_after=3))
+    *_, last = verified(folder, status=0)
+    assert last == '2 missions: 2 proved'
+
+
+def test_what_was_found_is_written_as_json(
+    run_folder: Path, log: MissionLog, tmp_path: Path, verified: Verified
+) -> None:
+    verified(run_folder, '--json', tmp_path / 'found.json', status=0)
+    assert json.loads((tmp_path / 'found.json').read_text()) == [
+        {
+            'mission': f'mission_{SEED}.jsonl',
+            'verdict': 'proved',
+            'events': len(log.events),
+            'failsafes': 0,
+            'cut_off': False,
+            'findings': [],
+        }
+    ]
+
+
+@pytest.mark.parametrize('n_cut_byte', [1, 40, 2000])
+def test_a_log_that_was_cut_off_is_proved_as_far_as_it_goes(
+    run_folder: Path, n_cut_byte: int, verified: Verified
+) -> None:
+    file = run_folder / f'mission_{SEED}.jsonl'
+    file.write_bytes(file.read_bytes()[:-n_cut_byte])
+    [mission, _] = verified(run_folder, status=0)
+    assert mission.endswith(' events, cut off before its end')
+
+
+def changed(text: str, other: str) -> Callable[[Path], None]:
+    def change(file: Path) -> None:
+        content = file.read_text()
+        assert text in content
+        file.write_text(content.replace(text, other, 1))
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ('change', 'words'),
+    [
+        (changed('"event": 2, "time_s": ', '"event": 2, "time_s": 1'), 'event 2: time_s is 1'),
+        (changed('{"event": 3,', '{"event": 3,,'), 'event 3: is no line of a mission log'),
+        (changed('"uav": 1, "dec', '"uav": 1,"dec'), 'the same values are written otherwise'),
+        (changed('"n_sensors"', '"m_sensors"'), 'n_sensors is missing, flown '),
+        (changed('"total_bit": ', '"total_bit": 1'), 'header: total_bit is 1'),
+        (changed('"policy": "sweep"', '"policy": "hert"'), 'policies.0.policy'),
+        (changed('"mission_seed": 4', '"mission_seed": 5'), 'header: mission_seed is 5, the file'),
+        (changed('"mission_seed": 4', '"mission_seed": 4.5'), 'mission_seed is 4.5: must be'),
+        (changed('"id": 2', '"id": 3'), 'header: UAVs are [1, 3]: must be 1 to 2'),
+        (changed('uav_collect mission log', 'uav-collect mission log'), 'header: is none'),
+        (lambda file: changed_byte(file, b'\n', last=True), 'event '),
+    ],
+)
+def test_the_first_event_that_differs_is_named_with_field_and_both_values(
+    run_folder: Path, change: Callable[[Path], None], words: str, verified: Verified
+) -> None:
+    change(run_folder / f'mission_{SEED}.jsonl')
+    [mission, last] = verified(run_folder, status=1)
+    if not words.startswith('policies'):  # another policy takes another way somewhere
+        assert words in mission
+    assert last == '1 mission: 1 differs'
+
+
+def test_a_mission_that_goes_on_after_its_end_differs(
+    run_folder: Path, verified: Verified
+) -> None:
+    file = run_folder / f'mission_{SEED}.jsonl'
+    lines = file.read_text().splitlines(keepends=True)
+    file.write_text(''.join([*lines, lines[-1]]))
+    [mission, _] = verified(run_folder, status=1)
+    assert 'the mission was over' in mission
+
+
+def test_another_scenario_is_named(run_folder: Path, verified: Verified) -> None:
+    changed('antennas: ', 'antennas: 1')(run_folder / 'scenario.yaml')
+    [mission, _] = verified(run_folder, status=1)
+    assert 'header: scenario paper_8x8 with fingerprint ' in mission
+
+
+def test_a_change_of_the_scenario_that_means_nothing_is_none(
+    run_folder: Path, verified: Verified
+) -> None:
+    file = run_folder / 'scenario.yaml'
+    file.write_text(f'# mine\n{file.read_text()}')
+    verified(run_folder, status=0)
+
+
+def test_a_log_alone_takes_the_scenario_that_is_given(
+    run_folder: Path, small: Scenario, tmp_path: Path, verified: Verified
+) -> None:
+    elsewhere = shutil.move(run_folder / f'mission_{SEED}.jsonl', tmp_path / 'alone.jsonl')
+    (tmp_path / 'my.yaml').write_text(small.to_yaml())
+    verified(elsewhere, status=1)  # the shipped one of its name has other energy
+    verified(elsewhere, '--scenario', tmp_path / 'my.yaml', status=0)
+
+
+def test_other_code_is_named_if_the_mission_is_another_one(
+    run_folder: Path, verified: Verified
+) -> None:
+    origin = json.loads((run_folder / ORIGIN_FILE).read_text())
+    (run_folder / ORIGIN_FILE).write_text(json.dumps({**origin, 'sources': 'elsewhere'}))
+    verified(run_folder, status=0)
+    changed('"event": 2, "time_s": ', '"event": 2, "time_s": 1')(
+        run_folder / f'mission_{SEED}.jsonl'
+    )
+    [mission, _] = verified(run_folder, status=1)
+    assert 'other code: sources elsewhere then, ' in mission
+
+
+def test_a_policy_file_is_looked_for_in_the_run_folder_and_where_it_is_given(
+    small: Scenario, site: Site, tmp_path: Path, verified: Verified
+) -> None:
+    policy = saved(tmp_path, 'mine', header(side=8))
+    folder = keep(tmp_path / 'run', small, *fly(site, [SEED], str(policy)))
+    [mission, last] = verified(folder, status=2)
+    assert "UAV 1: policy 'mine' is not here: give its .safetensors file" in mission
+    assert last == '1 mission: 1 cannot be proved'
+    verified(folder, '--policy', policy, status=0)
+    shutil.copy(policy, folder)
+    verified(folder, status=0)
+
+
+def test_a_function_of_the_user_is_proved_if_it_can_be_imported(
+    small: Scenario, site: Site, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    verified: Verified,
+) -> None:  # fmt: skip
+    source = 'def choose(situation):\n    return int(situation.legal.argmax())\n'
+    (tmp_path / 'the_users_own.py').write_text(source)
+    monkeypatch.syspath_prepend(tmp_path)
+    [log] = fly(site, [SEED], 'the_users_own:choose')
+    folder = keep(tmp_path / 'run', small, log)
+    verified(folder, status=0)
+    text = (folder / f'mission_{SEED}.jsonl').read_text()
+    (folder / f'mission_{SEED}.jsonl').write_text(text.replace('the_users_own', 'not_there'))
+    [mission, _] = verified(folder, status=2)
+    assert 'there is no module not_there' in mission
+
+
+def test_what_the_failsafe_did_is_taken_as_recorded_and_counted(
+    small: Scenario, tmp_path: Path, verified: Verified
+) -> None:
+    log = flown_without(small, SEED, 'sweep', uav=1, since=2)
+    [mission, _] = verified(keep(tmp_path / 'run', small, log), status=0)
+    assert mission.endswith(', 1 failsafe taken as recorded')
+
+
+def test_a_uav_that_never_had_an_agent_is_flown_by_the_failsafe(
+    small: Scenario, tmp_path: Path, verified: Verified
+) -> None:
+    log = flown_without(small, SEED, 'sweep', uav=1, since=0)
+    folder = keep(tmp_path / 'run', small, log)
+    file = folder / f'mission_{SEED}.jsonl'
+    head, tail = file.read_text().split('"id": 2')
+    absent = tail.replace('"sweep"', '"none"', 1).replace('"exact"', '"none"', 1)
+    file.write_text(f'{head}"id": 2{absent}')
+    verified(folder, status=0)
+
+
+def test_a_mission_that_was_aborted_is_proved_as_far_as_it_was_flown(
+    site: Site, log: MissionLog, tmp_path: Path, verified: Verified
+) -> None:
+    cut = MissionLog(header=log.header, events=log.events[:5])
+    lines = verified(keep(tmp_path / 'run', site.scenario, cut), status=0)
+    assert lines[0].endswith('5 events, cut off before its end')
+
+
+@pytest.mark.parametrize(('name', 'words'), [('nothing', 'no such'), ('empty', 'no mission log')])
+def test_it_says_where_there_is_no_mission(
+    tmp_path: Path, name: str, words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / 'empty').mkdir()
+    assert main(['verify', str(tmp_path / name)]) == 2
+    assert words in capsys.readouterr().err

@@ -1,0 +1,40 @@
+"""Changes files as faulty disks and liars do."""
+
+from pathlib import Path
+import struct
+
+_RECORD = struct.Struct('<BQ')
+_SUMS_AT = {
+    0x06: 24,
+    0x0F: 0,
+    0x02: 16,
+}  # in the body of a chunk, of the data's end, of the footer
+_FOOTER = 0x02
+
+
+def changed_byte(
+    path: Path, near: bytes, *, last: bool = False, behind: bool = False, flipped: int = 1
+) -> None:
+    """Flip bits of one byte.
+
+    Args:
+        near: what the byte is the first one of.
+        last: whether that is looked for from the end.
+        behind: whether the byte is the one after that instead.
+    """
+    content = bytearray(path.read_bytes())
+    at = (content.rindex if last else content.index)(near) + behind * len(near)
+    content[at] ^= flipped
+    path.write_bytes(content)
+
+
+def without_checksums(path: Path) -> None:
+    """Take the checksums out of an MCAP file; 0 stands for none."""
+    content, at, kind = bytearray(path.read_bytes()), 8, 0
+    while kind != _FOOTER:
+        kind, length = _RECORD.unpack_from(content, at)
+        if kind in _SUMS_AT:
+            start = at + _RECORD.size + _SUMS_AT[kind]
+            content[start : start + 4] = bytes(4)
+        at += _RECORD.size + length
+    path.write_bytes(content)

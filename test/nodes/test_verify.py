@@ -1,0 +1,170 @@
+"""Missions that a fleet of processes has flown and recorded, proved by the command verify."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+import shutil
+from typing import Any
+
+from bag_damage import changed_byte, without_checksums
+from fleets import Fleet, scenario_of
+from policy_publisher import policy_publisher
+from processes import own_domain, Processes, ros_environment
+import pytest
+from random_policies import header, random_policy
+from uav_collect.__main__ import main
+
+pytest.importorskip('rclpy')
+pytest.importorskip('uav_collect_msgs')
+
+from uav_collect.nodes import topics
+from uav_collect_msgs.msg import Mission
+
+pytestmark = pytest.mark.ros
+
+SEED = 3
+EPSILON = 0.3
+REAL_TIME_FACTOR = 150.0  # missions of some 100 s take long enough to do something meanwhile
+TIMEOUT_S = 6.0  # longer than an agent takes to answer, however busy the machine is
+
+
+@pytest.fixture(scope='module')
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """The run folder of three missions by two published policies; in the last an agent dies."""
+    folder = tmp_path_factory.mktemp('recorded')
+    scenario = scenario_of(2, fleet__default__energy_budget_kj=20.0)  # some 40 events
+    policies = [random_policy(header(version=f'run@{number}'), seed=number) for number in (1, 2)]
+    with own_domain() as domain, pytest.MonkeyPatch.context() as patch:
+        for name, value in ros_environment(domain, folder / 'ros_log').items():
+            patch.setenv(name, value)
+        processes = Processes(folder, {'ROS_DOMAIN_ID': str(domain)})
+        fleet = Fleet(processes=processes, scenario=scenario, folder=folder / 'run')
+        try:
+            with policy_publisher(topics.MISSION) as (trainer, listening):
+                missions = listening.heard[topics.MISSION.name]
+                recorder = fleet.start_recorder(stop_after_missions=3)
+                agents = fleet.start_agents('topic')
+                fleet.start_world(
+                    seed=SEED,
+                    missions=3,
+                    recorders=1,
+                    real_time_factor=REAL_TIME_FACTOR,
+                    decision_timeout_s=TIMEOUT_S,
+                )
+                trainer.publish(policies[0], EPSILON)
+                listening.wait_until(lambda: _n_started(missions) == 1)
+                trainer.publish(policies[1])
+                fleet.wait_for_events(SEED + 2, 5)
+                agents[1].kill()
+                assert recorder.wait_for_exit() == 0
+        finally:
+            processes.close()
+    shutil.move(fleet.bag, fleet.folder / 'bag')
+    yield fleet.folder
+
+
+def _n_started(missions: list[Any]) -> int:
+    return sum(message.phase == Mission.STARTED for message in missions)
+
+
+@pytest.fixture
+def run_folder(recorded: Path, tmp_path: Path) -> Path:
+    """A copy of it, to be changed."""
+    return Path(shutil.copytree(recorded, tmp_path / 'run'))
+
+
+def verified(
+    path: Path, capsys: pytest.CaptureFixture[str], status: int, *options: str
+) -> list[str]:
+    """The lines that the command prints."""
+    assert main(['verify', str(path), *options]) == status, capsys.readouterr()
+    return capsys.readouterr().out.splitlines()
+
+
+@pytest.mark.parametrize('inside', ['', 'bag', 'bag/run_bag.mcap'])
+def test_missions_by_published_policies_are_proved_with_their_exploration_and_failsafe(
+    recorded: Path, inside: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    *missions, last = verified(recorded / inside, capsys, 0)
+    assert last == '3 missions: 3 proved'
+    assert [f'seed {SEED + number}: proved, ' in line for number, line in enumerate(missions)]
+    assert ['1 failsafe taken as recorded' in line for line in missions] == [False, False, True]
+
+
+def test_a_log_alone_does_not_tell_what_a_trainer_has_published(
+    recorded: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    first, last = verified(recorded / f'mission_{SEED}.jsonl', capsys, 2)
+    assert "policy 'run@1 eps 0.3' is not here" in first
+    assert last == '1 mission: 1 cannot be proved'
+
+
+def in_chunk(run: Path) -> None:
+    changed_byte(run / 'bag' / 'run_bag.mcap', b'run@2')
+
+
+def in_summary(run: Path) -> None:
+    changed_byte(run / 'bag' / 'run_bag.mcap', b'offered_qos_profiles', last=True)
+
+
+def in_metadata(run: Path) -> None:
+    changed_byte(run / 'bag' / 'metadata.yaml', b'message_count')
+
+
+def in_scenario(run: Path) -> None:
+    changed_byte(run / 'scenario.yaml', b'cells_per_side')
+
+
+def in_log(run: Path) -> None:
+    changed_byte(run / f'mission_{SEED}.jsonl', b'"time_s": ', last=True, behind=True)
+
+
+@pytest.mark.parametrize(
+    ('change', 'words'),
+    [
+        (in_chunk, 'bag/run_bag.mcap: damaged: chunk '),
+        (in_summary, 'bag/run_bag.mcap: damaged: summary before byte '),
+        (in_metadata, 'metadata.yaml: '),
+        (in_scenario, 'scenario.yaml: damaged: line '),
+        (in_log, f'mission_{SEED}.jsonl: event '),
+    ],
+)
+def test_one_changed_byte_is_named(
+    run_folder: Path,
+    change: Callable[[Path], None],
+    words: str,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    change(run_folder)
+    lines = verified(run_folder, capsys, 1)
+    assert any(words in line for line in lines), lines
+
+
+def test_a_message_that_was_changed_is_named_though_the_bag_has_no_checksums(
+    run_folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = run_folder / 'bag' / 'run_bag.mcap'
+    without_checksums(bag)
+    *missions, last = verified(run_folder / 'bag', capsys, 0)
+    assert last == '3 missions: 3 proved'
+    assert all('it has no checksums' in line for line in missions)
+    [command] = changed_field(bag, '/uav_1/command', 'bandwidth_hz')
+    *missions, last = verified(run_folder / 'bag', capsys, 1)
+    assert last == '3 missions: 2 proved, 1 differs'
+    assert any(f'command {command} of UAV 1: bandwidth_hz is ' in line for line in missions)
+
+
+def changed_field(bag: Path, topic: str, field: str) -> list[int]:
+    """Change the first number of a list in the first message that has some; its decision."""
+    from rosbags.highlevel import AnyReader
+
+    with AnyReader([bag]) as reader:
+        wanted = [each for each in reader.connections if each.topic == topic]
+        for connection, _, content in reader.messages(wanted):
+            message: Any = reader.deserialize(content, connection.msgtype)
+            if len(getattr(message, field)):
+                first = getattr(message, field)[:1].tobytes()
+                file = bag.read_bytes()
+                at = file.index(bytes(content)) + bytes(content).index(first)
+                bag.write_bytes(file[:at] + bytes([file[at] ^ 1]) + file[at + 1 :])
+                return [message.decision]
+    return []

@@ -1,0 +1,331 @@
+"""Proves recorded missions: each is flown again, and compared with its account byte for byte."""
+
+from collections.abc import Container, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import Enum
+import json
+from typing import Any
+
+from uav_collect.analysis.message_proof import message_differences
+from uav_collect.errors import AllocationError, ConfigError, MissionLogError, PolicyMismatchError
+from uav_collect.lockstep.published_policy import PolicyKey
+from uav_collect.missions.recorded_policies import Crew, RecordedPolicies
+from uav_collect.missions.reflight import FAILSAFE_VERSION, fly_again, Reflight
+from uav_collect.recording.bag_reader import event_of
+from uav_collect.recording.mission_log import (
+    event_line,
+    header_from_line,
+    header_line,
+    MissionHeader,
+)
+from uav_collect.recording.mission_messages import ENDED, MissionMessages
+from uav_collect.scenario.load import fingerprint
+from uav_collect.scenario.site import Site
+from uav_collect.uav.action_codes import ACTION_NAMES, FAILSAFE, HOME, REASON_NAMES
+from uav_collect.uav.observation import Layout
+
+# What the world decided: no flight brings that forth, so it is taken from the account.
+_BY_WORLD = (REASON_NAMES[FAILSAFE],)
+_MISSING = 'missing'  # stands for the value of a field that is not there
+_MOST_DIFFERENCES = 3  # of a mission that are named
+
+
+class Verdict(Enum):
+    """What came of proving a mission."""
+
+    PROVED = 'proved'
+    DIFFERS = 'differs'
+    DAMAGED = 'damaged'  # not a mission, but what holds missions
+    UNPROVABLE = 'cannot be proved'
+
+
+@dataclass(frozen=True, kw_only=True)
+class Proof:
+    """A mission's verdict, and why."""
+
+    mission: str  # what the recording calls it
+    verdict: Verdict
+    n_events: int = 0  # recorded
+    n_failsafes: int = 0  # of them decided by the world, and taken as recorded
+    is_cut_off: bool = False  # before the mission's end
+    lacks_checksums: bool = False  # only what its bag's messages say of the mission is proved
+    findings: tuple[str, ...] = ()  # what differs, or what is missing; one line each
+
+    def __str__(self) -> str:
+        if self.verdict is Verdict.PROVED:
+            return f'{self.mission}: {self.verdict.value}, {", ".join(self._facts())}'
+        return f'{self.mission}: {self.verdict.value}: {"; ".join(self.findings)}'
+
+    def _facts(self) -> Iterator[str]:
+        yield f'{self.n_events} events'
+        if self.n_failsafes:
+            word = 'failsafe' if self.n_failsafes == 1 else 'failsafes'
+            yield f'{self.n_failsafes} {word} taken as recorded'
+        if self.is_cut_off:
+            yield 'cut off before its end'
+        if self.lacks_checksums:
+            yield 'but for what else is in the bag: it has no checksums'
+
+
+@dataclass(frozen=True, kw_only=True)
+class Account:
+    """What one source, a log or a bag, holds of a mission."""
+
+    source: str  # its name
+    header: MissionHeader | None  # None: what stands in its place is none
+    header_line: str
+    lines: Mapping[int, str]  # of the mission log, by event
+    tail: str = ''  # what is there of the line after them
+    is_over: bool  # its end was recorded
+    messages: MissionMessages | None = None  # of a bag
+    versions: Mapping[int, str] = field(default_factory=dict)  # of policies, by id of the UAV
+    policy_key: PolicyKey | None = None  # of the published policy that observations name
+    flaws: tuple[str, ...] = ()  # what is wrong with it by itself
+
+    @property
+    def failsafes(self) -> set[int]:
+        """Events that the world decided."""
+        return {event for event, line in self.lines.items() if _value(line, 'reason') in _BY_WORLD}
+
+
+def log_account(source: str, content: bytes) -> Account:
+    """What a mission log holds, as far as it goes."""
+    first, *rest = content.decode(errors='replace').split('\n')
+    *whole, tail = rest or ['']
+    lines = dict(enumerate(whole))
+    homes = [line for line in whole if _value(line, 'action') == ACTION_NAMES[HOME]]
+    header = _header(first)
+    return Account(
+        source=source,
+        header=header,
+        header_line=first,
+        lines=lines,
+        tail=tail,
+        is_over=header is not None and len(homes) == len(header.uavs),
+    )
+
+
+def bag_account(source: str, mission: MissionMessages) -> Account:
+    """What a bag holds of a mission whose start or end is in it."""
+    epochs = {place.number: sent[0] for place, sent in mission.placed.items() if not place.uav}
+    versions: dict[int, dict[str, None]] = {}
+    for _, epoch in sorted(epochs.items()):
+        if epoch.policy_version not in ('', FAILSAFE_VERSION):
+            versions.setdefault(int(epoch.uav), {})[epoch.policy_version] = None
+    flaws = [
+        f'UAV {uav} was flown by {", then ".join(names)}'
+        for uav, names in sorted(versions.items())
+        if len(names) > 1
+    ]
+    return Account(
+        source=source,
+        header=_header(mission.start.log_header),
+        header_line=mission.start.log_header,
+        lines={event: _line(epoch) for event, epoch in sorted(epochs.items())},
+        is_over=ENDED in mission.phases,
+        messages=mission,
+        versions={uav: next(iter(names)) for uav, names in versions.items()},
+        policy_key=_policy_key(mission),
+        flaws=tuple(flaws),
+    )
+
+
+def prove(
+    name: str,
+    accounts: Sequence[Account],
+    site: Site,
+    policies: RecordedPolicies,
+    code_change: str | None,
+) -> Proof:
+    """Fly a mission again and hold all that is recorded of it against that.
+
+    Args:
+        accounts: of the same mission, at least one; by the first one it is flown.
+        code_change: how the present code differs from that of the recording, if it does.
+    """
+    first = accounts[0]
+    failsafes = {event for account in accounts for event in account.failsafes}
+    known: dict[str, Any] = {
+        'mission': name,
+        'n_events': max(len(account.lines) for account in accounts),
+        'n_failsafes': len(failsafes),
+        'is_cut_off': not any(account.is_over for account in accounts),
+    }
+    header = first.header
+    if (wrong := _header_problem(header, site)) is not None or header is None:
+        return Proof(verdict=Verdict.DIFFERS, findings=(f'header: {wrong}',), **known)
+    try:
+        crew = policies.crew(header, site, first.versions, first.policy_key)
+        flown = fly_again(site, header, crew.members, failsafes, _layouts(first))
+    except (AllocationError, ConfigError, PolicyMismatchError) as error:
+        clashes = tuple(_clashes(accounts))
+        verdict = Verdict.DIFFERS if clashes else Verdict.UNPROVABLE
+        findings = (*clashes, ' '.join(str(error).split()))
+        return Proof(verdict=verdict, findings=findings, **known)
+    ignored = {'policy_version'} if crew.changes else set()
+    by_account = [tuple(_differences(account, flown, ignored)) for account in accounts]
+    differences = [
+        f'{account.source}: {text}' if len(accounts) > 1 else text
+        for account, texts in zip(accounts, by_account, strict=True)
+        for text in texts
+    ]
+    if not differences and not crew.changes:
+        return Proof(verdict=Verdict.PROVED, **known)
+    causes = crew.changes if not differences else _causes(crew, code_change, by_account)
+    findings = (*_first_ones(differences), *causes)
+    return Proof(verdict=Verdict.DIFFERS, findings=findings, **known)
+
+
+def _causes(
+    crew: Crew, code_change: str | None, by_account: Sequence[Sequence[str]]
+) -> Sequence[str]:
+    """What is no longer as it was when the mission was recorded, if that explains differences."""
+    causes = [*crew.changes, *([f'other code: {code_change}'] if code_change else [])]
+    if causes and all(by_account):
+        return causes
+    # Another account of the mission is as flown, or all that flies it is as it was.
+    return ['the recording itself was changed']
+
+
+def _first_ones(differences: Sequence[str]) -> Sequence[str]:
+    n_more = len(differences) - _MOST_DIFFERENCES
+    more = [f'{n_more} more differences'] if n_more > 0 else []
+    return [*differences[:_MOST_DIFFERENCES], *more] or ['flown to the same bytes']
+
+
+def _header_problem(header: MissionHeader | None, site: Site) -> str | None:
+    """Why a header cannot be flown over a site; None if it can."""
+    if header is None:
+        return 'is none of a mission log'
+    scenario = site.scenario
+    here = scenario.name, fingerprint(scenario)
+    then = header.scenario, header.scenario_fingerprint
+    if here != then:
+        return (
+            f'scenario {then[0]} with fingerprint {then[1]}, but the scenario at hand is'
+            f' {here[0]} with {here[1]}'
+        )
+    seed = header.mission_seed
+    if not isinstance(seed, int) or not 0 <= seed < 2**63:
+        return f'mission_seed is {seed}: must be a whole number from 0'
+    ids = [uav.id for uav in header.uavs]
+    if ids != [*range(1, scenario.n_uavs + 1)]:
+        return f'UAVs are {ids}: must be 1 to {scenario.n_uavs}'
+    for uav in header.uavs:
+        if not (isinstance(uav.policy, str) and isinstance(uav.guard_after, int)):
+            return f'UAV {uav.id}: policy is {uav.policy}, guard_after {uav.guard_after}'
+    return None
+
+
+def _differences(account: Account, flown: Reflight, ignored: Container[str]) -> Iterator[str]:
+    """What a account has otherwise than the flight, in the order of events where that is known."""
+    yield from _line_differences(account, flown)
+    yield from account.flaws
+    if account.messages is not None:
+        n_events = max(account.lines, default=-1) + 1
+        yield from message_differences(account.messages, flown, n_events, ignored)
+
+
+def _line_differences(account: Account, flown: Reflight) -> Iterator[str]:
+    """How a account's lines differ from those of the flight, up to the first event that does."""
+    line = header_line(flown.log.header)
+    if account.header_line != line:
+        yield f'header: {line_difference(account.header_line, line)}'
+    n_flown = len(flown.log.events)
+    for event, recorded in account.lines.items():
+        if event >= n_flown:
+            yield flown.failure or f'event {event}: the mission was over'
+            return
+        if recorded != (line := flown.line(event)):
+            yield f'event {event}: {line_difference(recorded, line)}'
+            return
+    n_recorded = max(account.lines, default=-1) + 1
+    following = '' if n_recorded >= n_flown else flown.line(n_recorded)
+    if not following.startswith(account.tail):
+        yield f'event {n_recorded}: {line_difference(account.tail, following)}'
+    elif account.is_over and following:
+        yield f'event {n_recorded}: not recorded, flown {n_flown} events'
+
+
+def line_difference(recorded: str, flown: str) -> str:
+    """In which field two lines of mission logs differ, and both values."""
+    try:
+        mine, again = json.loads(recorded), json.loads(flown)
+    except ValueError:
+        return f'is no line of a mission log: {recorded[:60]!r}'
+    found = _first_difference('', mine, again)
+    return found or 'the same values are written otherwise'
+
+
+def _first_difference(path: str, recorded: Any, flown: Any) -> str | None:  # noqa: ANN401 - JSON
+    if isinstance(recorded, dict) and isinstance(flown, dict):
+        names = [*flown, *(name for name in recorded if name not in flown)]
+        pairs = [
+            (f'{path}{name}', recorded.get(name, _MISSING), flown.get(name, _MISSING))
+            for name in names
+        ]
+    elif isinstance(recorded, list) and isinstance(flown, list) and len(recorded) == len(flown):
+        pairs = [(f'{path}{i}', *pair) for i, pair in enumerate(zip(recorded, flown, strict=True))]
+    elif json.dumps(recorded) == json.dumps(flown):
+        return None
+    else:
+        return f'{path.removesuffix(".")} is {recorded}, flown {flown}'
+    found = (_first_difference(f'{name}.', mine, again) for name, mine, again in pairs)
+    return next(filter(None, found), None)
+
+
+def _clashes(accounts: Sequence[Account]) -> Iterator[str]:
+    """Where accounts of the same mission contradict each other."""
+    first, *others = accounts
+    for other in others:
+        pairs = [('header', first.header_line, other.header_line)]
+        pairs += [
+            (f'event {event}', line, other.lines[event])
+            for event, line in first.lines.items()
+            if event in other.lines
+        ]
+        for what, mine, its in pairs:
+            if mine != its:
+                yield f'{what}: {first.source} and {other.source}: {line_difference(mine, its)}'
+                break
+
+
+def _layouts(account: Account) -> list[Layout]:
+    """The layouts in which the transitions of a account show what agents saw."""
+    if account.messages is None:
+        return []
+    placed = account.messages.placed.items()
+    labels = {sent[0].layout for place, sent in placed if place.kind == 'transition'}
+    return [layout for layout in Layout if layout.label in labels]
+
+
+def _policy_key(mission: MissionMessages) -> PolicyKey | None:
+    """The published policy that the first observation names; None without any."""
+    for place, sent in mission.placed.items():
+        if place.kind == 'observation' and sent[0].policy_trainer:
+            return sent[0].policy_trainer, int(sent[0].policy_sequence)
+    return None
+
+
+def _header(line: str) -> MissionHeader | None:
+    try:
+        return header_from_line(line)
+    except MissionLogError:
+        return None
+
+
+def _line(epoch: Any) -> str:  # noqa: ANN401 - a message
+    """The line of the mission log that an Epoch message stands for."""
+    try:
+        return event_line(event_of(epoch))
+    except (IndexError, OverflowError, ValueError) as error:  # a code that there is not, say
+        return f'{type(error).__name__}: {error}'
+
+
+def _value(line: str, name: str) -> object:
+    """A field of a line of a mission log; None where it is no such line."""
+    try:
+        fields = json.loads(line)
+    except ValueError:
+        return None
+    return fields.get(name) if isinstance(fields, dict) else None

@@ -1,0 +1,111 @@
+"""Proves recorded missions: flies each again and compares the recording byte for byte."""
+
+import argparse
+from collections import Counter
+import json
+from pathlib import Path
+import sys
+from typing import Any, TYPE_CHECKING
+
+from uav_collect import files
+from uav_collect.kernels.compile import interpret_kernels
+
+if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
+    from uav_collect.analysis.proof import Proof
+
+_DESCRIPTION = """
+Flies each recorded mission again, from what the recording itself holds, and proves it byte for
+byte; or names the first event that differs, its field, the recorded and the flown value, and what
+is no longer as it was: a policy's version, the code, the scenario. PATH is a run folder, a bag or
+a mission log. Of a bag, the messages are compared, too, and the checksums of its file. What the
+world decided because an agent was silent is taken as recorded, and counted. The exit status is 0
+if all is proved, 1 if something differs or is damaged, 2 if something cannot be read or flown.
+"""
+_PROVED, _DIFFERS, _UNPROVABLE = 0, 1, 2
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Describe the command and add its arguments."""
+    parser.description = _DESCRIPTION
+    parser.add_argument(
+        'path', type=Path, nargs='+', metavar='PATH', help='run folder, bag or mission log'
+    )
+    parser.add_argument(
+        '--scenario',
+        metavar='NAME|FILE',
+        help='of logs alone (default: scenario.yaml beside them, or the shipped one so called)',
+    )
+    parser.add_argument(
+        '--policy',
+        type=Path,
+        nargs='+',
+        default=[],
+        metavar='FILE',
+        help='.safetensors files of policies that are neither in the recording nor shipped',
+    )
+    parser.add_argument('--json', type=Path, metavar='FILE', help='write all that was found')
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Prove what is at the paths; returns the exit status."""
+    if 'numba' not in sys.modules:  # a mission is flown in less time than kernels take to load
+        interpret_kernels()
+    from uav_collect.analysis.recording_proof import Given, prove_recording
+
+    if arguments.json is not None:
+        files.check_writable(arguments.json)
+    given = Given(site=_site(arguments.scenario), policy_files=tuple(arguments.policy))
+    proofs = []
+    for path in arguments.path:
+        for proof in prove_recording(path, given):
+            _show(f'{path}: {proof}' if len(arguments.path) > 1 else str(proof))
+            proofs.append(proof)
+    _show(_summary(proofs))
+    if arguments.json is not None:
+        text = json.dumps([_values(proof) for proof in proofs], indent=1)
+        files.write_atomically(arguments.json, f'{text}\n'.encode())
+    return _status(proofs)
+
+
+def _site(scenario: str | None) -> Any:  # noqa: ANN401 - a site, if there is one
+    if scenario is None:
+        return None
+    from uav_collect.scenario.load import load
+    from uav_collect.scenario.site import build_site
+
+    return build_site(load(scenario))
+
+
+def _summary(proofs: 'list[Proof]') -> str:
+    """How many missions came to which end, in one line."""
+    from uav_collect.analysis.proof import Verdict
+
+    counts = Counter(proof.verdict for proof in proofs)
+    n_missions = len(proofs) - counts[Verdict.DAMAGED]
+    parts = [f'{counts[verdict]} {verdict.value}' for verdict in Verdict if counts[verdict]]
+    return f'{n_missions} mission{"" if n_missions == 1 else "s"}: {", ".join(parts) or "none"}'
+
+
+def _status(proofs: 'list[Proof]') -> int:
+    from uav_collect.analysis.proof import Verdict
+
+    found = {proof.verdict for proof in proofs}
+    if found & {Verdict.DIFFERS, Verdict.DAMAGED}:
+        return _DIFFERS
+    return _UNPROVABLE if Verdict.UNPROVABLE in found or not found else _PROVED
+
+
+def _values(proof: 'Proof') -> dict[str, object]:
+    return {
+        'mission': proof.mission,
+        'verdict': proof.verdict.value,
+        'events': proof.n_events,
+        'failsafes': proof.n_failsafes,
+        'cut_off': proof.is_cut_off,
+        'findings': list(proof.findings),
+    }
+
+
+def _show(line: str) -> None:
+    sys.stdout.write(f'{line}\n')
+    sys.stdout.flush()

@@ -1,0 +1,60 @@
+"""Which code recorded something: kept beside a recording, never in a mission log."""
+
+from collections.abc import Mapping
+import json
+from pathlib import Path
+
+from uav_collect.kernels.compile import sources_digest
+from uav_collect.revision import git_revision, package_versions
+
+ORIGIN_FILE = 'origin.json'  # of a run folder
+ORIGIN_KEY = 'origin'  # of the remarks in a bag's metadata
+_FLOWN_BY = ('uav_collect', 'python', 'numpy')
+_SOURCES = 'sources'  # a digest: equal ones are the same code, whatever the revision is called
+
+
+def origin() -> dict[str, str]:
+    """The code of this process: revision, digest of its sources, versions of what it flies by."""
+    versions = package_versions()
+    return {
+        'revision': git_revision(),
+        _SOURCES: sources_digest(),
+        **{name: versions[name] for name in _FLOWN_BY if name in versions},
+    }
+
+
+def origin_text() -> str:
+    """The same as JSON."""
+    return json.dumps(origin())
+
+
+def parsed_origin(text: str) -> dict[str, str] | None:
+    """What `origin_text` wrote; None where the text is nothing of the kind."""
+    try:
+        values = json.loads(text)
+    except ValueError:
+        return None
+    if not isinstance(values, dict) or _SOURCES not in values:
+        return None
+    return {str(name): str(value) for name, value in values.items()}
+
+
+def read_origin(folder: Path) -> dict[str, str] | None:
+    """The code that wrote a run folder; None where it does not say."""
+    try:
+        return parsed_origin((folder / ORIGIN_FILE).read_text(encoding='utf-8'))
+    except (OSError, UnicodeDecodeError):
+        return None
+
+
+def changed_since(then: Mapping[str, str]) -> str | None:
+    """How the present code differs from that of a recording, in words; None if it does not."""
+    now = origin()
+    changed = [
+        f'{name} {then[name]} then, {now[name]} now'
+        for name in now
+        if name in then and now[name] != then[name]
+    ]
+    if then[_SOURCES] == now[_SOURCES]:  # a commit that touched no source changes the revision
+        changed = [text for text in changed if not text.startswith('revision ')]
+    return ', '.join(changed) or None
