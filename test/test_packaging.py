@@ -14,6 +14,8 @@ from catkin_pkg.package import parse_package
 from processes import Processes
 import pytest
 import uav_collect
+from uav_collect.__main__ import SUMMARIES
+from uav_collect.config.packages import MESSAGES, NEEDED, PACKAGES, ROS_PACKAGES
 
 from tools import structure
 from tools.structure import Sources
@@ -26,11 +28,12 @@ EXECUTABLES = (
 INTERFACES = sorted((ROOT / 'msg_defs').glob('*/*.[ms][sr][gv]'))
 SOURCES = structure.read()
 LOCKSTEP_TESTS = structure.read(ROOT / 'test' / 'lockstep')
-ROS_MODULES = {
-    *('ament_index_python', 'builtin_interfaces', 'diagnostic_msgs', 'geometry_msgs', 'nav_msgs'),
-    *('rcl_interfaces', 'rclpy', 'rosgraph_msgs', 'std_msgs', 'uav_collect_msgs'),
-    'visualization_msgs',
-}
+LAUNCH_FILES = structure.read(ROOT / 'launch')
+TESTS = structure.read(ROOT / 'test')
+ROS_MODULES = {*ROS_PACKAGES, MESSAGES}
+STANDARD = {*sys.stdlib_module_names}
+# Nodes are called otherwise than their modules, as commands are not.
+NODES = {'world_sim': 'world', 'uav_agent': 'agent', 'recorder': 'recorder', 'trainer': 'trainer'}
 
 UNITS = {
     **{'_bit_per_j': 'bit/J', '_bit': 'bit', '_hz': 'Hz', '_j': 'J', '_mps': 'm/s'},
@@ -67,6 +70,22 @@ def foreign_imports(source: str) -> set[str]:
     return {name.partition('.')[0] for name in structure.imported(source)} - {
         *('uav_collect', '__future__'),
     }
+
+
+def imports_of(sources: Sources) -> set[str]:
+    """Packages that some sources import, other than ours and the standard library."""
+    return set().union(*map(foreign_imports, sources.values())) - STANDARD
+
+
+def loaded_by(module: str) -> set[str]:
+    """Packages, ROS's apart, that a module and all that it leads to may import."""
+    graph = structure.module_graph(SOURCES)
+    reached, waiting = {module}, [module]
+    while waiting:
+        waiting += (new := graph[waiting.pop()] - reached)
+        reached |= new
+    found = {path: it for path, it in SOURCES.items() if structure.module_of(path) in reached}
+    return {it.name for it in PACKAGES.values() if it.module in imports_of(found)}
 
 
 def beyond(wall: Wall, sources: Sources) -> set[str]:
@@ -251,11 +270,57 @@ def pinned(name: str) -> set[str]:
 def test_every_import_is_a_direct_requirement() -> None:
     files = ('run.txt', 'train.txt', 'pettingzoo.txt', 'cluster.txt')
     required = set().union(*map(pinned, files))
-    standard = set(sys.stdlib_module_names)
-    modules = set().union(*map(foreign_imports, SOURCES.values())) - standard - ROS_MODULES
+    modules = imports_of(SOURCES) - ROS_MODULES
     providers = packages_distributions()
     providers_of = {module: {name.lower() for name in providers[module]} for module in modules}
     assert {module for module, names in providers_of.items() if not names & required} == set()
+
+
+@pytest.mark.parametrize('executable', sorted({*NEEDED} - {'doctor'}))
+def test_an_executable_asks_for_the_packages_that_it_imports(executable: str) -> None:
+    node = NODES.get(executable)
+    name = executable.replace('-', '_')
+    imported = loaded_by(f'nodes.{node}.node' if node else f'commands.{name}')
+    optional = {it.name for it in PACKAGES.values() if it.only_for}
+    assert {*NEEDED[executable]} - optional == imported - optional
+    assert imported >= {*NEEDED[executable]}
+
+
+def test_every_executable_says_what_it_needs() -> None:
+    assert NEEDED.keys() == {*SUMMARIES, *NODES}
+
+
+def test_every_package_that_is_imported_has_an_entry() -> None:
+    known = {*ROS_MODULES, *(it.module for it in PACKAGES.values())}
+    assert imports_of(SOURCES) == known
+
+
+def test_the_manifest_names_every_package_that_is_imported_or_says_that_pip_has_it() -> None:
+    manifest = parse_package(str(ROOT))
+    by_pip = re.findall(r'<!-- pip install ([\w ]+):', (ROOT / 'package.xml').read_text())
+    *of_pip, of_tests = [{*names.split()} for names in by_pip]
+    of_system = {it.apt or it.name for it in PACKAGES.values()} - set().union(*of_pip)
+    assert {it.name for it in manifest.exec_depends} == {
+        *(imports_of(LAUNCH_FILES) - {'yaml'}),
+        *ROS_MODULES,
+        *of_system,
+    }
+    assert set().union(*of_pip) == {it.name for it in PACKAGES.values() if not it.apt}
+    own = {Path(path).stem for path in TESTS} | {'bench', 'tools'}
+    modules = {it.module for it in PACKAGES.values()}
+    tested = imports_of(TESTS) - own - ROS_MODULES - modules - imports_of(LAUNCH_FILES)
+    keys = {'catkin_pkg': 'python3-catkin-pkg-modules'}
+    assert {keys.get(name, f'python3-{name}') for name in tested - of_tests} == {
+        it.name for it in manifest.test_depends
+    }
+
+
+def test_the_manifest_of_the_messages_names_the_packages_whose_types_they_hold() -> None:
+    fields = '\n'.join(path.read_text() for path in INTERFACES)
+    used = {*re.findall(r'^(\w+)/\w+', fields, re.MULTILINE)}
+    manifest = parse_package(str(ROOT / 'msg_defs'))
+    assert used == {it.name for it in manifest.build_depends}
+    assert used <= {it.name for it in manifest.exec_depends}
 
 
 @pytest.mark.parametrize('extra', ['cluster', 'pettingzoo', 'train'])

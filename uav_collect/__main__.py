@@ -10,6 +10,7 @@ import sys
 from typing import NoReturn
 
 import uav_collect
+from uav_collect.config.packages import packages_of
 from uav_collect.errors import UavCollectError
 
 # One line each, here: help must not load what flies missions.
@@ -25,6 +26,7 @@ SUMMARIES = {
     'verify': 'fly recorded missions again, and prove their recordings byte for byte',
     'doctor': 'say whether a mission can fly on this machine, and what it would run on',
 }
+_FAILED = 1
 _MISUSE = 2
 _INTERRUPTED = 130  # as shells have it
 
@@ -114,13 +116,17 @@ def doctor() -> int:
 
 def _run(name: str, argv: Sequence[str], *, prog: str) -> int:
     try:
-        command = _command(name)
-        parser = _Parser(prog=prog)
-        command.add_arguments(parser)
-        status = command.run(parser.parse_args(argv))
+        with packages_of(name):
+            command = _command(name)
+            parser = _Parser(prog=prog)
+            command.add_arguments(parser)
+            status = command.run(parser.parse_args(argv))
         sys.stdout.flush()  # a full disk shows here, not at exit
     except KeyboardInterrupt:
         return _INTERRUPTED
+    except BrokenPipeError:  # who read the output has left, and needs no word of it
+        _drop_output()
+        return _FAILED
     except (OSError, UavCollectError) as error:  # any other is ours and shows its traceback
         sys.stderr.write(''.join(f'error: {line}\n' for line in _text(error).splitlines()))
         _drop_output()

@@ -16,6 +16,7 @@ UavCollectError
   x StoreError              a store of results that holds something else than it should
   x FleetError              processes of a mission that cannot start, or failed
   x NodeError               a node that cannot start
+  x MissingPackageError     Python packages that are missing or too old
 
 A command shows their text alone, without a traceback. Those about something that was given are a
 ValueError besides. A plain ValueError or RuntimeError is a mistake of the code that calls.
@@ -97,3 +98,7 @@ class FleetError(UavCollectError, RuntimeError):
 
 class NodeError(UavCollectError):
     """A node that cannot start: one line that says why."""
+
+
+class MissingPackageError(UavCollectError):
+    """Python packages that are missing or too old: one line for each, with how to get it."""

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from packages import run, without
 import pytest
 from uav_collect.__main__ import main
 from uav_collect.commands import doctor
@@ -52,3 +53,30 @@ def test_the_doctors_exit_status_tells_health(
     assert main(['doctor']) == status
     shown = capsys.readouterr().out
     assert ('problem: thing: it is broken' in shown) == bool(broken)
+
+
+def test_the_doctor_examines_a_machine_without_packages(tmp_path: Path) -> None:
+    missing = ('yaml', 'rich', 'numba', 'rosbags', 'rclpy', 'nav_msgs', 'uav_collect_msgs')
+    environment = without(tmp_path, missing, {'numpy': '1.24.0'})
+    done = run(environment, '-m', 'uav_collect', 'doctor')
+    assert (done.returncode, done.stderr) == (1, '')
+    for words in (
+        'numba             missing; only for compiled kernels',
+        'problem: numpy: numpy is 1.24.0: must be 1.26 or newer: apt install python3-numpy, or ',
+        'problem: PyYAML: PyYAML is missing: apt install python3-yaml, or pip install "PyYAML>=',
+        'problem: rich: rich is missing: apt install python3-rich',
+        'problem: rosbags: rosbags is missing: pip install "rosbags>=0.11.9"',
+        'missing: source a ROS 2 Jazzy',
+        'problem: messages: ',
+    ):
+        assert words in done.stdout
+
+
+@pytest.mark.parametrize('package', ['nav_msgs', 'visualization_msgs'])
+def test_the_doctor_names_the_packages_that_a_distribution_lacks(
+    package: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(doctor, 'is_there', lambda name: name != package)
+    found = doctor._ros_packages()
+    [rest] = found.problem.split(f'{package} missing: ')[1:]
+    assert rest == f'apt install ros-jazzy-{package.replace("_", "-")}, or run "make setup"'

@@ -3,7 +3,6 @@
 import argparse
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from importlib import metadata
 import os
 from pathlib import Path
 import platform
@@ -11,7 +10,15 @@ import subprocess
 import sys
 
 import uav_collect
-from uav_collect.kernels.compile import cache_folder, kernels_are_cached
+from uav_collect.config.packages import (
+    is_there,
+    MESSAGES,
+    Package,
+    PACKAGES,
+    ROS_PACKAGES,
+    ros_remedy,
+)
+from uav_collect.kernels.compile import cache_folder, kernels_are_cached, kernels_are_compiled
 
 _DESCRIPTION = """
 Prints the versions, paths and settings that missions depend on, then one line per problem. Exits
@@ -19,13 +26,6 @@ with 0 if a mission can fly and with 1 if not.
 """
 _PYTHONS = ((3, 11), (3, 12))
 _DISTRIBUTION = 'jazzy'
-_NEEDED = ('numpy', 'numba', 'PyYAML', 'rich', 'matplotlib', 'rosbags')
-_OPTIONAL = {  # and what needs it
-    'cvxpy': '--bandwidth cvxpy',
-    'clarabel': '--bandwidth cvxpy',
-    'torch': 'train',
-    'tensorboard': 'train',
-}
 _MAX_DOMAIN = 232  # the DDS port numbers end there
 _RANGES = ('SUBNET', 'LOCALHOST', 'SYSTEM_DEFAULT')  # OFF leaves every node alone
 _IMPORT_TIMEOUT_S = 60.0
@@ -58,22 +58,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Examine the machine and print what was found; returns the exit status."""
     del arguments
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
     findings = list(examine(os.environ))
-    console = Console()
-    table = Table(box=None, show_header=False, padding=(0, 2, 0, 0))
+    width = max(len(finding.topic) for finding in findings)
     for finding in findings:
-        style = 'bold red' if finding.problem else ''
-        table.add_row(Text(finding.topic, style), Text(finding.found, style))
-    console.print(table)
+        print(f'{finding.topic:{width}}  {finding.found}')
     problems = [finding for finding in findings if finding.problem]
     for finding in problems:
-        console.print(Text(f'problem: {finding.topic}: {finding.problem}', 'bold red'))
+        print(f'problem: {finding.topic}: {finding.problem}')
     if not problems:
-        console.print('a mission can fly', style='green')
+        print('a mission can fly')
     return 1 if problems else 0
 
 
@@ -85,16 +78,18 @@ def examine(environment: Mapping[str, str]) -> Iterator[Finding]:
     )
     yield _python(sys.version_info[:2])
     yield Finding(topic='machine', found=f'{platform.platform()}, {_n_cores()} cores')
-    yield from (_package(name) for name in _NEEDED)
-    yield from (_package(name, user) for name, user in _OPTIONAL.items())
+    yield from map(_package, PACKAGES.values())
     yield _distribution(environment)
-    yield _imported('rclpy', _TRY_RCLPY, 'source a ROS 2 Jazzy, or run make setup')
-    yield _imported('messages', _TRY_MESSAGES, 'run make setup, then source install/setup.bash')
+    yield _ros_packages()
+    yield _imported('rclpy', _TRY_RCLPY, ros_remedy('rclpy'))
+    yield _imported('messages', _TRY_MESSAGES, ros_remedy(MESSAGES))
     yield _domain(environment)
     yield _discovery(environment)
     yield _ros_log(environment)
-    yield _scenarios()
-    yield _kernel_cache()
+    if not PACKAGES['PyYAML'].problem:
+        yield _scenarios()
+        if not PACKAGES['numpy'].problem:
+            yield _kernel_cache()
 
 
 def _python(version: tuple[int, int]) -> Finding:
@@ -110,13 +105,22 @@ def _n_cores() -> int:
     return len(os.sched_getaffinity(0))
 
 
-def _package(name: str, only_user: str = '') -> Finding:
-    try:
-        return Finding(topic=name, found=metadata.version(name))
-    except metadata.PackageNotFoundError:
-        if only_user:
-            return Finding(topic=name, found=f'missing; only {only_user} needs it')
-        return Finding(topic=name, found='missing', problem='must be installed: make setup')
+def _package(package: Package) -> Finding:
+    name, problem = package.name, package.problem
+    if not problem:
+        return Finding(topic=name, found=package.version or 'of an unknown version')
+    if package.only_for:
+        return Finding(topic=name, found=f'missing; only for {package.only_for}')
+    return Finding(topic=name, found=package.version or 'missing', problem=problem)
+
+
+def _ros_packages() -> Finding:
+    missing = [name for name in ROS_PACKAGES if not is_there(name)]
+    return Finding(
+        topic='ROS packages',
+        found=f'{len(ROS_PACKAGES) - len(missing)} of {len(ROS_PACKAGES)}',
+        problem=f'{", ".join(missing)} missing: {ros_remedy(*missing)}' if missing else '',
+    )
 
 
 def _distribution(environment: Mapping[str, str]) -> Finding:
@@ -187,6 +191,8 @@ def _kernel_cache() -> Finding:
     from uav_collect.missions.batch_kernels import KERNELS
 
     folder = cache_folder()
+    if not kernels_are_compiled():
+        return Finding(topic='kernels', found='interpreted: many missions at once take their time')
     state = 'warm' if kernels_are_cached(KERNELS) else 'cold: the first flight compiles'
     return Finding(topic='kernels', found=f'{state}, in {folder}', problem=_unwritable(folder))
 

@@ -4,55 +4,80 @@ Most nodes handle one event at a time: they interpret the kernels, start at once
 That must be said before any of them is imported.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import wraps
 import os
 import signal
 import sys
 
+from uav_collect.config.packages import late_packages, packages_of
+from uav_collect.errors import MissingPackageError
 from uav_collect.kernels.compile import interpret_kernels
 from uav_collect.limits import stop_signals
 
+Main = Callable[[Sequence[str]], int]  # of a node: takes the arguments, gives the exit status
 
-def world_sim() -> int:
-    """Simulate the world of a mission."""
-    with _loading():
-        from uav_collect.nodes.world.node import main
-
-    return main(sys.argv[1:])
+_MISUSED = 2
 
 
-def uav_agent() -> int:
-    """Fly one UAV."""
-    with _loading():
-        from uav_collect.nodes.agent.node import main
+def _executable(load: Callable[[], Main]) -> Callable[[], int]:
+    """Run the node that a function loads; what is missing for it is said in one line."""
 
-    return main(sys.argv[1:])
+    @wraps(load)
+    def run() -> int:
+        try:
+            with _signals_end_silently(), packages_of(load.__name__):
+                main = load()
+            with late_packages():  # a node loads some when it first needs them
+                return main(sys.argv[1:])
+        except MissingPackageError as error:
+            sys.stderr.write(''.join(f'error: {line}\n' for line in str(error).splitlines()))
+            return _MISUSED
 
-
-def recorder() -> int:
-    """Record every topic of a mission."""
-    with _loading():
-        from uav_collect.nodes.recorder.node import main
-
-    return main(sys.argv[1:])
-
-
-def trainer() -> int:
-    """Learn from what fleets fly; its kernels are compiled, for it flies missions to validate."""
-    with _loading(interprets=False):
-        from uav_collect.nodes.trainer.node import main
-
-    return main(sys.argv[1:])
+    return run
 
 
 @contextmanager
-def _loading(*, interprets: bool = True) -> Iterator[None]:
-    """End silently if a signal comes before there is a node to stop."""
+def _signals_end_silently() -> Iterator[None]:
+    """End at once if a signal comes before there is a node to stop."""
     numbers = stop_signals()
     before = [signal.signal(number, lambda *_: os._exit(0)) for number in numbers]
-    if interprets:
-        interpret_kernels()
     yield
     for number, handler in zip(numbers, before, strict=True):
         signal.signal(number, handler)
+
+
+@_executable
+def world_sim() -> Main:
+    """Simulate the world of a mission."""
+    interpret_kernels()
+    from uav_collect.nodes.world.node import main
+
+    return main
+
+
+@_executable
+def uav_agent() -> Main:
+    """Fly one UAV."""
+    interpret_kernels()
+    from uav_collect.nodes.agent.node import main
+
+    return main
+
+
+@_executable
+def recorder() -> Main:
+    """Record every topic of a mission."""
+    interpret_kernels()
+    from uav_collect.nodes.recorder.node import main
+
+    return main
+
+
+@_executable
+def trainer() -> Main:
+    """Learn from what fleets fly; its kernels are compiled, for it flies missions to validate."""
+    from uav_collect.nodes.trainer.node import main
+
+    return main
