@@ -6,7 +6,7 @@
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup mission train train-fleet curves figures test fuzz golden check format bench clean distclean
+.PHONY: help setup mission train train-fleet curves figures test test-ubuntu fuzz golden check format bench clean distclean
 
 VENV := .venv
 PYTHON ?=
@@ -16,6 +16,7 @@ DEVELOPED := $(VENV)/.developed-$(ROS)
 LEARNS := $(VENV)/.learns-$(ROS)
 CLUSTERS := $(VENV)/.clusters-$(ROS)
 BUILT := install/.built
+UBUNTU := build/ubuntu_24_04
 
 # The ROS log needs a home.
 ifeq ($(HOME),)
@@ -127,6 +128,11 @@ figures: $(INSTALLED) $(LEARNS) $(if $(filter ray,$(ENGINE)),$(CLUSTERS))  ## th
 test: $(BUILT) $(DEVELOPED) $(LEARNS) $(CLUSTERS)  ## run all tests; TESTS=test/physics runs a part
 	@. install/setup.sh && $(VENV)/bin/python -m pytest -n $(WORKERS) $(TESTS) $(ARGS)
 
+test-ubuntu: $(BUILT) $(DEVELOPED) $(UBUNTU)/.built  ## fly and read settings with the packages of Ubuntu 24.04's apt
+	@. install/setup.sh && . $(UBUNTU)/install/local_setup.sh && \
+	  UAV_COLLECT_UBUNTU=$(CURDIR)/$(UBUNTU)/packages $(VENV)/bin/python -m pytest test/nodes/test_ubuntu.py
+	@PYTHONPATH=$(UBUNTU)/packages $(VENV)/bin/python -m pytest test/scenario test/training/test_config.py
+
 fuzz: $(BUILT) $(DEVELOPED) $(LEARNS)  ## 100,000 messages of nonsense on each topic, for a night; MESSAGES=N
 	@. install/setup.sh && UAV_COLLECT_FUZZ=$(MESSAGES) $(VENV)/bin/python -m pytest -k fuzz test/nodes $(ARGS)
 
@@ -170,6 +176,17 @@ $(LEARNS): $(INSTALLED) requirements/train.txt tools/install_training.sh
 $(CLUSTERS): $(LEARNS) requirements/cluster.txt
 	@echo 'set-up: installing Ray (0.1 GB to fetch)'
 	@$(VENV)/bin/python -m pip install -qq -c requirements/constraints.txt -r requirements/cluster.txt
+	@touch $@
+
+# Modules of messages fit the numpy that they were built with, or a newer one.
+$(UBUNTU)/.built: $(BUILT) requirements/ubuntu_24_04.txt
+	@echo 'set-up: building uav_collect_msgs with what requirements/ubuntu_24_04.txt lists'
+	@rm -rf $(UBUNTU)
+	@$(VENV)/bin/python -m pip install -qq --no-deps --target $(UBUNTU)/packages -r requirements/ubuntu_24_04.txt
+	@if [ -f $(VENV)/setup.sh ]; then . $(VENV)/setup.sh; fi; \
+	  export PYTHONPATH=$(CURDIR)/$(UBUNTU)/packages$${PYTHONPATH:+:$$PYTHONPATH}; \
+	  unset MFLAGS MAKELEVEL; MAKEFLAGS=-j$$(nproc) $(VENV)/bin/colcon build \
+	    --packages-select uav_collect_msgs --build-base $(UBUNTU)/build --install-base $(UBUNTU)/install
 	@touch $@
 
 # Folders stand for the files added to them. colcon runs make itself: a jobserver of ours would only

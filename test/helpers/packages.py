@@ -20,9 +20,9 @@ def without(folder: Path, modules: Iterable[str], versions: Mapping[str, str]) -
     lines = ['import sys', *(f'sys.modules[{module!r}] = None' for module in modules)]
     (folder / 'sitecustomize.py').write_text('\n'.join(lines))
     for name, version in versions.items():
-        told = folder / f'{name}-{version}.dist-info'
-        told.mkdir()
-        (told / 'METADATA').write_text(
+        metadata = folder / f'{name}-{version}.dist-info'
+        metadata.mkdir()
+        (metadata / 'METADATA').write_text(
             f'Metadata-Version: 2.1\nName: {name}\nVersion: {version}\n'
         )
     paths = [str(folder), str(ROOT), os.environ.get('PYTHONPATH', '')]
