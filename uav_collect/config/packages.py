@@ -90,6 +90,7 @@ NEEDED = {
     'trainer': (*_SHOWING, 'rosbags', 'torch'),
     'mission': (*_SHOWING, 'matplotlib', 'rosbags'),
     'report': (*_SHOWING, 'matplotlib', 'rosbags'),
+    'verify': (*_ON_BOARD, 'rosbags'),
     'evaluate': _SHOWING,
     'bound': _SHOWING,
     'train': (*_SHOWING, 'matplotlib'),
