@@ -45,6 +45,7 @@ setup(
             'recorder = uav_collect.nodes.executables:recorder',
             'trainer = uav_collect.nodes.executables:trainer',
             'verify = uav_collect.__main__:verify',
+            'control = uav_collect.nodes.executables:control',
             'doctor = uav_collect.__main__:doctor',
             'evaluate = uav_collect.__main__:evaluate',
             'mission = uav_collect.__main__:mission',

@@ -21,6 +21,7 @@ from rich.console import Console
 from rich.table import Table
 from uav_collect.commands.ros_processes import Fleet
 from uav_collect.kernels.compile import interpret_kernels
+from uav_collect.lockstep.seals import KEY_FILE
 from uav_collect.scenario.load import load, with_uavs
 from uav_collect.scenario.model import Scenario
 
@@ -35,6 +36,8 @@ ANSWER_MS = 2.0
 AGENT_MB = 85.0
 BARE_SHARE = 0.45  # of the round trips per second of two processes that do nothing else
 JOIN_S = 15.0  # until the largest fleet flies
+N_PAIRS = 5  # of flights without a key and with one, in turn
+SEALED_SHARE = 0.9  # of the decisions per second that are left with a key
 READY_S = 1.0
 
 
@@ -242,6 +245,23 @@ def _resident_mb(pid: int) -> float:
     return int(re.findall(r'VmRSS:\s+(\d+) kB', status)[0]) / 1e3
 
 
+def sealed_shares(n_missions: int) -> tuple[list[float], list[Flight]]:
+    """What is left of the decisions per second with a key, pair by pair, and the last pair."""
+    scenario, shares, pair = load('paper_10x10'), [], []
+    with tempfile.TemporaryDirectory() as name:
+        key_file = Path(name) / 'key'
+        key_file.write_bytes(os.urandom(32))
+        key_file.chmod(0o600)
+        for _ in range(N_PAIRS):
+            os.environ.pop(KEY_FILE, None)
+            pair = [fly('sweep, no key', scenario, 'sweep', n_missions)]
+            os.environ[KEY_FILE] = str(key_file)
+            pair.append(fly('sweep, with a key', scenario, 'sweep', n_missions))
+            shares.append(pair[1].rate_per_s / pair[0].rate_per_s)
+        del os.environ[KEY_FILE]
+    return shares, pair
+
+
 # The tables.
 
 
@@ -289,6 +309,8 @@ def main() -> None:
         fly('sweep', two, 'sweep', n_missions),
         fly('sweep, recorded', two, 'sweep', n_missions, records=True),
     ]
+    shares, pair = sealed_shares(n_missions)
+    flights += pair
     # More participants than find each other where discovery stays on this machine.
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SUBNET'
     for n_uavs in FLEETS:
@@ -302,6 +324,8 @@ def main() -> None:
         f'many decisions; {FLEETS[-1]} agents fly after '
         f'{verdict(flights[-1].start_s, JOIN_S, is_upper=True, form=".1f")} s; '
         f'agent ready after {verdict(ready_s(), READY_S, is_upper=True, form=".2f")} s; '
+        f'a key leaves {verdict(np.median(shares), SEALED_SHARE, is_upper=False, form=".1%")} of '
+        f'the decisions/s, {min(shares):.1%} to {max(shares):.1%} in {N_PAIRS} pairs; '
         f'{os.cpu_count()} cores, load {load_before:.1f} before, {os.getloadavg()[0]:.1f} after'
     )
 

@@ -33,7 +33,10 @@ TESTS = structure.read(ROOT / 'test')
 ROS_MODULES = {*ROS_PACKAGES, MESSAGES}
 STANDARD = {*sys.stdlib_module_names}
 # Nodes are called otherwise than their modules, as commands are not.
-NODES = {'world_sim': 'world', 'uav_agent': 'agent', 'recorder': 'recorder', 'trainer': 'trainer'}
+NODES = {
+    **{'world_sim': 'world', 'uav_agent': 'agent', 'recorder': 'recorder', 'trainer': 'trainer'},
+    'control': 'control',
+}
 
 UNITS = {
     **{'_bit_per_j': 'bit/J', '_bit': 'bit', '_hz': 'Hz', '_j': 'J', '_mps': 'm/s'},

@@ -7,6 +7,7 @@ for needed in ('rclpy', 'uav_collect_msgs'):
 
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from uav_collect.nodes import topics
+from uav_collect_msgs.srv import ControlMission, Join, Vouch
 
 pytestmark = pytest.mark.ros
 
@@ -51,6 +52,18 @@ def test_the_death_of_an_agent_and_of_the_world_is_noticed() -> None:
 def test_types_are_named_as_ros_names_them() -> None:
     assert topics.EPOCH.type_name == 'uav_collect_msgs/msg/Epoch'
     assert topics.CLOCK.type_name == 'rosgraph_msgs/msg/Clock'
+
+
+def test_every_message_of_a_mission_ends_with_a_seal() -> None:
+    own = [it.message for it in (*topics.fleet_topics(1), topics.RECORDER)]
+    services = [part for it in (ControlMission, Join, Vouch) for part in (it.Request, it.Response)]
+    ends = {
+        message.__name__: [*message.get_fields_and_field_types().items()][-1]
+        for message in (*own, *services)
+        if 'uav_collect_msgs' in message.__module__
+    }
+    assert len(ends) == 10 + 6
+    assert set(ends.values()) == {('seal', 'uav_collect_msgs/Seal')}
 
 
 def test_two_worlds_share_what_a_trainer_and_diagnostics_say_and_nothing_else() -> None:

@@ -88,6 +88,7 @@ NEEDED = {
     'uav_agent': _ON_BOARD,
     'recorder': (*_ON_BOARD, 'rosbags'),
     'trainer': (*_SHOWING, 'rosbags', 'torch'),
+    'control': _ON_BOARD,
     'mission': (*_SHOWING, 'matplotlib', 'rosbags'),
     'report': (*_SHOWING, 'matplotlib', 'rosbags'),
     'verify': (*_ON_BOARD, 'rosbags'),

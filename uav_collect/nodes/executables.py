@@ -81,3 +81,12 @@ def trainer() -> Main:
     from uav_collect.nodes.trainer.node import main
 
     return main
+
+
+@_executable
+def control() -> Main:
+    """Ask a world to start or abort a mission."""
+    interpret_kernels()
+    from uav_collect.nodes.control.node import main
+
+    return main

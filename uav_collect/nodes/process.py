@@ -7,12 +7,14 @@ message nor log that it stops. Here signals only raise a flag that the loop look
 from argparse import ArgumentParser, Namespace
 from collections import deque
 from collections.abc import Callable, Sequence
+import os
 import signal
 import sys
 import time
 from types import FrameType
 from typing import Any
 
+from rcl_interfaces.msg import SetParametersResult
 import rclpy
 from rclpy.duration import Duration
 from rclpy.exceptions import ParameterException
@@ -24,6 +26,7 @@ from rclpy.subscription import Subscription
 from rclpy.utilities import remove_ros_args
 from uav_collect.errors import NodeError
 from uav_collect.limits import stop_signals
+from uav_collect.lockstep.seals import KEY_FILE, read_secret, Secret
 from uav_collect.nodes.incidents import Incidents
 from uav_collect.nodes.middleware import use_quick_discovery
 
@@ -41,9 +44,15 @@ class ProcessNode(Node):
     """A node that owns its process: it can end it, and is called when it is ended."""
 
     end_status: int | None = None  # exit status, once the node has asked to end
+    secret: Secret | None = None  # what it seals messages with, and takes none without
 
     def __init__(self, node_name: str, **options: Any) -> None:
-        """Begin as a Node does, with the same options."""
+        """Begin as a Node does, with the same options.
+
+        Raises:
+            NodeError: the environment names a secret that cannot be used.
+        """
+        self.secret = read_secret(os.environ)
         super().__init__(node_name, **options)
         self.incidents = Incidents()
         self._retired: deque[Subscription] = deque(maxlen=_N_RETIRED)
@@ -137,6 +146,7 @@ def run_node(make_node: Callable[[], ProcessNode], argv: Sequence[str]) -> int:
     except ParameterException as error:
         return _refuse(str(error), MISUSED)
     else:
+        _guard(node)
         return _run(node, stop)
     finally:
         rclpy.try_shutdown()
@@ -169,6 +179,20 @@ def _delivers(executor: Any) -> bool:
         if ran:
             return True
     return False
+
+
+def _guard(node: ProcessNode) -> None:
+    """Say who may steer; unless everybody may, parameters are fixed, for they have no seal."""
+    secret, log = node.secret, node.get_logger()
+    if secret is None:
+        log.info(f'{KEY_FILE} is not set: anyone in this ROS domain can steer')
+        return
+    log.info(f'only who has the key of {secret.file} can steer')
+    if secret.is_readable_by_others:
+        log.warning(f'{secret.file} is open to other users: chmod 600 {secret.file}')
+    why = f'parameters are fixed while {KEY_FILE} is set: whoever changes them proves nothing'
+    refused = SetParametersResult(successful=False, reason=why)
+    node.add_on_set_parameters_callback(lambda _: refused)
 
 
 def _run(node: ProcessNode, stop: _Stop) -> int:

@@ -29,7 +29,9 @@ from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, Reliabilit
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 from rosgraph_msgs.msg import Clock
+from uav_collect.lockstep.seals import Checker, Signer
 from uav_collect.nodes.process import ProcessNode
+from uav_collect.nodes.sealing import has_seal, SealedPublisher, warn_of
 from uav_collect_msgs.msg import (
     Command,
     Epoch,
@@ -219,8 +221,22 @@ def patient_qos(offered: QoSProfile, depth: int) -> QoSProfile:
 
 
 def publisher(node: Node, topic: Topic) -> Publisher:
-    """A publisher on a topic of the table."""
-    return node.create_publisher(topic.message, topic.name, topic.qos)
+    """A publisher on a topic of the table; that of a node with a secret seals its messages."""
+    secret = node.secret if isinstance(node, ProcessNode) else None
+    if secret is None or not has_seal(topic.message):
+        return node.create_publisher(topic.message, topic.name, topic.qos)
+    sealed = node.create_publisher(
+        topic.message, topic.name, topic.qos, publisher_class=SealedPublisher
+    )
+    sealed.signer = Signer(secret, topic.name)
+    return sealed
+
+
+def checker(node: ProcessNode, topic: Topic) -> Checker | None:
+    """What checks the messages that a node gets on a topic; None if none is to be checked."""
+    if node.secret is None or not has_seal(topic.message):
+        return None
+    return Checker(node.secret, topic.name)
 
 
 def subscription(
@@ -244,7 +260,7 @@ def subscription(
     return node.create_subscription(
         topic.message,
         topic.name,
-        partial(_receive, node, topic, callback),
+        partial(_receive, node, topic, callback, checker(node, topic)),
         topic.qos if qos is None else qos,
         event_callbacks=on_event,
         raw=True,
@@ -252,9 +268,17 @@ def subscription(
 
 
 def _receive(
-    node: ProcessNode, topic: Topic, callback: Callable[[Any], None], content: bytes
+    node: ProcessNode,
+    topic: Topic,
+    callback: Callable[[Any], None],
+    seals: Checker | None,
+    content: bytes,
 ) -> None:
-    """Hand a message on, or refuse what is none."""
+    """Hand a message on, or refuse what is none, or comes from who has not the node's secret."""
+    why = None if seals is None else seals.refusal(content)
+    if why is not None:
+        warn_of(node, f'{topic.name}: a message', why)
+        return
     msg = None
     with suppress(Exception):  # the middleware's errors have no class that is public
         if len(content) <= _MOST_BYTES:

@@ -4,12 +4,13 @@ from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
-from rclpy.client import Client
 from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import InvalidServiceNameException
 from rclpy.task import Future
 from uav_collect.nodes.process import ProcessNode
+from uav_collect.nodes.sealing import SealedClient
 from uav_collect_msgs.srv import Vouch
 
 ANSWER_S = 5.0  # DDS repeats lost packets every 3 s
@@ -36,7 +37,7 @@ class Vouching:
     def __init__(self, node: ProcessNode) -> None:
         """Ask on behalf of a node."""
         self._node = node
-        self._clients: OrderedDict[str, Client] = OrderedDict()  # by service, the latest last
+        self._clients: OrderedDict[str, SealedClient] = OrderedDict()  # by service, latest last
         self._open: list[_Question] = []
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         # It never stops: one that is cancelled in its own callback may not be started again.
@@ -71,7 +72,7 @@ class Vouching:
                 self._open.remove(question)
                 client = self._clients.get(question.service)
                 if client is not None and question.future is not None:
-                    client.remove_pending_request(question.future)
+                    client.client.remove_pending_request(question.future)
                 question.on_silence()
             elif question.future is None:
                 self._send(question)
@@ -81,24 +82,28 @@ class Vouching:
         client = self._client(question.service)
         if client is None:
             self._answer(question, is_vouched=False)
-        elif client.service_is_ready():
-            question.future = client.call_async(Vouch.Request(mission_id=question.mission_id))
-            question.future.add_done_callback(partial(self._on_done, question))
+        elif client.client.service_is_ready():
+            request = Vouch.Request(mission_id=question.mission_id)
+            question.future = client.call(request, partial(self._on_done, question))
 
-    def _on_done(self, question: _Question, future: Future) -> None:
-        if question in self._open:
-            self._answer(question, _is_confirmed(question, future))
+    def _on_done(self, question: _Question, answer: Any) -> None:
+        if question not in self._open:
+            return
+        if answer is None:  # of somebody else: ask again, as long as there is time
+            question.future = None
+        else:
+            self._answer(question, _is_confirmed(question, answer))
 
-    def _client(self, service: str) -> Client | None:
+    def _client(self, service: str) -> SealedClient | None:
         """The client of a service; None if there cannot be one of that name."""
         if service not in self._clients:
             try:
-                self._clients[service] = self._node.create_client(Vouch, service)
+                self._clients[service] = SealedClient(self._node, Vouch, service)
             except (InvalidServiceNameException, ValueError):
                 return None
             if len(self._clients) > _MOST_CLIENTS:
                 _, oldest = self._clients.popitem(last=False)
-                self._node.destroy_client(oldest)
+                self._node.destroy_client(oldest.client)
         self._clients.move_to_end(service)
         return self._clients[service]
 
@@ -107,8 +112,7 @@ class Vouching:
         question.on_answer(is_vouched)
 
 
-def _is_confirmed(question: _Question, future: Future) -> bool:
-    answer = future.result()
-    if answer is None or answer.world_instance != question.world_instance:
+def _is_confirmed(question: _Question, answer: Any) -> bool:
+    if answer.world_instance != question.world_instance:
         return False
     return bool(answer.is_own) or not question.mission_id

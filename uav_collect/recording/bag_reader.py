@@ -76,8 +76,17 @@ def read_missions(path: Path) -> list[RecordedMission]:
     return [_mission(path, parts, sites) for parts in found]
 
 
-def messages(path: Path, is_wanted: Callable[[str], bool]) -> Iterator[tuple[str, Any]]:
+def messages(
+    path: Path,
+    is_wanted: Callable[[str], bool],
+    is_accepted: Callable[[str, bytes], bool] | None = None,
+) -> Iterator[tuple[str, Any]]:
     """Topic and content of the messages of some topics, as received, but bytes that are none.
+
+    Args:
+        path: folder of the bag.
+        is_wanted: of a topic, by its name.
+        is_accepted: of a serialized message on a topic; None: all are.
 
     Raises:
         BagError: there is no bag, or its recorder was cut off.
@@ -85,6 +94,8 @@ def messages(path: Path, is_wanted: Callable[[str], bool]) -> Iterator[tuple[str
     with _reader(path) as reader:
         wanted = [it for it in reader.connections if is_wanted(it.topic)]
         for connection, _, content in reader.messages(wanted) if wanted else ():
+            if is_accepted is not None and not is_accepted(connection.topic, content):
+                continue
             try:
                 message = reader.deserialize(content, connection.msgtype)
             except AnyReaderError:

@@ -11,7 +11,6 @@ from typing import Any
 import uuid
 
 from rclpy.clock import Clock, ClockType
-from rclpy.task import Future
 from uav_collect.errors import ConfigError, NodeError, PolicyMismatchError
 from uav_collect.limits import ALLOCATOR_NAMES, GUARD_AFTER, MAX_GUARD_AFTER, MAX_UAVS
 from uav_collect.lockstep.checks import observation_problem, radio_problem
@@ -22,6 +21,7 @@ from uav_collect.nodes.agent.transitions import TransitionBuilder
 from uav_collect.nodes.agent.world_choice import WorldChoice
 from uav_collect.nodes.parameters import add_world_option, declare, help_text, Parameter
 from uav_collect.nodes.process import MISUSED, parse_arguments, ProcessNode, run_node
+from uav_collect.nodes.sealing import SealedClient
 from uav_collect.nodes.topics import publisher, subscription
 from uav_collect.nodes.trainer_listener import subscribe_to_trainers
 from uav_collect.scenario.load import fingerprint, from_yaml
@@ -131,7 +131,7 @@ class AgentNode(ProcessNode):
         subscription(self, self._own.radio_rx, self._on_radio)
         subscription(self, self._own.observation, self._on_observation)
         subscription(self, self._own.refusal, self._on_refusal)
-        self._client = self.create_client(Join, self._names.join_service)
+        self._joining = SealedClient(self, Join, self._names.join_service)
         self._command_pub: Any = None  # there once the agent flies, as the other publishers
         self._radio_pub: Any = None
         self._transition_pub: Any = None  # None unless wanted
@@ -224,7 +224,7 @@ class AgentNode(ProcessNode):
         now_s = time.monotonic()
         if self._is_member or now_s - self._asked_s < _ANSWER_S or self.end_status is not None:
             return
-        if self._inbox is None or not self._client.service_is_ready():
+        if self._inbox is None or not self._joining.client.service_is_ready():
             self._log_waiting()
             return
         self._asked_s = now_s
@@ -239,17 +239,16 @@ class AgentNode(ProcessNode):
             allocator=self._allocator,
             guard_after=self._guard,
         )
-        self._client.call_async(request).add_done_callback(self._on_answer)
+        self._joining.call(request, self._on_answer)
 
     @_gives_up_on_error
-    def _on_answer(self, future: Future) -> None:
+    def _on_answer(self, answer: Any) -> None:
         """Fly if the world agrees; else wait, ask again or give up."""
         if self._is_member or self._inbox is None:
             return
         self._asked_s = -math.inf
-        answer = future.result()
-        if answer.world_instance != self._world.instance:  # it was faster than the one asked for
-            return
+        if answer is None or answer.world_instance != self._world.instance:
+            return  # of somebody who was faster than the one asked for
         if answer.waits_for_policy:
             self._asking_since_s = time.monotonic()
             self._log_waiting(f'the first policy of a trainer on {topics.POLICY.name}')

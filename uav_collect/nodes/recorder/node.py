@@ -26,10 +26,13 @@ from rosbags.interfaces import (
 from uav_collect.errors import BagError, NodeError, RecordingError, UnreadableError
 from uav_collect.ingest.from_messages import converter_for
 from uav_collect.limits import MAX_UAVS, RECORDED
+from uav_collect.lockstep.seals import Checker
 from uav_collect.nodes.parameters import add_world_option, declare, help_text, Parameter
 from uav_collect.nodes.process import FAILED, MISUSED, parse_arguments, ProcessNode, run_node
 from uav_collect.nodes.recorder.status import StatusPublisher
+from uav_collect.nodes.sealing import warn_of
 from uav_collect.nodes.topics import (
+    checker,
     is_learned_from,
     patient_qos,
     Topic,
@@ -47,6 +50,7 @@ Records every topic of a mission, as received, into one bag (rosbag2 layout, MCA
 order with the other nodes; it adds the topics of each UAV of the scenario. SIGINT, SIGTERM and
 SIGHUP close the bag; after anything worse, --repair makes it readable up to its last whole chunk.
 What events of missions tell of and the bag lacks is named at the end; the exit status is then 1.
+With a key, what has no valid seal is left out.
 """
 _READER_DEPTH = 10_000  # messages of a topic that wait while a chunk is written
 _LOOK_PERIOD_S = 0.05  # between looks for publishers that are not heard yet
@@ -120,6 +124,7 @@ class RecorderNode(ProcessNode):
         self._worlds: dict[str, int] = {}  # number of UAVs by world instance, the latest last
         self._listeners: dict[str, Subscription] = {}  # by topic
         self._n_unreadable: Counter[str] = Counter()  # messages by topic
+        self._n_unsealed: Counter[str] = Counter()  # the same
         for topic in filter(self._is_wanted, names.recorded()):
             self._record(topic)
         self._status = StatusPublisher(self, names.recorder, self._bag.folder)
@@ -142,6 +147,8 @@ class RecorderNode(ProcessNode):
         for topic, n_messages in self._n_unreadable.items():
             self._bag.remark(f'left out of {topic}', f'{n_messages} messages that are none')
             self.get_logger().warning(f'left out {n_messages} messages of {topic}: they are none')
+        for topic, n_messages in self._n_unsealed.items():
+            self._bag.remark(f'refused on {topic}', f'{n_messages} messages without a valid seal')
         lacks = self._lacks()
         for lack in lacks:
             self._bag.remark(f'missing of {lack.topic}', str(lack))
@@ -185,17 +192,26 @@ class RecorderNode(ProcessNode):
         self._listeners[topic.name] = self.create_subscription(
             topic.message,
             topic.name,
-            partial(on_message, stored, take),
+            partial(on_message, stored, take, checker(self, topic)),
             patient_qos(topic.qos, _READER_DEPTH),
             raw=True,
         )
 
-    def _on_message(self, stored: Connection, take: Taker | None, message: bytes) -> None:
+    def _on_message(
+        self, stored: Connection, take: Taker | None, seals: Checker | None, message: bytes
+    ) -> None:
         self._heard_s = time.monotonic()
-        self._keep(stored, take, message)
+        self._keep(stored, take, seals, message)
 
-    def _keep(self, stored: Connection, take: Taker | None, message: bytes) -> None:
+    def _keep(
+        self, stored: Connection, take: Taker | None, seals: Checker | None, message: bytes
+    ) -> None:
         """Keep a message; bytes that are none are left out, so that whoever reads the bag can."""
+        why = None if seals is None else seals.refusal(message)
+        if why is not None:
+            self._n_unsealed[stored.topic] += 1
+            warn_of(self, f'{stored.topic}: a message', why)
+            return
         try:
             taken = None if take is None else take(message)
         except UnreadableError as error:

@@ -39,6 +39,7 @@ from uav_collect.missions import batch_kernels
 from uav_collect.nodes import topics
 from uav_collect.nodes.parameters import help_text
 from uav_collect.nodes.process import FAILED, MISUSED, parse_arguments, ProcessNode, run_node
+from uav_collect.nodes.sealing import seals_of_bag
 from uav_collect.nodes.trainer.settings import (
     PARAMETERS,
     planned_run,
@@ -197,7 +198,8 @@ class TrainerNode(ProcessNode):
         """Ingest message after message of recordings, and say what was in each."""
         for bag in bags:
             joiners: dict[str, MissionJoiner] = {}  # by namespace
-            for topic, msg in messages(bag, lambda name: converter_for(name) is not None):
+            seals = seals_of_bag(self, bag)
+            for topic, msg in messages(bag, lambda name: converter_for(name) is not None, seals):
                 found = converter_for(topic)
                 if found is not None:
                     world, convert = found

@@ -20,6 +20,7 @@ from uav_collect.nodes import convert, topics
 from uav_collect.nodes.identity import scenario_msg, WorldIdentity
 from uav_collect.nodes.parameters import add_world_option, help_text
 from uav_collect.nodes.process import FAILED, parse_arguments, ProcessNode, run_node
+from uav_collect.nodes.sealing import serve
 from uav_collect.nodes.topics import subscription
 from uav_collect.nodes.trainer_listener import subscribe_to_trainers
 from uav_collect.nodes.world.diagnostics import WorldDiagnostics
@@ -94,17 +95,17 @@ class WorldNode(ProcessNode):
         self._pubs = WorldPublishers(self, self._names, scenario.n_uavs)
         for uav in range(1, scenario.n_uavs + 1):
             self._subscribe_to_agent(uav, self._names.uav(uav))
-        self.create_service(Join, self._names.join_service, self._on_join)
-        self.create_service(ControlMission, self._names.control_service, self._on_control)
+        instance = self._identity.instance
+        serve(self, Join, self._names.join_service, self._on_join)
+        serve(self, ControlMission, self._names.control_service, self._on_control, instance)
         rate_hz = self._settings.viewer_rate_hz
         self._viewers = ViewerPublisher(self, self._names, self._site, rate_hz)
         warn = self._diagnostics.warn
-        instance = self._identity.instance
         self._recorders = WorldRecorders(self, self._names, self._settings, instance, warn)
         subscribe_to_trainers(self, self._policies, partial(warn, 'policy refused'))
         self._diagnostics.warn_if_lost(self._folder.keep_scenario(scenario.to_yaml()))
         vouch_service = f'{self._names.vouch_prefix}{self._identity.short}'
-        self.create_service(Vouch, vouch_service, self._on_vouch)
+        serve(self, Vouch, vouch_service, self._on_vouch)
         self._pubs.publish_scenario(scenario_msg(self._identity, self._site, vouch_service))
         self.get_logger().info(
             f'scenario {scenario.name}: {scenario.n_uavs} UAVs, {self._site.n_sensors} sensors'

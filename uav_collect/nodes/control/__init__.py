@@ -1,0 +1,1 @@
+"""The tool that asks a world to start or abort missions."""

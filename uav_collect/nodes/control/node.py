@@ -1,0 +1,85 @@
+"""Asks a world to do something, with a seal: what no general tool of ROS can."""
+
+import argparse
+from collections.abc import Sequence
+import sys
+import time
+from typing import Any
+
+from rclpy.clock import Clock, ClockType
+from uav_collect.limits import MAX_SEED
+from uav_collect.nodes.agent.world_choice import WorldChoice
+from uav_collect.nodes.parameters import add_world_option
+from uav_collect.nodes.process import FAILED, parse_arguments, ProcessNode, run_node
+from uav_collect.nodes.sealing import SealedClient
+from uav_collect.nodes.topics import world_of, world_topics
+from uav_collect_msgs.srv import ControlMission
+
+_DESCRIPTION = """
+Asks a world to start or abort a mission, and says what it answers: exit status 0 if it does so, 1
+if it does not or none answers. With UAV_COLLECT_KEY_FILE the request has the seal that the world
+wants then.
+"""
+_COMMANDS = {'start': ControlMission.Request.START, 'abort': ControlMission.Request.ABORT}
+_TICK_S = 0.05
+_PATIENCE_S = 10.0  # until a world is found that answers
+_AGAIN_S = 2.0  # from a request that nobody has answered to the next one
+
+
+class ControlNode(ProcessNode):
+    """Finds a world, asks it once, and ends with its answer."""
+
+    def __init__(self, world: str, request: Any) -> None:
+        """Look for a world.
+
+        Args:
+            world: its name; empty for that without a name.
+            request: a ControlMission request.
+        """
+        super().__init__('control', namespace=world)
+        names = world_topics(world_of(self.get_namespace()))
+        self._request = request
+        self._client = SealedClient(self, ControlMission, names.control_service)
+        self._choice = WorldChoice(self, names.scenario, lambda _: None)
+        self._begun_s, self._asked_s = time.monotonic(), -_AGAIN_S
+        self.create_timer(_TICK_S, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _tick(self) -> None:
+        self._choice.tick()
+        now_s = time.monotonic()
+        if now_s - self._begun_s > _PATIENCE_S:
+            self.get_logger().error(f'no world has answered within {_PATIENCE_S:g} s')
+            self.end(FAILED)
+        elif (
+            self._choice.instance
+            and now_s - self._asked_s >= _AGAIN_S
+            and self._client.client.service_is_ready()
+        ):
+            self._asked_s = now_s
+            self._client.call(self._request, self._on_answer, self._choice.instance)
+
+    def _on_answer(self, answer: Any) -> None:
+        if answer is None:  # of somebody else
+            self._asked_s = time.monotonic() - _AGAIN_S
+            return
+        sys.stdout.write(f'{answer.message}\n')
+        self.end(0 if answer.success else FAILED)
+
+
+def main(argv: Sequence[str]) -> int:
+    """Ask, and wait for the answer; the exit status."""
+    parser = argparse.ArgumentParser(prog='control', description=_DESCRIPTION)
+    parser.add_argument('command', choices=_COMMANDS, help='what the world is to do')
+    parser.add_argument(
+        '--seed', type=_seed, default=0, metavar='N', help='mission seed of start (0)'
+    )
+    add_world_option(parser)
+    given = parse_arguments(parser, argv)
+    request = ControlMission.Request(command=_COMMANDS[given.command], seed=given.seed)
+    return run_node(lambda: ControlNode(given.world, request), argv)
+
+
+def _seed(text: str) -> int:
+    if not text.isdecimal() or int(text) > MAX_SEED:
+        raise argparse.ArgumentTypeError(f'{text!r} must be a whole number from 0 to {MAX_SEED}')
+    return int(text)
