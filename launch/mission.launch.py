@@ -20,7 +20,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from uav_collect.nodes.agent import node as agent
-from uav_collect.nodes.launching import ending_with, LaunchArguments, parameter_of
+from uav_collect.nodes.launching import ending_with, LaunchArguments, node_options, parameter_of
 from uav_collect.nodes.world import settings as world
 from uav_collect.scenario.load import load
 from uav_collect.uav.agent import allocator_named
@@ -43,6 +43,8 @@ _OF_AGENTS = {
     'policy': 'what decides: hert, hert-equal, sweep, random, a learned policy or its file, '
     'module:name or strong',
     'bandwidth': 'how bandwidth is shared: exact, equal or cvxpy',
+    'guard_after': 'decisions without news after which a guard takes over from a learned policy '
+    'or a function; 0: never',
 }
 _OTHERS = {
     'output_dir': ('', 'folder for bag and mission logs; empty: a bag named by the time, no logs'),
@@ -104,15 +106,4 @@ def _rviz() -> Node:
 
 
 def _node(executable: str, parameters: dict, **options: list[str]) -> Node:
-    # With their types: a text stays one even if it reads like a number.
-    typed = {
-        name: ParameterValue(it, value_type=str) if isinstance(it, str) else it
-        for name, it in parameters.items()
-    }
-    return Node(
-        package='uav_collect',
-        executable=executable,
-        output='screen',
-        parameters=[str(_NODES), typed],  # the later ones count
-        **options,
-    )
+    return Node(**node_options(executable, parameters, _NODES, ParameterValue), **options)

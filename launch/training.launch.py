@@ -23,7 +23,7 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from uav_collect.commands.train_fleet import MAX_WORLDS, unused_folder, world_names
 from uav_collect.limits import FLEET_ALGORITHMS, RECORDED
-from uav_collect.nodes.launching import ending_with, LaunchArguments, parameter_of
+from uav_collect.nodes.launching import ending_with, LaunchArguments, node_options, parameter_of
 from uav_collect.nodes.parameters import Parameter
 from uav_collect.nodes.trainer.settings import PARAMETERS
 from uav_collect.scenario.load import load
@@ -113,16 +113,5 @@ def _start(context: LaunchContext) -> list:
 
 
 def _node(executable: str, parameters: dict, arguments: list[str], **options: str) -> Node:
-    # With their types: a text stays one even if it reads like a number.
-    typed = {
-        name: ParameterValue(it, value_type=str) if isinstance(it, str) else it
-        for name, it in parameters.items()
-    }
-    return Node(
-        package='uav_collect',
-        executable=executable,
-        output='screen',
-        parameters=[str(_NODES), typed],  # the later ones count
-        arguments=arguments,
-        **options,
-    )
+    made = node_options(executable, parameters, _NODES, ParameterValue)
+    return Node(**made, arguments=arguments, **options)

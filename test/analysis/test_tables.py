@@ -17,13 +17,13 @@ from uav_collect.scenario.site import build_site
 pytestmark = pytest.mark.usefixtures('bound_cache')
 
 
-def shown(table: object) -> str:
+def shown(table: object, columns: int = 100) -> str:
     from io import StringIO
 
     from rich.console import Console
 
     text = StringIO()
-    Console(file=text, width=100).print(table)
+    Console(file=text, width=columns).print(table)
     return text.getvalue()
 
 
@@ -79,3 +79,16 @@ def test_an_evaluation_says_in_how_many_missions_guards_decided() -> None:
         in text
     )
     assert 'alone: the guard' not in text
+
+
+def test_a_long_name_of_a_policy_is_shown_whole_on_a_narrow_terminal() -> None:
+    scenario = load('paper_8x8')
+    missions = [mission_metrics(log) for log in fly(build_site(scenario), [4, 5], 'sweep')]
+    name = f'a_package.of_mine:{"a_policy_with_a_long_name_" * 3}'
+    comparison = comparison_table({name: missions[0]}, bound(scenario, 4))
+    evaluation = evaluation_table({name: missions}, {name: estimates(missions, 2)})
+    for table in (comparison, evaluation):
+        lines = shown(table, columns=80).splitlines()
+        assert '\u2026' not in ''.join(lines)  # the sign for what was cut
+        assert max(map(len, lines)) <= 80
+        assert name in ''.join(word for line in lines for word in line.split() if word in name)

@@ -60,6 +60,7 @@ def test_the_launch_file_declares_its_arguments_with_the_defaults_of_the_nodes(
         'real_time_factor': '0.0',
         'policy': 'sweep',
         'bandwidth': 'exact',
+        'guard_after': '12',
         'output_dir': '',
         'rviz': 'false',
     }
@@ -114,9 +115,12 @@ def test_arguments_reach_the_nodes_that_they_are_for_in_their_type(description: 
     assert given(world, 'missions') == (1, int)
     assert given(world, 'real_time_factor') == (0.0, float)
     assert given(world, 'recorders') == (1, int)
-    for agent in nodes(description, 'uav_agent', policy='hert', bandwidth='equal'):
+    for agent in nodes(
+        description, 'uav_agent', policy='hert', bandwidth='equal', guard_after='0'
+    ):
         assert given(agent, 'policy') == ('hert', str)
         assert given(agent, 'bandwidth') == ('equal', str)
+        assert given(agent, 'guard_after') == (0, int)
 
 
 def test_bag_and_logs_go_to_one_folder(description: Made, tmp_path: Path) -> None:
@@ -168,6 +172,7 @@ def test_who_is_asked_to_end_may_do_so_by_the_signal(description: Made, status: 
         ('bandwidth', 'x', "allocator 'x' is unknown"),
         ('seed', 'abc', 'must be a whole number from 0'),
         ('seed', '-1', 'must be a whole number from 0'),
+        ('guard_after', '10001', 'must be a whole number from 0 to 10,000'),
         ('missions', '1.5', 'must be a whole number from -1 to 1,000,000'),
         ('real_time_factor', 'nan', 'must be a number from 0.0 to 1,000.0'),
         ('real_time_factor', '1e9', 'must be a number from 0.0 to 1,000.0'),

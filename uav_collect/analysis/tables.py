@@ -153,7 +153,7 @@ def comparison_table(
 ) -> RenderableType:
     """One mission as several policies fly it, by policy, and as plans that know it would."""
     table = Table(box=SIMPLE_HEAD, padding=(0, 0, 0, 1))
-    table.add_column('the same mission by\n', no_wrap=True)
+    table.add_column('the same mission by\n', overflow='fold')  # a name is never cut
     for heading in ('data\ncollected', 'energy\nkJ', 'completion\ns', 'efficiency\nkbit/J'):
         table.add_column(heading, justify='right', no_wrap=True)
     for policy, mission in missions.items():
@@ -307,9 +307,9 @@ def _estimate_table(
     """Estimates in groups of rows; the title of a group stands in its first row alone."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False)
     table.add_column(heading)
-    table.add_column(row_heading)
+    table.add_column(row_heading, overflow='fold')
     for column in ('mean', f'{100 * CONFIDENCE_LEVEL:.0f} % interval', 'median'):
-        table.add_column(column, justify='right')
+        table.add_column(column, justify='right', no_wrap=True)
     for title, rows in groups:
         for index, (name, cells) in enumerate(rows.items()):
             table.add_row(Text('' if index else title), Text(name), *cells)

@@ -106,9 +106,9 @@ def _show(curves: 'tuple[LearningCurve, ...]', measure: CurveMeasure) -> None:
     from rich.text import Text
 
     table = Table(box=SIMPLE_HEAD, pad_edge=False)
-    table.add_column(Text(f'{measure.title} [{measure.unit}]'))
+    table.add_column(Text(f'{measure.title} [{measure.unit}]'), overflow='fold')
     for heading in ('seeds', 'at the end', 'deviation'):
-        table.add_column(heading, justify='right')
+        table.add_column(heading, justify='right', no_wrap=True)
     for curve in curves:
         spread = f'{curve.deviation[-1]:.4f}' if len(curve.seeds) > 1 else '-'
         row = (str(len(curve.seeds)), f'{curve.mean[-1]:.4f}', spread)

@@ -105,6 +105,29 @@ def parameter_of(parameters: Iterable[Parameter], name: str) -> Parameter:
     return parameter
 
 
+def node_options(
+    executable: str, parameters: Mapping[str, Any], defaults: Path, text: Callable[..., Any]
+) -> dict[str, Any]:
+    """What launch_ros's `Node` takes to start a node of this package.
+
+    Args:
+        executable: its name.
+        parameters: with their values; a text stays one even if it reads like a number.
+        defaults: file of all other parameters.
+        text: launch_ros's `ParameterValue`.
+    """
+    typed = {
+        name: text(value, value_type=str) if isinstance(value, str) else value
+        for name, value in parameters.items()
+    }
+    return {
+        'package': 'uav_collect',
+        'executable': executable,
+        'output': 'screen',
+        'parameters': [str(defaults), typed],  # the later ones count
+    }
+
+
 def ending_with(last: Any, end: Any) -> Callable[[Any, Any], list[Any]]:
     """What to do whenever a process has ended.
 
