@@ -23,6 +23,7 @@ def problems(environment: dict[str, str]) -> dict[str, str]:
         ({'ROS_AUTOMATIC_DISCOVERY_RANGE': 'near'}, 'discovery'),
         ({'ROS_DISTRO': 'humble'}, 'ROS distribution'),
         ({'HOME': ''}, 'ROS log'),
+        ({'UAV_COLLECT_KEY_FILE': '/no/such/key'}, 'key'),
     ],
 )
 def test_the_doctor_names_what_keeps_a_mission_from_flying(

@@ -2,7 +2,9 @@
 
 from collections import defaultdict
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from fnmatch import fnmatch
 from functools import partial
 from pathlib import Path
 import signal
@@ -17,6 +19,7 @@ from fleets import Fleet, Listener, listener, logs, scenario_of
 from processes import own_domain, Processes, ros_environment, RunningProcess
 from rcl_interfaces.srv import SetParameters
 from rclpy.duration import Duration
+from rclpy.node import NodeNameNonExistentError
 from rclpy.parameter import Parameter
 from rclpy.serialization import deserialize_message
 from uav_collect.lockstep.seals import KEY_FILE, read_secret
@@ -26,6 +29,8 @@ from uav_collect.nodes.sealing import SealedClient, seals_of_bag
 from uav_collect.recording.bag_reader import messages, read_missions
 from uav_collect_msgs.msg import Policy, RecorderStatus, Refusal, Seal
 from uav_collect_msgs.srv import ControlMission, Join
+
+from tools import sros2_policy
 
 pytestmark = pytest.mark.ros
 
@@ -69,6 +74,7 @@ class Outcome:
     processes: dict[str, RunningProcess]
     answers: dict[str, Any]  # of services, by who asked what
     key_file: Path
+    graph: dict[str, set[str]]  # what nodes publish, hear, serve and ask
 
 
 @pytest.fixture(scope='module')
@@ -90,7 +96,11 @@ def outcome(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
         finally:
             processes.close()
     return Outcome(
-        fleet=flight.fleet, processes=flight.started, answers=answers, key_file=key_file
+        fleet=flight.fleet,
+        processes=flight.started,
+        answers=answers,
+        key_file=key_file,
+        graph=flight.graph,
     )
 
 
@@ -103,6 +113,7 @@ class _Flight:
         self.processes, self._other_file, self._patch = processes, other_file, patch
         self.fleet = Fleet(processes=processes, scenario=scenario_of(), folder=folder / 'run')
         self.started: dict[str, RunningProcess] = {}
+        self.graph: dict[str, set[str]] = {}
         self._raw: defaultdict[str, list[bytes]] = defaultdict(list)
 
     def fly(self) -> dict[str, Any]:
@@ -120,6 +131,7 @@ class _Flight:
             nodes = self._nodes(listening)
             self._forge(listening, [nodes['none'], nodes['other key']])
             self._play_again(listening)
+            self.graph = _graph(listening.node)
             answers = self._ask(listening, nodes)
             listening.wait_until(lambda: 'ended after' in started['world_sim'].output)
             answers |= self._ask_again(listening, nodes['key'])
@@ -248,6 +260,35 @@ def _answer(
     future = call()
     listening.wait_until(future.done)
     return future.result()
+
+
+def _graph(node: Any) -> dict[str, set[str]]:  # noqa: ANN401
+    """What the nodes of a fleet publish, hear, serve and ask."""
+    found = {}
+    for role in sros2_policy.roles(2):
+        for verb, names_of in (
+            ('publishes', node.get_publisher_names_and_types_by_node),
+            ('subscribes', node.get_subscriber_names_and_types_by_node),
+            ('serves', node.get_service_names_and_types_by_node),
+            ('asks', node.get_client_names_and_types_by_node),
+        ):
+            with suppress(NodeNameNonExistentError):  # no trainer, no viewer
+                named = names_of(role.node, role.namespace)
+                found[f'{role.enclave} {verb}'] = {name for name, _ in named}
+    return found
+
+
+def test_sros2_lets_every_node_do_what_it_does_and_no_more(outcome: Outcome) -> None:
+    seen = 0
+    for role in sros2_policy.roles(2):
+        for verb in ('publishes', 'subscribes', 'serves', 'asks'):
+            used = outcome.graph.get(f'{role.enclave} {verb}', set())
+            may = [*getattr(role, verb), *sros2_policy.of_every_node(role, verb)]
+            assert [it for it in used if not any(fnmatch(it, each) for each in may)] == []
+            if role.node in ('world_sim', 'recorder') and verb != 'asks':
+                assert [each for each in may if not any(fnmatch(it, each) for it in used)] == []
+                seen += 1
+    assert seen == 6
 
 
 def test_the_fleet_flies_as_if_nobody_had_sent_anything(outcome: Outcome) -> None:

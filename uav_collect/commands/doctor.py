@@ -18,7 +18,9 @@ from uav_collect.config.packages import (
     ROS_PACKAGES,
     ros_remedy,
 )
+from uav_collect.errors import NodeError
 from uav_collect.kernels.compile import cache_folder, kernels_are_cached, kernels_are_compiled
+from uav_collect.lockstep.seals import KEY_FILE, read_secret
 
 _DESCRIPTION = """
 Prints the versions, paths and settings that missions depend on, then one line per problem. Exits
@@ -85,6 +87,7 @@ def examine(environment: Mapping[str, str]) -> Iterator[Finding]:
     yield _imported('messages', _TRY_MESSAGES, ros_remedy(MESSAGES))
     yield _domain(environment)
     yield _discovery(environment)
+    yield _key(environment)
     yield _ros_log(environment)
     if not PACKAGES['PyYAML'].problem:
         yield _scenarios()
@@ -165,6 +168,17 @@ def _discovery(environment: Mapping[str, str]) -> Finding:
         found=f'{reach}, peers {peers}' if peers else reach,
         problem='' if is_valid else f'{variable} must be one of {", ".join(_RANGES)}',
     )
+
+
+def _key(environment: Mapping[str, str]) -> Finding:
+    try:
+        secret = read_secret(environment)
+    except NodeError as error:
+        return Finding(topic='key', found='none', problem=str(error))
+    if secret is None:
+        return Finding(topic='key', found=f'{KEY_FILE} is not set: anyone in the domain can steer')
+    whose = ', open to other users' if secret.is_readable_by_others else ''
+    return Finding(topic='key', found=f'{secret.file}{whose}')
 
 
 def _ros_log(environment: Mapping[str, str]) -> Finding:
