@@ -79,6 +79,7 @@ class Account:
     is_over: bool  # its end was recorded
     messages: MissionMessages | None = None  # of a bag
     versions: Mapping[int, str] = field(default_factory=dict)  # of policies, by id of the UAV
+    last_event: int = -1  # that it tells anything of
     policy_key: PolicyKey | None = None  # of the published policy that observations name
     flaws: tuple[str, ...] = ()  # what is wrong with it by itself
 
@@ -101,6 +102,7 @@ def log_account(source: str, content: bytes) -> Account:
         header_line=first,
         lines=lines,
         tail=tail,
+        last_event=len(lines) - (not tail),
         is_over=header is not None and len(homes) == len(header.uavs),
     )
 
@@ -124,6 +126,7 @@ def bag_account(source: str, mission: MissionMessages) -> Account:
         lines={event: _line(epoch) for event, epoch in sorted(epochs.items())},
         is_over=ENDED in mission.phases,
         messages=mission,
+        last_event=max([*epochs, *_asked(mission)], default=-1),
         versions={uav: next(iter(names)) for uav, names in versions.items()},
         policy_key=_policy_key(mission),
         flaws=tuple(flaws),
@@ -156,7 +159,9 @@ def prove(
         return Proof(verdict=Verdict.DIFFERS, findings=(f'header: {wrong}',), **known)
     try:
         crew = policies.crew(header, site, first.versions, first.policy_key)
-        flown = fly_again(site, header, crew.members, failsafes, _layouts(first))
+        flown = fly_again(
+            site, header, crew.members, failsafes, _layouts(first), _n_needed(accounts)
+        )
     except (AllocationError, ConfigError, PolicyMismatchError) as error:
         clashes = tuple(_clashes(accounts))
         verdict = Verdict.DIFFERS if clashes else Verdict.UNPROVABLE
@@ -174,6 +179,13 @@ def prove(
     causes = crew.changes if not differences else _causes(crew, code_change, by_account)
     findings = (*_first_ones(differences), *causes)
     return Proof(verdict=Verdict.DIFFERS, findings=findings, **known)
+
+
+def _n_needed(accounts: Sequence[Account]) -> int | None:
+    """How many events to fly; None: to the end. The last one that is told of must be closed."""
+    if any(account.is_over for account in accounts):
+        return None
+    return max(account.last_event for account in accounts) + 2
 
 
 def _causes(
@@ -297,6 +309,13 @@ def _layouts(account: Account) -> list[Layout]:
     placed = account.messages.placed.items()
     labels = {sent[0].layout for place, sent in placed if place.kind == 'transition'}
     return [layout for layout in Layout if layout.label in labels]
+
+
+def _asked(mission: MissionMessages) -> Iterator[int]:
+    """The events at which UAVs were asked to decide."""
+    for place, sent in mission.placed.items():
+        if place.kind == 'observation':
+            yield int(sent[0].event)
 
 
 def _policy_key(mission: MissionMessages) -> PolicyKey | None:

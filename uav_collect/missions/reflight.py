@@ -57,6 +57,7 @@ def fly_again(
     crew: Sequence[FlownBy | None],
     failsafes: Container[int],
     layouts: Sequence[Layout] = (),
+    n_events: int | None = None,
 ) -> Reflight:
     """Fly a recorded mission again.
 
@@ -65,6 +66,7 @@ def fly_again(
         crew: by UAV; None: it had no agent.
         failsafes: events at which the failsafe took over from an agent.
         layouts: in which its transitions show what agents saw.
+        n_events: after which to stop, the last one's interval still open; None: fly to the end.
 
     Raises:
         AllocationError: there is no such allocator.
@@ -84,6 +86,8 @@ def fly_again(
             is_answered = by is not None and event.index not in failsafes
             version = by.policy.version if by is not None and is_answered else FAILSAFE_VERSION
             epochs.append(_fleet_state(simulation, event) | {'policy_version': version})
+            if len(epochs) == n_events:
+                break
     except PolicyMismatchError as error:
         failure = str(error)
     return Reflight(

@@ -1,0 +1,60 @@
+"""A recorded mission flown again gives the log, and what its messages must say."""
+
+import pytest
+from tiny_world import tiny, uav
+from uav_collect.errors import AllocationError
+from uav_collect.missions.reflight import fly_again, FlownBy
+from uav_collect.missions.rollout import fly
+from uav_collect.recording.mission_log import MissionLog
+from uav_collect.recording.mission_messages import MessagePlace
+from uav_collect.scenario.site import build_site, Site
+from uav_collect.uav.action_codes import FAILSAFE, NONE
+from uav_collect.uav.policy import policy_named
+
+
+@pytest.fixture(scope='module')
+def site() -> Site:
+    return build_site(tiny(uav(), uav()))
+
+
+@pytest.fixture(scope='module')
+def log(site: Site) -> MissionLog:
+    return fly(site, [0], 'hert')[0]
+
+
+def crew(allocator: str = 'exact') -> list[FlownBy]:
+    return [
+        FlownBy(policy=policy_named('hert'), allocator=allocator, guard_after=NONE)
+        for _ in range(2)
+    ]
+
+
+def test_the_log_is_the_recorded_one(site: Site, log: MissionLog) -> None:
+    flown = fly_again(site, log.header, crew(), ())
+    assert flown.log.to_jsonl() == log.to_jsonl()
+    assert flown.failure is None
+
+
+def test_it_stops_after_as_many_events_as_are_wanted(site: Site, log: MissionLog) -> None:
+    flown = fly_again(site, log.header, crew(), (), n_events=5)
+    assert len(flown.log.events) == 5
+    assert flown.log.events[:4].tobytes() == log.events[:4].tobytes()
+    assert MessagePlace('epoch', 0, 4) in flown.messages
+    assert MessagePlace('epoch', 0, 5) not in flown.messages
+
+
+def test_where_the_failsafe_took_over_the_uav_says_nothing_more(
+    site: Site, log: MissionLog
+) -> None:
+    events = log.events
+    lost = int(events['event'][events['uav'] == 2][1])
+    flown = fly_again(site, log.header, crew(), [lost])
+    assert flown.log.events['reason'][lost] == FAILSAFE
+    assert flown.log.events[:lost].tobytes() == events[:lost].tobytes()
+    assert MessagePlace('command', 2, 0) in flown.messages
+    assert MessagePlace('command', 2, 1) not in flown.messages
+
+
+def test_an_allocator_that_there_is_not_is_refused(site: Site, log: MissionLog) -> None:
+    with pytest.raises(AllocationError, match="'none' is unknown"):
+        fly_again(site, log.header, crew('none'), ())
