@@ -3,7 +3,7 @@
 import pytest
 from tiny_world import tiny, uav
 from uav_collect.errors import AllocationError
-from uav_collect.missions.reflight import fly_again, FlownBy
+from uav_collect.missions.reflight import FlownBy, fly_again
 from uav_collect.missions.rollout import fly
 from uav_collect.recording.mission_log import MissionLog
 from uav_collect.recording.mission_messages import MessagePlace
