@@ -183,4 +183,5 @@ def event_fields(event: np.void) -> dict[str, Any]:
     fields = {name: event[name].item() for name in event.dtype.names}
     mask = fields['heard']
     fields['heard'] = np.array([i + 1 for i in range(64) if mask >> i & 1], dtype=np.uint8)
+    fields['heard_back'] = True
     return fields

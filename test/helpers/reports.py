@@ -25,7 +25,7 @@ from uav_collect.ingest.reports import (
 )
 from uav_collect.kernels.arrays import new_row, Row
 from uav_collect.missions.experience import Episode
-from uav_collect.missions.simulation import Event, Simulation
+from uav_collect.missions.simulation import Event, FAULT_DECISION, Simulation
 from uav_collect.missions.vector_env import VectorEnv, VectorEnvConfig
 from uav_collect.scenario.load import fingerprint
 from uav_collect.scenario.model import Scenario
@@ -147,6 +147,9 @@ class ReportingFlight:
         while (event := simulation.next_event()) is not None:
             if simulation.n_events > 0:
                 yield self._event()
+            if event.is_gone:
+                simulation.start(event, FAULT_DECISION)
+                continue
             agent = self._agents[event.uav]
             for message in event.heard:
                 agent.hear(message)

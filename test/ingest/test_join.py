@@ -29,6 +29,18 @@ FLEET = uav(5.0, energy_budget_kj=25.0), uav(10.0, energy_budget_kj=12.0)
 SEEDS = range(7, 13)
 THIRD_M = 100.0 / 3.0
 
+# Messages are lost and late, and each UAV has a fault now and then.
+ROUGH: dict[str, object] = {
+    'radio__loss_share': 0.3,
+    'radio__delay_s': [4.0, 3.0],
+    'radio__beacon_period_s': 2.5,
+    'faults': [
+        {'uav': 'any', 'kind': 'gone', 'at_decision': [0, 3], 'share': 0.5},
+        {'uav': 'any', 'kind': 'slow', 'at_s': [0.0, 10.0]},
+        {'uav': 'any', 'kind': 'silent', 'at_s': [0.0, 20.0], 'share': 0.5},
+    ],
+}
+
 
 def mission_setup(**values: object) -> MissionSetup:
     return MissionSetup(**{'scenario': tiny(*FLEET), **values})  # type: ignore[arg-type]
@@ -59,6 +71,7 @@ def needed(reports: Sequence[FleetReport]) -> int:
         mission_setup(max_decisions=9),
         setup_of_odd_lengths(),
         replace(setup_of_odd_lengths(), reward=Reward.PAPER, discount_per_s=0.993),
+        mission_setup(scenario=tiny(*FLEET, **ROUGH)),
     ],
 )
 def test_missions_joined_from_messages_are_the_rollouts_to_the_byte(flown: MissionSetup) -> None:

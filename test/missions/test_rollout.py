@@ -127,6 +127,41 @@ def test_interpreted_agents_step_by_step_fly_as_compiled_batches_do() -> None:
     assert interpreted(digests_step_by_step) == digests_by(lambda rule: rule)
 
 
+ROUGH = {
+    'radio.loss_share': 0.3,
+    'radio.delay_s': [6.0, 5.0],
+    'radio.rate_bps': 400.0,
+    'radio.beacon_period_s': 3.0,
+    'faults': [
+        {'uav': 'any', 'kind': 'gone', 'at_s': [0, 200], 'share': 0.3},
+        {'uav': 'any', 'kind': 'silent', 'at_decision': [0, 60], 'share': 0.3},
+        {'uav': 'any', 'kind': 'slow', 'at_s': [0, 100], 'share': 0.3},
+    ],
+}
+
+
+def rough_digests_step_by_step() -> str:
+    return rough_digests_by(by_agents)
+
+
+def rough_digests_by(policy_of: Callable[[str], str | Callable[[], Policy]]) -> str:
+    flown = [
+        (n_uavs, log)
+        for n_uavs in (1, 2, 4)
+        for log in logs(fleet_of(n_uavs, **ROUGH), [*range(N_SEEDS)], policy_of('sweep'))
+    ]
+    return '\n'.join(
+        f'{n_uavs} {log.header.mission_seed} {len(log.faults)} {digest([log])}'
+        for n_uavs, log in flown
+    )
+
+
+def test_where_messages_are_lost_and_uavs_fail_interpreted_agents_fly_as_compiled_batches() -> (
+    None
+):
+    assert interpreted(rough_digests_step_by_step) == rough_digests_by(lambda rule: rule)
+
+
 @pytest.mark.parametrize('rule', ['hert', 'hert-equal', 'sweep', 'random'])
 def test_compiled_agents_step_by_step_fly_as_compiled_batches_do(rule: str) -> None:
     scenario = load('paper_8x8', {'fleet.default.energy_budget_kj': 50.0})

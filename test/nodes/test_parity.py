@@ -13,6 +13,19 @@ SEEDS = range(20)
 FEW = range(7, 10)
 ALL = {1, 2, 3, 4}
 
+# Messages are lost, late and too many; a UAV goes, another falls silent, a third is slow.
+ROUGH: dict[str, object] = {
+    'radio__loss_share': 0.3,
+    'radio__delay_s': [6.0, 5.0],
+    'radio__rate_bps': 400.0,
+    'radio__beacon_period_s': 3.0,
+    'faults': [
+        {'uav': 4, 'kind': 'gone', 'at_s': [10, 60]},
+        {'uav': 2, 'kind': 'silent', 'at_decision': [5, 30]},
+        {'uav': 1, 'kind': 'slow', 'at_s': [0, 50]},
+    ],
+}
+
 
 def start(
     fleet: Fleet, late: set[int], policy: str, allocator: str, **world: object
@@ -57,8 +70,9 @@ def test_twenty_missions_over_ros_equal_the_same_missions_in_one_process(
         (2, 'hert-equal', 'exact', {'fleet__default__energy_budget_kj': 60.0}),
         (4, 'sweep', 'exact', {'radio__contact_range_m': float('inf')}),
         (3, 'random', 'exact', {'fleet__default__energy_budget_kj': 200.0}),
+        (4, 'sweep', 'exact', ROUGH),
     ],
-    ids=['equal bandwidth', 'imperfect CSI', 'small budget', 'always in contact', 'random'],
+    ids=['equal bandwidth', 'imperfect CSI', 'small budget', 'in contact', 'random', 'rough'],
 )
 def test_missions_of_another_kind_are_equal_too(
     n_uavs: int,

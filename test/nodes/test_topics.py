@@ -7,7 +7,7 @@ for needed in ('rclpy', 'uav_collect_msgs'):
 
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from uav_collect.nodes import topics
-from uav_collect_msgs.srv import ControlMission, Join, Vouch
+from uav_collect_msgs.srv import ControlMission, InjectFault, Join, Vouch
 
 pytestmark = pytest.mark.ros
 
@@ -56,13 +56,14 @@ def test_types_are_named_as_ros_names_them() -> None:
 
 def test_every_message_of_a_mission_ends_with_a_seal() -> None:
     own = [it.message for it in (*topics.fleet_topics(1), topics.RECORDER)]
-    services = [part for it in (ControlMission, Join, Vouch) for part in (it.Request, it.Response)]
+    asked = ControlMission, InjectFault, Join, Vouch
+    services = [part for it in asked for part in (it.Request, it.Response)]
     ends = {
         message.__name__: [*message.get_fields_and_field_types().items()][-1]
         for message in (*own, *services)
         if 'uav_collect_msgs' in message.__module__
     }
-    assert len(ends) == 10 + 6
+    assert len(ends) == 10 + 8
     assert set(ends.values()) == {('seal', 'uav_collect_msgs/Seal')}
 
 

@@ -13,7 +13,9 @@ from uav_collect.recording.mission_log import Events, MissionLog, UavHeader
 from uav_collect.uav import action_codes
 from uav_collect.uav.action_codes import COLUMN_STEP, GUARD, HOME, HOVER, REASON_NAMES, ROW_STEP
 
-FAILSAFE = REASON_NAMES[action_codes.FAILSAFE]  # how a UAV ended that the world flew home
+# How a UAV ended that the world flew home, as its agent did not answer, or is gone on purpose.
+FAILSAFE = REASON_NAMES[action_codes.FAILSAFE]
+FAULT = REASON_NAMES[action_codes.FAULT]
 METRIC_COLUMNS = (
     'mission_seed', 'efficiency_kbit_per_j', 'completion_s', 'energy_kj', 'collected_mbit',
     'total_mbit', 'collected_share', 'decisions', 'is_safe', 'is_complete', 'guarded',

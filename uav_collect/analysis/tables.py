@@ -7,7 +7,14 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
-from uav_collect.analysis.metrics import FAILSAFE, MissionMetrics, percent, UavMetrics, UNFINISHED
+from uav_collect.analysis.metrics import (
+    FAILSAFE,
+    FAULT,
+    MissionMetrics,
+    percent,
+    UavMetrics,
+    UNFINISHED,
+)
 from uav_collect.analysis.plan_shares import efficiency_share, time_share
 from uav_collect.analysis.statistics import CONFIDENCE_LEVEL, Estimate, MEASURES
 from uav_collect.planning.bound import Bound, Plan
@@ -15,6 +22,7 @@ from uav_collect.recording.mission_log import MissionHeader
 
 _WARNING = 'bold red'
 _MAX_SEEDS = 5  # named in one line
+_BAD_ENDS = (FAILSAFE, FAULT, UNFINISHED)
 _TITLES = {
     'completion_s': 'completion time [s]',
     'energy_kj': 'energy [kJ]',
@@ -63,7 +71,7 @@ def mission_tables(
 
 def mission_warnings(mission: MissionMetrics) -> list[str]:
     """What a user must not overlook, one line each."""
-    lines = [_ending_warning(uav) for uav in mission.uavs if uav.outcome in (FAILSAFE, UNFINISHED)]
+    lines = [_ending_warning(uav) for uav in mission.uavs if uav.outcome in _BAD_ENDS]
     lines += [
         f'UAV {uav.id} landed with {uav.energy_left_j / 1e3:.3f} kJ,'
         f' less than its margin of {uav.energy_margin_j / 1e3:.3f} kJ'
@@ -79,7 +87,8 @@ def mission_warnings(mission: MissionMetrics) -> list[str]:
 def _ending_warning(uav: UavMetrics) -> str:
     if uav.outcome == UNFINISHED:
         return f'UAV {uav.id} has not landed: the mission was cut short'
-    return f'UAV {uav.id} was flown home by the failsafe: its agent did not answer'
+    why = 'a fault took its agent' if uav.outcome == FAULT else 'its agent did not answer'
+    return f'UAV {uav.id} was flown home by the failsafe: {why}'
 
 
 def _fleet_table(
@@ -129,7 +138,7 @@ def _uav_table(mission: MissionMetrics) -> Table:
         table.add_column(heading, justify='right', no_wrap=True)
     table.add_column('went home by\n', no_wrap=True)
     for uav in mission.uavs:
-        is_bad = uav.outcome in (FAILSAFE, UNFINISHED) or not uav.is_safe
+        is_bad = uav.outcome in _BAD_ENDS or not uav.is_safe
         table.add_row(*_uav_row(uav), style=_WARNING if is_bad else None)
     return table
 

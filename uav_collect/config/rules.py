@@ -7,6 +7,7 @@ its own words. The standard library does it all, for distributions differ in the
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, fields, MISSING
 import math
+from types import NoneType
 from typing import (
     Annotated,
     Any,
@@ -128,6 +129,27 @@ def text(max_length: int) -> Rule:
     return Rule(f'text of 1 to {max_length} printable characters', parse)
 
 
+def either(rule: Rule, word: str) -> Rule:
+    """A value under a rule, or else one word."""
+    return Rule(
+        f'{rule.allowed}, or {word}', lambda value: value if value == word else rule.parse(value)
+    )
+
+
+def one_or_span(rule: Rule, allowed: str) -> Rule:
+    """One value under a rule, or a list of two of which the second is not the smaller one."""
+
+    def parse(value: object) -> object:
+        if not isinstance(value, list | tuple):
+            return rule.parse(value)
+        low, high = (rule.parse(each) for each in value)
+        if low > high:
+            raise ValueError
+        return low, high
+
+    return Rule(f'{allowed}, or a list [low, high] of two', parse)
+
+
 def pair(rule: Rule, allowed: str, *, word: str = '', is_span: bool = False) -> Rule:
     """A list of two values under one rule, or else one word; a span runs up to more than 0."""
 
@@ -241,11 +263,12 @@ class _Reader:
 
 
 def _kind_and_note(annotation: object) -> tuple[object, object]:
-    """A type, and what `Annotated` notes of it."""
+    """A type, without the None of a key that may be missing, and what `Annotated` notes of it."""
     if get_origin(annotation) is not Annotated:
         return annotation, None
     kind, note = get_args(annotation)
-    return kind, note
+    others = [it for it in get_args(kind) if it is not NoneType]
+    return others[0] if NoneType in get_args(kind) else kind, note
 
 
 def _sections_in(kind: object) -> tuple[type[Section], ...]:

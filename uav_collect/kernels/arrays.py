@@ -55,6 +55,14 @@ def new_row(size: int, fill: _Number) -> Row[_Number]:
     return [fill] * size
 
 
+def filled_row(values: Sequence[_Number], zero: _Number) -> Row[_Number]:
+    """The values as a row of the kind of `zero`, however few they are."""
+    row = new_row(len(values), zero)
+    for index, value in enumerate(values):
+        row[index] = value
+    return row
+
+
 def new_table(n_rows: int, size: int, fill: _Number) -> Row[Row[_Number]]:
     """A table of rows, indexed row first: (n_rows, size)."""
     if kernels_are_compiled():

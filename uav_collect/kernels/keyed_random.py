@@ -19,6 +19,8 @@ DATA_CELL = 4
 DATA_AMOUNT = 5
 CHANNEL = 6
 EXPLORATION = 7
+UAV_RADIO = 8
+FAULT = 9
 
 _MASK_32 = 0xFFFFFFFF
 _MULTIPLIER_0 = 0xD2511F53
@@ -82,6 +84,12 @@ def draw_words(
 def draw_uniform(seed: int, stream: int, index_0: int, index_1: int, index_2: int) -> float:
     """A uniform number in [0, 1) with 53 random bits."""
     high, low, _, _ = draw_words(seed, stream, index_0, index_1, index_2)
+    return uniform_of(high, low)
+
+
+@kernel
+def uniform_of(high: int, low: int) -> float:
+    """The uniform number in [0, 1) of two random 32-bit words."""
     return ((high >> 5) * 67108864.0 + (low >> 6)) / 9007199254740992.0
 
 

@@ -12,7 +12,7 @@ from uav_collect.kernels.compile import kernel
 from uav_collect.missions.event_log import EventLog, new_log
 from uav_collect.missions.experience import new_records, record, Records
 from uav_collect.scenario.site import Site
-from uav_collect.uav.action_codes import BY_POLICY, HOME, HOVER, N_ACTIONS, NONE
+from uav_collect.uav.action_codes import BY_POLICY, FAULT, HOME, HOVER, N_ACTIONS, NONE
 from uav_collect.uav.agent import (
     allocate,
     guarded,
@@ -23,15 +23,15 @@ from uav_collect.uav.agent import (
 )
 from uav_collect.uav.belief import belief_of, Beliefs, forget, hear, new_beliefs, observe
 from uav_collect.uav.briefing import brief, Briefing
-from uav_collect.uav.exploration import explore
 from uav_collect.uav.heuristics import choose, MEMORY_SIZE
 from uav_collect.uav.observation import encode, Layout, observation_size
 from uav_collect.uav.view import LocalView, new_view_rows, ViewRows
 from uav_collect.world.dynamics import (
+    contacts,
     end_s,
-    in_contact,
+    GONE,
+    has_fault,
     look,
-    Mission,
     mission_of,
     Missions,
     new_missions,
@@ -42,6 +42,17 @@ from uav_collect.world.dynamics import (
     x_m_at,
     y_m_at,
 )
+from uav_collect.world.exchange import (
+    airwaves_of,
+    clear,
+    FleetAirwaves,
+    Link,
+    link_of,
+    meet,
+    new_airwaves,
+    speak,
+)
+from uav_collect.world.faults import draw_faults, Faults, faults_of, note_faults, slow_down
 from uav_collect.world.reward import (
     earn,
     earn_interval,
@@ -96,6 +107,10 @@ class Batch(NamedTuple):
     sensor_field: SensorField
     terms: RewardTerms  # of rewards
     missions: Missions
+    link: Link  # between UAVs
+    airwaves: FleetAirwaves  # where that is not ideal
+    faults: Faults
+    may_fail: int  # 1: there are some, or some have been injected
     beliefs: Beliefs  # by mission, then UAV: (W * U, ...)
     memory: Row[Row[int]]  # of the rules, the same
     watch: Row[Row[int]]  # of the guards, the same
@@ -124,12 +139,20 @@ def new_batch(
     n_worlds, n_uavs = len(mission_seeds), briefing.n_uavs
     n_cells = briefing.cells_per_side * briefing.cells_per_side
     max_sensors, is_news_wanted = most_sensors(sensor_field), settings.reward == _ENERGY
+    link, faults = link_of(site.scenario), faults_of(site.scenario)
+    missions = new_missions(briefing, sensor_field, mission_seeds)
+    for world in range(n_worlds):
+        draw_faults(faults, mission_of(missions, world))
     return Batch(
         settings=settings,
         briefing=briefing,
         sensor_field=sensor_field,
         terms=reward_terms(site),
-        missions=new_missions(briefing, sensor_field, mission_seeds),
+        missions=missions,
+        link=link,
+        airwaves=new_airwaves(link, briefing, n_worlds),
+        faults=faults,
+        may_fail=int(len(faults.kind) > 0),
         beliefs=new_beliefs(briefing, n_worlds * n_uavs),
         memory=new_table(n_worlds * n_uavs, MEMORY_SIZE, 0),
         watch=new_table(n_worlds * n_uavs, WATCH_SIZE, NONE),
@@ -165,6 +188,9 @@ def restart(batch: Batch, world: int) -> None:
     """Put a mission back to its start, by its own seed."""
     n_uavs = batch.briefing.n_uavs
     restart_mission(batch.briefing, batch.sensor_field, mission_of(batch.missions, world))
+    draw_faults(batch.faults, mission_of(batch.missions, world))
+    if batch.link.is_ideal == 0:
+        clear(airwaves_of(batch.airwaves, world))
     for place in range(world * n_uavs, (world + 1) * n_uavs):
         forget(belief_of(batch.beliefs, place))
         for index in range(MEMORY_SIZE):
@@ -229,9 +255,14 @@ def fly_on(batch: Batch, world: int) -> None:
             return
         place = world * briefing.n_uavs + uav
         belief, time_s = belief_of(batch.beliefs, place), mission.leg_end_s[uav]
-        heard = contacts(briefing, mission, uav, time_s)
-        hear_all(batch, world, uav, heard, time_s)
+        if batch.may_fail == 1:
+            note_faults(mission, uav, time_s, batch.n_events[world])
+        heard = listen(batch, world, uav, time_s)
         view = look(briefing, batch.sensor_field, mission, uav, batch.view_rows)
+        if has_fault(mission, GONE, uav, time_s):
+            carry_out(batch, world, uav, view, HOME, FAULT, heard)
+            continue
+        hear_all(batch, world, uav, heard, time_s)
         observe(belief, briefing, view)
         be_heard(batch, world, uav, heard, time_s)
         if settings.reward == _ENERGY:
@@ -274,18 +305,20 @@ def answer(batch: Batch, world: int, uav: int, chosen: int) -> None:
 
 
 @kernel
-def contacts(briefing: Briefing, mission: Mission, uav: int, time_s: float) -> int:
-    """The UAVs in contact with one, as bits."""
-    heard = 0
-    for other in range(briefing.n_uavs):
-        if in_contact(briefing, mission, uav, other, time_s):
-            heard |= 1 << other
-    return heard
+def listen(batch: Batch, world: int, uav: int, time_s: float) -> int:
+    """The UAVs that the deciding one hears, as bits; a radio that is not ideal has heard them."""
+    briefing, mission = batch.briefing, mission_of(batch.missions, world)
+    if batch.link.is_ideal == 1:
+        return contacts(briefing, mission, uav, time_s)
+    airwaves, first = airwaves_of(batch.airwaves, world), world * briefing.n_uavs
+    return meet(batch.link, briefing, mission, airwaves, batch.beliefs, first, uav, time_s)
 
 
 @kernel
 def hear_all(batch: Batch, world: int, uav: int, heard: int, time_s: float) -> None:
     """The deciding UAV hears where the others are, and their maps."""
+    if batch.link.is_ideal == 0:
+        return
     mission, first = mission_of(batch.missions, world), world * batch.briefing.n_uavs
     belief = belief_of(batch.beliefs, first + uav)
     for other in range(batch.briefing.n_uavs):
@@ -298,6 +331,13 @@ def hear_all(batch: Batch, world: int, uav: int, heard: int, time_s: float) -> N
 def be_heard(batch: Batch, world: int, uav: int, heard: int, time_s: float) -> None:
     """The others hear where the deciding UAV is, and its map."""
     mission, first = mission_of(batch.missions, world), world * batch.briefing.n_uavs
+    if batch.link.is_ideal == 0:
+        airwaves, belief = (
+            airwaves_of(batch.airwaves, world),
+            belief_of(batch.beliefs, first + uav),
+        )
+        speak(batch.link, batch.briefing, mission, airwaves, belief, uav, time_s)
+        return
     complete = batch.beliefs.complete[first + uav]
     x_m, y_m = x_m_at(mission, uav, time_s), y_m_at(mission, uav, time_s)
     for other in range(batch.briefing.n_uavs):
@@ -312,6 +352,8 @@ def carry_out(
     """Start the deciding UAV's action, with the bandwidth shares of the workspace, and log it."""
     mission = mission_of(batch.missions, world)
     bit = start_action(batch.briefing, mission, uav, view, action, batch.workspace.share_hz)
+    if batch.may_fail == 1:
+        slow_down(batch.briefing, mission, uav)
     if batch.settings.is_logged == 1:
         _log_event(batch, world, uav, view, reason, bit, heard)
     batch.n_events[world] += 1
@@ -334,18 +376,6 @@ def end_interval(batch: Batch, world: int, stop_s: float) -> None:
     if settings.reward == _ENERGY:
         reward = energy_reward(briefing, terms, mission, start_s, stop_s)
     earn_interval(batch.earnings, world, terms, reward, stop_s)
-
-
-@kernel
-def explore_batch(batch: Batch, epsilon: float, hover_share: float, actions: Row[int]) -> None:
-    """Write the random action of each mission's decision; NONE stays where nobody explores."""
-    for world in range(len(actions)):
-        uav = batch.waiting.uav[world]
-        if uav != NONE:
-            mission = mission_of(batch.missions, world)
-            seed, decision = mission.seed[0], mission.n_decisions[uav]
-            legal = batch.waiting.legal[world]
-            actions[world] = explore(seed, uav, decision, epsilon, hover_share, legal)
 
 
 @kernel

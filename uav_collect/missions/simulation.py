@@ -6,21 +6,24 @@ UAV sent last, merges what it hears, and answers with that.
 
 from collections.abc import Callable, Container, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 import math
 
 from uav_collect.errors import PolicyMismatchError
-from uav_collect.kernels.arrays import Row
+from uav_collect.kernels.arrays import Row, row_of
+from uav_collect.limits import MAX_UAVS
 from uav_collect.missions.batch_kernels import (
     be_heard,
     carry_out,
-    contacts,
     end_interval,
+    listen,
     new_batch,
     Settings,
 )
 from uav_collect.missions.event_log import grown_log, logged_events, mission_header
 from uav_collect.physics.bandwidth import EXACT, hover_time_s
-from uav_collect.recording.mission_log import Events, MissionHeader, MissionLog
+from uav_collect.recording.mission_log import Events, FaultRecord, MissionHeader, MissionLog
+from uav_collect.scenario.model import FAULT_KINDS
 from uav_collect.scenario.site import Site
 from uav_collect.uav import action_codes, actions
 from uav_collect.uav.action_codes import BY_POLICY, GUARD, HOME, HOVER, NONE
@@ -31,7 +34,10 @@ from uav_collect.uav.messages import Decision, RadioMessage
 from uav_collect.uav.policy import guard_for, Policy
 from uav_collect.uav.view import LocalView
 from uav_collect.world.dynamics import (
+    contacts,
     end_s,
+    GONE,
+    has_fault,
     has_landed,
     LANDED,
     look,
@@ -40,9 +46,12 @@ from uav_collect.world.dynamics import (
     x_m_at,
     y_m_at,
 )
+from uav_collect.world.exchange import airwaves_of, heard_map
+from uav_collect.world.faults import fault_records, inject_fault, note_faults
 
 # What the world does with a UAV that has no agent, or whose agent does not answer.
 FAILSAFE_DECISION = Decision(action=HOME, reason=action_codes.FAILSAFE)
+FAULT_DECISION = Decision(action=HOME, reason=action_codes.FAULT)
 
 _FIRST_CAPACITY = 512  # events that the log has room for before it must grow
 _REASONS_TO_GO_ON = (BY_POLICY, GUARD)
@@ -59,7 +68,8 @@ class Event:
     uav: int
     decision: int  # running number of the UAV's own decisions
     view: LocalView
-    heard: tuple[RadioMessage, ...]  # of the UAVs in contact, by index
+    heard: tuple[RadioMessage, ...]  # of each UAV that it hears, by index
+    is_gone: bool = False  # its agent is, by a fault: the failsafe flies it home
 
 
 class Simulation:
@@ -78,6 +88,9 @@ class Simulation:
         self.briefing = self._batch.briefing
         check_can_start(site.scenario, self.briefing)
         self.demand_bit = [float(bit) for bit in self._mission.demand_bit]
+        self._sent_decision = [0] * self.briefing.n_uavs  # at which each UAV sent last
+        # Where the radio is ideal, nothing is heard between an event and the next one's.
+        self._known: Row[Row[int]] | list[Row[int]] = self._batch.beliefs.complete
 
     @property
     def n_events(self) -> int:
@@ -91,19 +104,28 @@ class Simulation:
             return None
         batch, time_s = self._batch, self._mission.leg_end_s[uav]
         end_interval(batch, 0, time_s)
+        if batch.may_fail:
+            note_faults(self._mission, uav, time_s, self.n_events)
+        heard = _indices(listen(batch, 0, uav, time_s))
         view = look(self.briefing, batch.sensor_field, self._mission, uav, batch.view_rows)
+        radio = self.radio if self.is_radio_ideal else partial(self._heard_radio, uav)
         return Event(
             index=self.n_events,
             uav=uav,
             decision=int(self._mission.n_decisions[uav]),  # compiled kernels' rows hold numpy's
             view=view,
-            heard=tuple(self.radio(other) for other in self.contacts(uav, time_s)),
+            heard=tuple(radio(other) for other in heard),
+            is_gone=bool(has_fault(self._mission, GONE, uav, time_s)),
         )
+
+    def inject(self, kind: str, uav: int) -> None:
+        """Let a fault befall a UAV, by index; the next event is the first with it."""
+        self._batch = self._batch._replace(may_fail=1)
+        inject_fault(self._mission, FAULT_KINDS.index(kind), uav)
 
     def contacts(self, uav: int, time_s: float) -> list[int]:
         """The UAVs in range of one, by index."""
-        heard = contacts(self.briefing, self._mission, uav, time_s)
-        return [other for other in range(self.briefing.n_uavs) if heard >> other & 1]
+        return _indices(contacts(self.briefing, self._mission, uav, time_s))
 
     def radio(self, uav: int) -> RadioMessage:
         """What a UAV's radio answers now."""
@@ -114,18 +136,33 @@ class Simulation:
             x_m=x_m_at(self._mission, uav, time_s),
             y_m=y_m_at(self._mission, uav, time_s),
             time_s=time_s,
+            decision=self._sent_decision[uav],
+        )
+
+    def _heard_radio(self, uav: int, sender: int) -> RadioMessage:
+        """The newest message of another UAV that has reached one."""
+        airwaves, n_uavs = airwaves_of(self._batch.airwaves, 0), self.briefing.n_uavs
+        pair, n_cells = uav * n_uavs + sender, len(self._mission.cell_bit)
+        return RadioMessage(
+            sender=sender,
+            complete=row_of(heard_map(airwaves, uav, sender, n_cells)),
+            x_m=float(airwaves.heard_x_m[pair]),
+            y_m=float(airwaves.heard_y_m[pair]),
+            time_s=float(airwaves.heard_s[pair]),
+            decision=int(airwaves.heard_decision[pair]),
         )
 
     def transmit(self, uav: int, complete: Row[int]) -> list[int]:
         """The deciding UAV sends its map.
 
         Returns:
-            The UAVs that hear it, by index.
+            The UAVs that hear it at once, by index: none where messages may be lost or late.
         """
         merge(self._held(uav), complete)
+        self._sent_decision[uav] = int(self._mission.n_decisions[uav])
         hearers = self.contacts(uav, self.time_s)
         be_heard(self._batch, 0, uav, _bits(hearers), self.time_s)
-        return hearers
+        return hearers if self.is_radio_ideal else []
 
     def refusal(self, event: Event, decision: Decision) -> str | None:
         """Why a decision cannot be carried out; None if it can."""
@@ -164,8 +201,15 @@ class Simulation:
             self._batch.workspace.share_hz[index] = share_hz
         heard = _bits([message.sender for message in event.heard])
         carry_out(self._batch, 0, event.uav, event.view, decision.action, decision.reason, heard)
+        if not self.is_radio_ideal:
+            self._known = [row_of([*known]) for known in self._batch.beliefs.complete]
         if next_uav(self._mission) < 0:
             end_interval(self._batch, 0, end_s(self._mission))
+
+    @property
+    def is_radio_ideal(self) -> bool:
+        """Whether UAVs in contact hear each other at once, and always."""
+        return bool(self._batch.link.is_ideal)
 
     @property
     def time_s(self) -> float:
@@ -192,7 +236,11 @@ class Simulation:
 
     def log(self, header: MissionHeader) -> MissionLog:
         """The log of the mission so far under a header."""
-        return MissionLog(header=header, events=self.events())
+        return MissionLog(header=header, events=self.events(), faults=self.faults())
+
+    def faults(self) -> tuple[FaultRecord, ...]:
+        """The faults that have begun so far."""
+        return fault_records(self._mission)
 
     def position_m(self, uav: int, time_s: float) -> tuple[float, float]:
         """Where a UAV is at a time of its running action."""
@@ -207,8 +255,8 @@ class Simulation:
         return LANDED if has_landed(self._mission, uav, time_s) else self._mission.phase[uav]
 
     def known_complete(self, uav: int) -> Row[int]:
-        """The completion map that a UAV's radio keeps, (C,)."""
-        return self._batch.beliefs.complete[uav]
+        """The completion map that a UAV's radio kept when the latest action started, (C,)."""
+        return self._known[uav]
 
     def waiting_bit(self) -> list[float]:
         """Data not yet claimed, by cell."""
@@ -304,8 +352,8 @@ def fly_agents(
     """
     while (event := simulation.next_event()) is not None:
         agent = agents[event.uav]
-        if agent is None or event.index in failsafes:
-            simulation.start(event, FAILSAFE_DECISION)
+        if event.is_gone or agent is None or event.index in failsafes:
+            simulation.start(event, FAULT_DECISION if event.is_gone else FAILSAFE_DECISION)
             yield event
             continue
         for message in event.heard:
@@ -324,6 +372,11 @@ def fly_agents(
 def _hear(agent: Agent | None, message: RadioMessage) -> None:
     if agent is not None:
         agent.hear(message)
+
+
+def _indices(bits: int) -> list[int]:
+    """The UAVs in the bits of an integer, by index."""
+    return [uav for uav in range(MAX_UAVS) if bits >> uav & 1]
 
 
 def _bits(uavs: list[int]) -> int:

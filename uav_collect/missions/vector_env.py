@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from uav_collect.errors import AllocationError, PolicyMismatchError
-from uav_collect.kernels.arrays import Bools, check_shape, Floats, Ints, new_row
-from uav_collect.kernels.compile import kernels_are_compiled
+from uav_collect.kernels.arrays import Bools, check_shape, Floats, Ints, new_row, Row
+from uav_collect.kernels.compile import kernel, kernels_are_compiled
 from uav_collect.missions.batch_kernels import (
-    explore_batch,
+    Batch,
     fly_batch,
     new_batch,
     restart,
@@ -31,11 +31,13 @@ from uav_collect.uav.action_codes import HOME, HOVER, N_ACTIONS, NONE
 from uav_collect.uav.actions import check_can_start
 from uav_collect.uav.belief import belief_of
 from uav_collect.uav.briefing import Briefing
+from uav_collect.uav.exploration import explore
 from uav_collect.uav.heuristics import Heuristic
 from uav_collect.uav.observation import Layout
 from uav_collect.uav.policy import Policy
 from uav_collect.uav.policy_network import best_actions, FrozenPolicy
 from uav_collect.world.dynamics import look, mission_of
+from uav_collect.world.faults import fault_records
 from uav_collect.world.reward import Reward
 from uav_collect.world.sensor_field import demand_by_cell
 
@@ -180,7 +182,7 @@ class VectorEnv:
     def explore(self, epsilon: float, hover_share: float) -> Ints:
         """Random actions where UAVs explore, NONE elsewhere, (W,); see `exploration.explore`."""
         actions = new_row(len(self._batch.waiting.uav), NONE)
-        explore_batch(self._batch, epsilon, hover_share, actions)
+        _explore(self._batch, epsilon, hover_share, actions)
         return np.asarray(actions)
 
     def restart(self, world: int, mission_seed: int) -> None:
@@ -231,6 +233,7 @@ class VectorEnv:
         return MissionLog(
             header=replace(header, mission_seed=seed, total_bit=total_bit),
             events=logged_events(batch.log, world, batch.n_events[world]),
+            faults=fault_records(mission_of(batch.missions, world)),
         )
 
     def global_state(self, world: int) -> Floats:
@@ -263,8 +266,8 @@ class VectorEnv:
         Only where kernels are compiled: interpreted ones work on lists.
         """
         batch = self._batch
-        parts = (batch.missions, batch.beliefs, batch.complete, batch.n_events, batch.earnings)
-        return [*_arrays((*parts, batch.waiting, batch.records))]
+        parts = (batch.missions, batch.airwaves, batch.beliefs, batch.complete, batch.n_events)
+        return [*_arrays((*parts, batch.earnings, batch.waiting, batch.records))]
 
     def _answer(self, actions: Ints) -> None:
         """Carry out a legal action of each mission that waits; any for those that are over."""
@@ -285,6 +288,18 @@ class VectorEnv:
         return (
             f'action {action} of UAV {uav + 1} in mission {seed} is not legal; legal are {legal}'
         )
+
+
+@kernel
+def _explore(batch: Batch, epsilon: float, hover_share: float, actions: Row[int]) -> None:
+    """Write the random action of each mission's decision; NONE stays where nobody explores."""
+    for world in range(len(actions)):
+        uav = batch.waiting.uav[world]
+        if uav != NONE:
+            mission = mission_of(batch.missions, world)
+            seed, decision = mission.seed[0], mission.n_decisions[uav]
+            legal = batch.waiting.legal[world]
+            actions[world] = explore(seed, uav, decision, epsilon, hover_share, legal)
 
 
 def _arrays(rows: tuple[Any, ...]) -> Iterator[NDArray[Any]]:

@@ -1,6 +1,7 @@
 """Messages to records of the core and back."""
 
 from array import array
+from collections.abc import Sequence
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -8,7 +9,8 @@ from uav_collect.kernels.arrays import Row, row_of
 from uav_collect.lockstep.roster import Pilot
 from uav_collect.missions.simulation import Event
 from uav_collect.nodes.incidents import in_one_line
-from uav_collect.recording.mission_log import Events
+from uav_collect.recording.mission_log import Events, FaultRecord
+from uav_collect.scenario.model import FAULT_KINDS
 from uav_collect.uav.belief import Belief
 from uav_collect.uav.messages import Decision, packed_map, RadioMessage, unpacked_map
 from uav_collect.uav.view import LocalView
@@ -222,8 +224,15 @@ def transition_msg(
     )
 
 
-def fill_epoch(epoch: Epoch, events: Events) -> None:
-    """Write the one event of `events` into an epoch, field by field of the mission log."""
+def fill_epoch(epoch: Epoch, events: Events, faults: Sequence[FaultRecord] = ()) -> None:
+    """Write the one event of `events` into an epoch, field by field of the mission log.
+
+    Args:
+        faults: that the event is the first with.
+    """
+    epoch.fault = array('B', [FAULT_KINDS.index(fault.fault) for fault in faults])
+    epoch.fault_uav = array('B', [fault.uav for fault in faults])
+    epoch.fault_s = array('d', [fault.time_s for fault in faults])
     for name, value in zip(events.dtype.names or (), events[0].tolist(), strict=True):
         setattr(epoch, name, array('B', uav_ids(value)) if name == 'heard' else value)
 

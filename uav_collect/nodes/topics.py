@@ -48,6 +48,7 @@ from visualization_msgs.msg import MarkerArray
 
 JOIN_SERVICE = '/world/join'
 CONTROL_SERVICE = '/world/control'
+INJECT_SERVICE = '/world/inject'
 
 LIVELINESS_LEASE_S = 2.0  # how long a death goes unnoticed; shorter, load looks like death
 
@@ -130,6 +131,7 @@ class WorldTopics:
     recorder: Topic  # recorders -> world
     join_service: str
     control_service: str
+    inject_service: str
     vouch_prefix: str  # before the beginning of a world's instance: each world has its own
 
     def uav(self, uav: int) -> UavTopics:
@@ -162,6 +164,7 @@ def world_topics(namespace: str = '') -> WorldTopics:
         recorder=RECORDER.within(namespace),
         join_service=f'{namespace}{JOIN_SERVICE}',
         control_service=f'{namespace}{CONTROL_SERVICE}',
+        inject_service=f'{namespace}{INJECT_SERVICE}',
         vouch_prefix=f'{namespace}/world/vouch_',
     )
 

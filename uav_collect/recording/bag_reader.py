@@ -11,8 +11,15 @@ from rosbags.highlevel import AnyReader, AnyReaderError
 from rosbags.rosbag2 import ReaderError
 from uav_collect.errors import BagError, ConfigError, MissionLogError
 from uav_collect.kernels.arrays import Floats
-from uav_collect.recording.mission_log import EVENT_DTYPE, Events, header_from_line, MissionLog
+from uav_collect.recording.mission_log import (
+    EVENT_DTYPE,
+    Events,
+    FaultRecord,
+    header_from_line,
+    MissionLog,
+)
 from uav_collect.scenario.load import from_yaml
+from uav_collect.scenario.model import FAULT_KINDS
 from uav_collect.scenario.site import build_site, Site
 
 # What topics end with: worlds may have a namespace.
@@ -157,7 +164,7 @@ def _mission(path: Path, parts: _Parts, sites: dict[str, Site]) -> RecordedMissi
     except MissionLogError as error:
         raise BagError(f'{path}: mission {start.mission_id}: {error}') from error
     return RecordedMission(
-        log=MissionLog(header=header, events=_events(epochs)),
+        log=MissionLog(header=header, events=_events(epochs), faults=_faults(epochs)),
         site=sites[start.world_instance],
         demand_bit=np.array(start.demand_bit, dtype=np.float64),
         n_radio_messages=parts.n_radio_messages,
@@ -182,6 +189,17 @@ def event_of(epoch: Any) -> np.void:  # noqa: ANN401 - a message
         value = getattr(epoch, name)
         event[name] = _bits(value) if name == 'heard' else value
     return event
+
+
+def _faults(epochs: list[Any]) -> tuple[FaultRecord, ...]:
+    return tuple(
+        FaultRecord(
+            event=int(epoch.event), time_s=float(begin_s), uav=int(uav), fault=FAULT_KINDS[kind]
+        )
+        for epoch in epochs
+        if hasattr(epoch, 'fault')  # bags of before there were any do not know them
+        for kind, uav, begin_s in zip(epoch.fault, epoch.fault_uav, epoch.fault_s, strict=True)
+    )
 
 
 def _bits(uavs: Any) -> int:  # noqa: ANN401 - an array of ids

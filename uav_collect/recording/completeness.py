@@ -1,8 +1,9 @@
 """Compares what a recording holds of missions with what their events say that there was.
 
-An event names the UAV that decided and those in contact with it: so it was sent an observation and
-answered with a command and a radio message, and each of these UAVs heard the other. Whatever the
-order in which topics arrive; and missions that hold everything are soon forgotten.
+An event names the UAV that decided and those that it heard: so it was sent an observation and
+their messages, and answered with a command and a message of its own; and whether they heard that
+at once. Whatever the order in which topics arrive; and missions that hold everything are soon
+forgotten.
 """
 
 from collections import defaultdict, OrderedDict
@@ -14,7 +15,7 @@ from typing import NamedTuple
 
 from uav_collect.limits import MAX_UAVS
 from uav_collect.recording.message_heads import FieldsOf, HeadReader
-from uav_collect.uav.action_codes import FAILSAFE
+from uav_collect.uav.action_codes import FAILSAFE, FAULT
 
 STARTED, ENDED = 0, 1  # phases of a Mission message
 
@@ -27,7 +28,10 @@ _TOPIC = re.compile(r'(?P<world>.*)/(?:world|uav_(?P<uav>\d+))/(?P<what>\w+)')
 _PACKAGE = 'uav_collect_msgs/msg/'
 _READS = {
     'mission': ('Mission', ('mission_id', 'phase', 'n_decisions', 'uavs')),
-    'epoch': ('Epoch', ('mission_id', 'event', 'uav', 'decision', 'reason', 'heard', 'terminal')),
+    'epoch': (
+        'Epoch',
+        (*('mission_id', 'event', 'uav', 'decision', 'reason'), 'heard', 'heard_back', 'terminal'),
+    ),
     'observation': ('Observation', ('mission_id', 'decision')),
     'command': ('Command', ('mission_id', 'decision')),
     'radio_tx': ('RadioMessage', ('mission_id', 'sequence')),
@@ -131,6 +135,7 @@ class Completeness:
         decision: int,
         reason: int,
         heard: bytes,
+        heard_back: bool,
         terminal: bool,
     ) -> Taken:
         mission = self._mission(mission_id)
@@ -139,8 +144,8 @@ class Completeness:
         if uav in _UAVS and mission.events.add(event):
             if terminal:
                 mission.n_events = event + 1
-            if reason != FAILSAFE:
-                mission.expect(uav, decision, heard)
+            if reason not in (FAILSAFE, FAULT):
+                mission.expect(uav, decision, heard, heard if heard_back else b'')
         return Taken('epoch', mission_id)
 
     def _take_numbered(self, reader: HeadReader, what: str, uav: int, content: bytes) -> Taken:
@@ -242,11 +247,11 @@ class _Mission:
     events: _Numbers = field(default_factory=_Numbers)
     uavs: defaultdict[int, _UavParts] = field(default_factory=lambda: defaultdict(_UavParts))
 
-    def expect(self, uav: int, decision: int, heard: bytes) -> None:
-        """Note what a decision was asked for with, and what was heard at it."""
+    def expect(self, uav: int, decision: int, heard: bytes, hearers: bytes) -> None:
+        """Note what a decision was asked for with, whom it heard and who heard it at once."""
         self.uavs[uav].asked.add(decision)
         self.uavs[uav].n_heard += len(heard)
-        for other in _UAVS.intersection(heard):
+        for other in _UAVS.intersection(hearers):
             self.uavs[other].n_heard += 1
 
     @property

@@ -1,10 +1,11 @@
 """The files that a world writes: the resolved scenario, and a log per mission."""
 
+from collections.abc import Sequence
 from contextlib import suppress
 import os
 from pathlib import Path
 
-from uav_collect.recording.mission_log import Events, LogWriter, MissionHeader
+from uav_collect.recording.mission_log import Events, FaultRecord, LogWriter, MissionHeader
 from uav_collect.recording.origin import ORIGIN_FILE, origin_text
 
 SCENARIO_FILE = 'scenario.yaml'  # resolved
@@ -57,12 +58,12 @@ class MissionFolder:
             return f'the mission log cannot be written: {error}'
         return None
 
-    def append(self, events: Events) -> str | None:
-        """Add events to the mission's log."""
+    def append(self, events: Events, faults: Sequence[FaultRecord] = ()) -> str | None:
+        """Add events to the mission's log, and the faults that they were the first with."""
         if self._log is None:
             return None
         try:
-            self._log.append(events)
+            self._log.append(events, faults)
         except OSError as error:
             self.end()
             return f'the mission log cannot be written: {error}'

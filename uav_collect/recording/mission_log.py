@@ -1,14 +1,17 @@
-"""The one log of a mission: a header, then one record per event, as JSON lines.
+"""The one log of a mission: a header, then one record per event, or fault, as JSON lines.
 
 The bytes depend on the scenario, the mission seed and the policies alone: no wall-clock value
 enters, and floats are written with the fewest digits that read back to the same number. A mission
 over ROS and the same mission in one process leave the same file.
 """
 
+from collections import deque
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +37,7 @@ EVENT_DTYPE = np.dtype(
         ('energy_j', np.float64),  # the action's cost
         ('collected_bit', np.float64),  # data claimed by the action, 0 unless it hovers
         ('n_sensors', np.int64),  # sensors served by the action
-        ('heard', np.uint64),  # UAVs in contact, bit i for the id i + 1
+        ('heard', np.uint64),  # UAVs that it heard, bit i for the id i + 1
         ('known_complete', np.int64),  # completed cells in its map, after hearing the others
         ('interval_s', np.float64),  # until the next event, or the end
         ('reward', np.float64),  # of that interval, discounted to its start
@@ -60,6 +63,16 @@ class UavHeader:
 
 
 @dataclass(frozen=True, kw_only=True)
+class FaultRecord:
+    """A fault that has befallen a UAV."""
+
+    event: int  # the first event with it
+    time_s: float  # when it began
+    uav: int  # id, from 1
+    fault: str  # its kind
+
+
+@dataclass(frozen=True, kw_only=True)
 class MissionHeader:
     """What a mission was: enough to fly it again and to judge its log."""
 
@@ -78,6 +91,7 @@ class MissionLog:
 
     header: MissionHeader
     events: Events  # EVENT_DTYPE, one per event, in order
+    faults: tuple[FaultRecord, ...] = ()  # in the order of their events
 
     @property
     def is_over(self) -> bool:
@@ -85,8 +99,8 @@ class MissionLog:
         return int((self.events['action'] == HOME).sum()) == len(self.header.uavs)
 
     def to_jsonl(self) -> bytes:
-        """The log as JSON lines: the header, then one line per event."""
-        lines = [header_line(self.header), *(event_line(event) for event in self.events)]
+        """The log as JSON lines: the header, then one line per event, faults before theirs."""
+        lines = [header_line(self.header), *record_lines(self.events, self.faults)]
         return ('\n'.join(lines) + '\n').encode()
 
 
@@ -108,14 +122,14 @@ class LogWriter:
                 self._file.close()
             raise
 
-    def append(self, events: Events) -> None:
-        """Add events whose intervals are known.
+    def append(self, events: Events, faults: Sequence[FaultRecord] = ()) -> None:
+        """Add events whose intervals are known, and the faults that they were the first with.
 
         Raises:
             OSError: the disk is full, say.
         """
-        for event in events:
-            self._file.write(event_line(event) + '\n')
+        for line in record_lines(events, faults):
+            self._file.write(line + '\n')
         self._file.flush()
 
     def close(self) -> None:
@@ -130,6 +144,15 @@ def header_line(header: MissionHeader) -> str:
         if uav['guard_after'] == GUARD_AFTER:
             del uav['guard_after']
     return json.dumps(fields, separators=(', ', ': '))
+
+
+def record_lines(events: Events, faults: Sequence[FaultRecord]) -> Iterator[str]:
+    """Events as lines of JSON, each after the faults that it is the first with."""
+    waiting = deque(faults)
+    for event in events:
+        while waiting and waiting[0].event <= event['event']:
+            yield json.dumps(asdict(waiting.popleft()), separators=(', ', ': '))
+        yield event_line(event)
 
 
 def event_line(event: np.void) -> str:
@@ -166,12 +189,20 @@ def from_jsonl(text: bytes) -> MissionLog:
     """
     first, *rest = text.decode().splitlines() or ['']
     events = np.zeros(len(rest), dtype=EVENT_DTYPE)
+    faults: list[FaultRecord] = []
     for number, line in enumerate(rest, start=2):
         try:
-            events[number - 2] = _event_from_line(line)
+            fields = json.loads(line)
+            if 'fault' in fields:
+                faults.append(FaultRecord(**fields))
+            else:
+                events[number - 2 - len(faults)] = _event_from(fields)
         except (json.JSONDecodeError, KeyError, TypeError, ValueError) as error:
             raise MissionLogError(f'line {number}: no event of a mission log ({error})') from error
-    return MissionLog(header=header_from_line(first), events=events)
+    header = header_from_line(first)
+    return MissionLog(
+        header=header, events=events[: len(rest) - len(faults)], faults=tuple(faults)
+    )
 
 
 def read(path: Path) -> MissionLog:
@@ -199,8 +230,7 @@ def read_so_far(path: Path) -> MissionLog:
         raise MissionLogError(f'{path}: {error}') from error
 
 
-def _event_from_line(line: str) -> tuple[float, ...]:
-    fields = json.loads(line)
+def _event_from(fields: dict[str, Any]) -> tuple[float, ...]:
     fields['action'] = ACTION_NAMES.index(fields['action'])
     fields['reason'] = REASON_NAMES.index(fields['reason'])
     fields['heard'] = sum(1 << (uav - 1) for uav in fields['heard'])

@@ -68,9 +68,12 @@ def parse_override(assignment: str) -> tuple[str, object]:
 
 
 def with_uavs(scenario: Scenario, n_uavs: int) -> Scenario:
-    """The scenario with another number of UAVs: those it has, in turn."""
+    """The scenario with another number of UAVs: those it has, in turn, and their faults."""
     uavs = tuple(islice(cycle(scenario.uavs), n_uavs))
-    return replace(scenario, fleet=FleetConfig(uavs=uavs))
+    faults = scenario.faults and tuple(
+        fault for fault in scenario.faults if fault.uav == 'any' or fault.uav <= n_uavs
+    )
+    return replace(scenario, fleet=FleetConfig(uavs=uavs), faults=faults or None)
 
 
 def fingerprint(scenario: Scenario) -> str:
@@ -192,7 +195,7 @@ def _checked(document: Document) -> Scenario:
     scenario = validated(Scenario, document)
     problems = [
         document.problem(keys, what)
-        for wrong in (_wrong_uavs, _wrong_sensors, _wrong_amounts)
+        for wrong in (_wrong_uavs, _wrong_sensors, _wrong_amounts, _wrong_delay, _wrong_faults)
         for keys, what in wrong(scenario)
     ]
     if problems:
@@ -242,3 +245,19 @@ def _wrong_amounts(scenario: Scenario) -> Iterator[tuple[Keys, str]]:
             return
         reason = f'sensor {without[0]} has no data_mbit' if without else 'all data_mbit are 0'
     yield ('demand', 'data_mbit'), f'is csv: must be a list [low, high], as {reason}'
+
+
+def _wrong_delay(scenario: Scenario) -> Iterator[tuple[Keys, str]]:
+    mean_s, jitter_s = scenario.radio.delay_s or (0.0, 0.0)
+    if jitter_s > mean_s:
+        what = f'is {shown(scenario.radio.delay_s)}: the jitter must be at most the mean'
+        yield ('radio', 'delay_s'), what
+
+
+def _wrong_faults(scenario: Scenario) -> Iterator[tuple[Keys, str]]:
+    for index, fault in enumerate(scenario.faults or ()):
+        keys: Keys = ('faults', index)
+        if fault.uav != 'any' and fault.uav > scenario.n_uavs:
+            yield (*keys, 'uav'), f'is {fault.uav}: must be from 1 to {scenario.n_uavs}, or any'
+        if (fault.at_s is None) == (fault.at_decision is None):
+            yield keys, 'must have one of at_s and at_decision, and not both'

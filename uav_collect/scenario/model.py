@@ -8,13 +8,28 @@ import math
 from typing import Annotated, Literal
 
 from uav_collect.config import yaml_text
-from uav_collect.config.rules import Entries, number, pair, Section, text, whole
+from uav_collect.config.rules import (
+    either,
+    Entries,
+    number,
+    one_or_span,
+    pair,
+    Section,
+    text,
+    whole,
+)
 from uav_collect.limits import MAX_UAVS
 from uav_collect.scenario import sensor_files
 
 _MAX_CELLS_PER_SIDE = 64
 _MAX_LENGTH_M = 10_000.0
 _MAX_SIDE_M = _MAX_CELLS_PER_SIDE * _MAX_LENGTH_M
+_MAX_DELAY_S = 3600.0
+_MAX_TIME_S = 1e6  # of a fault
+_MAX_DECISIONS = 1_000_000
+_MAX_FAULTS = 1_000
+
+FAULT_KINDS = ('gone', 'silent', 'slow')  # in the order of `world.dynamics.GONE` and so on
 
 Point = tuple[float, float]  # x, y [m]: east and north of the area's south-west corner
 _Share = Annotated[float, number(0, 1)]
@@ -106,6 +121,27 @@ class RadioConfig(Section):
     n_antennas: Annotated[int, whole(1, 64)]
     csi_error_variance: _Share
     contact_range_m: Annotated[float, number(0, math.inf, 'm')]
+    # Between UAVs. Without any of these a message in range is heard at once, and none is lost.
+    loss_share: Annotated[float | None, number(0, 1)] = None
+    delay_s: Annotated[
+        Point | None,
+        pair(
+            number(0, _MAX_DELAY_S, 's'),
+            f'a list [mean, jitter], 0 <= jitter <= mean <= {_MAX_DELAY_S:g} s',
+        ),
+    ] = None
+    rate_bps: Annotated[float | None, number(1, 1e12, 'bit/s')] = None
+    beacon_period_s: Annotated[float | None, number(0.1, _MAX_DELAY_S, 's')] = None
+
+    @property
+    def is_ideal(self) -> bool:
+        """Whether UAVs in range hear each other at once and always."""
+        return (
+            self.loss_share is None
+            and self.delay_s is None
+            and self.rate_bps is None
+            and self.beacon_period_s is None
+        )
 
     @property
     def tx_power_w(self) -> float:
@@ -187,6 +223,43 @@ class FleetConfig(Section):
     uavs: Annotated[tuple[UavConfig, ...], Entries(1, MAX_UAVS)]
 
 
+class FaultConfig(Section):
+    """What befalls a UAV on purpose; see `world.faults`. At a time or at a decision."""
+
+    uav: Annotated[int | Literal['any'], either(whole(1, MAX_UAVS), 'any')]  # id; any: drawn
+    kind: Literal['gone', 'silent', 'slow']
+    at_s: Annotated[
+        float | Point | None,
+        one_or_span(number(0, _MAX_TIME_S, 's'), f'a number from 0 to {_MAX_TIME_S:g} s'),
+    ] = None
+    # Running number of the UAV's own decisions, from 0.
+    at_decision: Annotated[
+        int | tuple[int, int] | None,
+        one_or_span(whole(0, _MAX_DECISIONS), f'a whole number from 0 to {_MAX_DECISIONS}'),
+    ] = None
+    share: Annotated[float | None, number(0, 1)] = None  # of missions; absent: of all
+
+    @property
+    def mission_share(self) -> float:
+        """Share of missions that it happens in."""
+        return 1.0 if self.share is None else self.share
+
+    @property
+    def span_s(self) -> Point:
+        """The earliest and the latest time that it begins [s]; nan: at a decision."""
+        if self.at_s is None:
+            return math.nan, math.nan
+        return self.at_s if isinstance(self.at_s, tuple) else (self.at_s, self.at_s)
+
+    @property
+    def span_decisions(self) -> tuple[int, int]:
+        """The first and the last decision that it begins at; -1: at a time."""
+        if self.at_decision is None:
+            return -1, -1
+        at = self.at_decision
+        return at if isinstance(at, tuple) else (at, at)
+
+
 class Scenario(Section):
     """Everything that a mission depends on, but the mission's seed and the policies."""
 
@@ -197,6 +270,7 @@ class Scenario(Section):
     radio: RadioConfig
     reward: RewardConfig
     fleet: FleetConfig
+    faults: Annotated[tuple[FaultConfig, ...] | None, Entries(0, _MAX_FAULTS)] = None
 
     @property
     def uavs(self) -> tuple[UavConfig, ...]:

@@ -19,4 +19,5 @@ MAP_COMPLETE = 1
 ENERGY_RESERVE = 2
 FAILSAFE = 3
 GUARD = 4  # the policy flew in circles, see `agent.guarded`
-REASON_NAMES = ('policy', 'map complete', 'energy reserve', 'failsafe', 'guard')
+FAULT = 5  # its agent is gone on purpose, see `world.faults`
+REASON_NAMES = ('policy', 'map complete', 'energy reserve', 'failsafe', 'guard', 'fault')

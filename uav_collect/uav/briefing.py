@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from uav_collect.kernels.arrays import Row, row_of
 from uav_collect.physics.energy import propulsion_power_w
-from uav_collect.scenario.model import Scenario
+from uav_collect.scenario.model import RadioConfig, Scenario
 
 
 class Briefing(NamedTuple):
@@ -35,7 +35,10 @@ def brief(scenario: Scenario) -> Briefing:
         cells_per_side=scenario.area.cells_per_side,
         cell_size_m=scenario.area.cell_size_m,
         n_uavs=len(uavs),
-        contact_range_m=scenario.radio.contact_range_m,
+        # A message that never arrives is one that is never in range: UAVs can know that, too.
+        contact_range_m=0.0
+        if scenario.radio.loss_share == 1.0
+        else scenario.radio.contact_range_m,
         bandwidth_hz=scenario.bandwidth_hz,
         noise_w_per_hz=scenario.radio.noise_w_per_hz,
         tx_power_w=scenario.radio.tx_power_w,
@@ -49,6 +52,11 @@ def brief(scenario: Scenario) -> Briefing:
         energy_budget_j=row_of([uav.energy_budget_j for uav in uavs]),
         energy_margin_j=row_of([uav.energy_margin_j for uav in uavs]),
     )
+
+
+def _contact_range_m(radio: RadioConfig) -> float:
+    # Where no message arrives, nobody is in range: so UAVs know that they hear nothing.
+    return 0.0 if radio.loss_share == 1.0 else radio.contact_range_m
 
 
 def _power_w(scenario: Scenario, uav: int, *, flying: bool) -> float:

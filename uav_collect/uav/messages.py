@@ -17,6 +17,7 @@ class RadioMessage:
     x_m: float
     y_m: float
     time_s: float
+    decision: int = 0  # of the sender, that it belongs to
 
 
 @dataclass(frozen=True, kw_only=True)

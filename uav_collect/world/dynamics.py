@@ -23,6 +23,12 @@ ACTIVE = 0
 FLYING_HOME = 1
 LANDED = 2  # no row holds it: it follows from the time
 
+# What may befall a UAV, see `faults`; the first part of a place in the rows of faults, (K * U,).
+GONE = 0
+SILENT = 1
+SLOW = 2
+N_FAULT_KINDS = 3
+
 _Ints = TypeVar('_Ints')
 _Floats = TypeVar('_Floats')
 
@@ -53,6 +59,9 @@ class MissionRows(NamedTuple, Generic[_Ints, _Floats]):
     error_gain: _Floats  # (S,) its estimation error
     rate_bps: _Floats  # (S,) while being served, 0 before
     upload_s: _Floats  # (S,) how long its data takes
+    fault_s: _Floats  # (K * U,) from when on a fault of a kind has befallen a UAV; inf: never
+    fault_decision: _Ints  # (K * U,) the UAV's decision that it begins at; NONE: at no one
+    fault_event: _Ints  # (K * U,) the first event with it; NONE
 
 
 Mission = MissionRows[Row[int], Row[float]]
@@ -70,8 +79,12 @@ def new_missions(
         'cell_bit': n_cells,
     } | dict.fromkeys(
         ('demand_bit', 'waiting_bit', 'gain', 'error_gain', 'rate_bps', 'upload_s'), n_sensors
+    ) | dict.fromkeys(
+        ('fault_s', 'fault_decision', 'fault_event'), N_FAULT_KINDS * n_uavs
     )  # fmt: skip
-    counts = {'seed', 'phase', 'action', 'n_decisions', 'n_visits'}
+    counts = {
+        'seed', 'phase', 'action', 'n_decisions', 'n_visits', 'fault_decision', 'fault_event'
+    }  # fmt: skip
     tables: dict[str, Any] = {
         name: new_table(n_worlds, sizes.get(name, n_uavs), 0 if name in counts else 0.0)
         for name in MissionRows._fields
@@ -110,6 +123,9 @@ def mission_of(missions: Missions, world: int) -> Mission:
         missions.error_gain[world],
         missions.rate_bps[world],
         missions.upload_s[world],
+        missions.fault_s[world],
+        missions.fault_decision[world],
+        missions.fault_event[world],
     )
 
 
@@ -140,6 +156,10 @@ def restart_mission(briefing: Briefing, sensor_field: SensorField, mission: Miss
         mission.action[uav] = NONE
         mission.n_decisions[uav] = 0
         mission.energy_left_j[uav] = briefing.energy_budget_j[uav]
+    for place in range(len(mission.fault_s)):
+        mission.fault_s[place] = math.inf
+        mission.fault_decision[place] = NONE
+        mission.fault_event[place] = NONE
     for index in range(len(mission.n_visits)):
         mission.n_visits[index] = 0
     draw_demand(sensor_field, mission.seed[0], mission.demand_bit)
@@ -201,6 +221,17 @@ def has_landed(mission: Mission, uav: int, time_s: float) -> bool:
 
 
 @kernel
+def has_fault(mission: Mission, kind: int, uav: int, time_s: float) -> bool:
+    """Whether a fault of a kind has befallen a UAV by a time."""
+    return mission.fault_s[kind * len(mission.phase) + uav] <= time_s
+
+
+@kernel
+def _is_mute(mission: Mission, uav: int, time_s: float) -> bool:
+    return has_landed(mission, uav, time_s) or has_fault(mission, SILENT, uav, time_s)
+
+
+@kernel
 def _progress(mission: Mission, uav: int, time_s: float) -> float:
     duration_s = mission.leg_end_s[uav] - mission.leg_start_s[uav]
     if time_s >= mission.leg_end_s[uav] or duration_s <= 0.0:
@@ -224,12 +255,22 @@ def y_m_at(mission: Mission, uav: int, time_s: float) -> float:
 
 @kernel
 def in_contact(briefing: Briefing, mission: Mission, uav: int, other: int, time_s: float) -> bool:
-    """Whether two UAVs, neither landed, are within communication range of each other."""
-    if uav == other or has_landed(mission, uav, time_s) or has_landed(mission, other, time_s):
+    """Whether two UAVs, neither landed nor silent, are within range of each other."""
+    if uav == other or _is_mute(mission, uav, time_s) or _is_mute(mission, other, time_s):
         return False
     east_m = x_m_at(mission, uav, time_s) - x_m_at(mission, other, time_s)
     north_m = y_m_at(mission, uav, time_s) - y_m_at(mission, other, time_s)
     return math.sqrt(east_m * east_m + north_m * north_m) <= briefing.contact_range_m
+
+
+@kernel
+def contacts(briefing: Briefing, mission: Mission, uav: int, time_s: float) -> int:
+    """The UAVs in contact with one, as bits."""
+    found = 0
+    for other in range(briefing.n_uavs):
+        if in_contact(briefing, mission, uav, other, time_s):
+            found |= 1 << other
+    return found
 
 
 @kernel

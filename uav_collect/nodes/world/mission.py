@@ -13,9 +13,10 @@ from uav_collect.kernels.arrays import Row, row_of
 from uav_collect.lockstep.published_policy import PublishedPolicy
 from uav_collect.lockstep.roster import Pilot
 from uav_collect.missions.event_log import mission_header
-from uav_collect.missions.simulation import Event, FAILSAFE_DECISION, Simulation
+from uav_collect.missions.simulation import Event, FAILSAFE_DECISION, FAULT_DECISION, Simulation
 from uav_collect.nodes import convert
-from uav_collect.recording.mission_log import Events, header_line, MissionHeader
+from uav_collect.recording.mission_log import Events, FaultRecord, header_line, MissionHeader
+from uav_collect.scenario.model import FAULT_KINDS
 from uav_collect.scenario.site import Site
 from uav_collect.uav import action_codes
 from uav_collect.uav.action_codes import REASON_NAMES
@@ -91,7 +92,7 @@ class MissionInFlight:
         self.n_decisions = 0
         self._n_cells = scenario.n_cells
         self._histories: dict[int, _UavHistory] = defaultdict(_UavHistory)  # by id
-        self._sequences = [0] * scenario.n_uavs  # decision of each UAV's latest transmission
+        self._injected: list[tuple[str, int]] = []  # kinds and indices, for the next event
         self._outbox: defaultdict[int, list[RadioMessageMsg]] = defaultdict(list)  # by receiver
         self._event: Event | None = None  # the next one, once known
         self._open: tuple[float, str] | None = None  # time and policy of the latest event
@@ -99,8 +100,21 @@ class MissionInFlight:
     def next_event(self) -> Event | None:
         """The event for which no decision was requested yet; None when all fly home."""
         if self._event is None:
+            for kind, uav in self._injected:
+                self.simulation.inject(kind, uav)
+            self._injected.clear()
             self._event = self.simulation.next_event()
         return self._event
+
+    def inject(self, kind: str, uav: int) -> str | None:
+        """Let a fault befall a UAV, by id, from the next event on; why not, or None."""
+        n_uavs = self.simulation.briefing.n_uavs
+        if kind not in FAULT_KINDS:
+            return f'fault is {kind!r}: must be one of {", ".join(FAULT_KINDS)}'
+        if not 1 <= uav <= n_uavs:
+            return f'uav is {uav}: must be from 1 to {n_uavs}'
+        self._injected.append((kind, uav - 1))
+        return None
 
     @property
     def next_time_s(self) -> float:
@@ -112,8 +126,7 @@ class MissionInFlight:
         """What the deciding UAV hears before it sees, to be published to it."""
         receiver = event.uav + 1
         for message in event.heard:
-            sequence = self._sequences[message.sender]
-            self._send(receiver, self._radio_msg(message, sequence))
+            self._send(receiver, self._radio_msg(message))
         return self._outbox.pop(receiver, [])
 
     def undelivered(self) -> Iterator[tuple[int, RadioMessageMsg]]:
@@ -168,20 +181,22 @@ class MissionInFlight:
         if pending is None or pending.decision is None or pending.complete is None:
             raise RuntimeError('there is no answered decision to carry out')
         event = pending.event
-        self._sequences[event.uav] = event.decision
         hearers = self.simulation.transmit(event.uav, pending.complete)
         heard = self.simulation.radio(event.uav)
         for hearer in hearers:
-            self._send(hearer + 1, self._radio_msg(heard, event.decision))
+            self._send(hearer + 1, self._radio_msg(heard))
         self._start(event, pending.decision, pending.policy_version)
 
     def fly_home(self, event: Event) -> None:
         """Let the failsafe fly the deciding UAV home."""
         self.unflown.add(event.uav + 1)
-        self._start(event, FAILSAFE_DECISION, 'failsafe')
+        decision = FAULT_DECISION if event.is_gone else FAILSAFE_DECISION
+        self._start(event, decision, 'failsafe')
 
-    def closed_event(self) -> tuple[Epoch, Events] | None:
+    def closed_event(self) -> tuple[Epoch, Events, tuple[FaultRecord, ...]] | None:
         """The latest event's epoch and log, once the next one is known; each is returned once.
+
+        With it come the faults that it is the first with.
 
         The fleet's state is read here, not when the event's action starts: until the next action
         starts it is the same, and by now the next UAV already decides.
@@ -193,8 +208,10 @@ class MissionInFlight:
         epoch.policy_version = policy_version
         epoch.terminal = self.simulation.is_over
         event = self.simulation.last_event()
-        convert.fill_epoch(epoch, event)
-        return epoch, event
+        index = self.simulation.n_events - 1
+        faults = tuple(fault for fault in self.simulation.faults() if fault.event == index)
+        convert.fill_epoch(epoch, event, faults)
+        return epoch, event, faults
 
     def fill_history(self, response: Any, pilot: Pilot) -> None:
         """Give an agent that joins all that its UAV was sent so far, and what it is flown by."""
@@ -238,9 +255,12 @@ class MissionInFlight:
         n_radio = len(self._histories[event.uav + 1].radio)
         return convert.observation_msg(event, self.mission_id, n_radio, self.clock_start_s)
 
-    def _radio_msg(self, message: RadioMessage, sequence: int) -> RadioMessageMsg:
+    def _radio_msg(self, message: RadioMessage) -> RadioMessageMsg:
         return convert.radio_msg(
-            message, self.mission_id, sequence=sequence, clock_start_s=self.clock_start_s
+            message,
+            self.mission_id,
+            sequence=message.decision,
+            clock_start_s=self.clock_start_s,
         )
 
     def _send(self, receiver: int, message: RadioMessageMsg) -> None:
@@ -269,6 +289,7 @@ class MissionInFlight:
             uav_phase=array('B', [simulation.phase(uav, time_s) for uav in uavs]),
             uav_complete=packed_maps([simulation.known_complete(uav) for uav in uavs]),
             true_complete=packed_maps([served]),
+            heard_back=simulation.is_radio_ideal,
         )
 
 
@@ -342,4 +363,5 @@ _OUTCOMES = {
     REASON_NAMES[action_codes.MAP_COMPLETE]: UavFigures.MAP_COMPLETE,
     REASON_NAMES[action_codes.ENERGY_RESERVE]: UavFigures.ENERGY_RESERVE,
     REASON_NAMES[action_codes.FAILSAFE]: UavFigures.FAILSAFE,
+    REASON_NAMES[action_codes.FAULT]: UavFigures.FAULT,
 }

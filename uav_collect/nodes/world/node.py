@@ -36,7 +36,7 @@ from uav_collect.uav.actions import check_can_start
 from uav_collect.uav.briefing import brief
 from uav_collect.uav.policy import TOPIC
 from uav_collect_msgs.msg import Mission
-from uav_collect_msgs.srv import ControlMission, Join, Vouch
+from uav_collect_msgs.srv import ControlMission, InjectFault, Join, Vouch
 
 _DESCRIPTION = """
 Simulates sensors, radio, flight and energy of a mission, hands each UAV's agent what it observes,
@@ -98,6 +98,7 @@ class WorldNode(ProcessNode):
         instance = self._identity.instance
         serve(self, Join, self._names.join_service, self._on_join)
         serve(self, ControlMission, self._names.control_service, self._on_control, instance)
+        serve(self, InjectFault, self._names.inject_service, self._on_inject, instance)
         rate_hz = self._settings.viewer_rate_hz
         self._viewers = ViewerPublisher(self, self._names, self._site, rate_hz)
         warn = self._diagnostics.warn
@@ -219,6 +220,19 @@ class WorldNode(ProcessNode):
         response.success, response.message = answer
         return response
 
+    def _on_inject(self, request: Any, response: Any) -> Any:
+        if self._mission is None:
+            refusal: str | None = 'there is no mission in flight'
+        else:
+            refusal = self._mission.inject(request.fault, request.uav)
+        response.success = refusal is None
+        response.message = (
+            refusal or f'UAV {request.uav} is {request.fault} from the next event on'
+        )
+        if refusal is None:
+            self.get_logger().warning(f'fault injected: UAV {request.uav} is {request.fault}')
+        return response
+
     # The mission.
 
     def _tick(self) -> None:
@@ -291,7 +305,7 @@ class WorldNode(ProcessNode):
             elif 0 < self._settings.max_decisions < mission.n_decisions:
                 self._publish_event(mission)
                 self._end_mission(Mission.ABORTED, 'cut off by max_decisions')
-            elif event.uav + 1 in mission.unflown:
+            elif event.is_gone or event.uav + 1 in mission.unflown:
                 self._publish_event(mission)
                 self._fly_home(mission, event)
             else:
@@ -329,7 +343,10 @@ class WorldNode(ProcessNode):
         return mission.stamp(mission.simulation.time_s)
 
     def _fly_home(self, mission: MissionInFlight, event: Event) -> None:
+        has_agent = event.uav + 1 not in mission.unflown
         mission.fly_home(event)
+        if has_agent:
+            self._pubs.publish_observation(event.uav + 1, mission.final_observation(event))
         self._viewers.note_event(event, FAILSAFE_DECISION)
 
     def _keep_time(self, mission: MissionInFlight, now_s: float) -> None:
@@ -347,7 +364,6 @@ class WorldNode(ProcessNode):
                 'failsafe', f'{text} {timeout_s:g} s; the failsafe flies it home'
             )
             self._fly_home(mission, event)
-            self._pubs.publish_observation(event.uav + 1, mission.final_observation(event))
         self._advance()
 
     def _publish_radio(self, mission: MissionInFlight) -> None:
@@ -360,9 +376,9 @@ class WorldNode(ProcessNode):
         self._publish_radio(mission)
         closed = mission.closed_event()
         if closed is not None:
-            epoch, event = closed
+            epoch, event, faults = closed
             self._pubs.publish_epoch(epoch)
-            self._diagnostics.warn_if_lost(self._folder.append(event))
+            self._diagnostics.warn_if_lost(self._folder.append(event, faults))
 
     def _publish_mission(self, mission: MissionInFlight, phase: int, note: str = '') -> Mission:
         index = self._schedule.n_started - 1
