@@ -192,8 +192,11 @@ $(UBUNTU)/.built: $(BUILT) requirements/ubuntu_24_04.txt
 # Folders stand for the files added to them. colcon runs make itself: a jobserver of ours would only
 # confuse it, and its own limit on the load would leave cores idle.
 $(BUILT): $(INSTALLED) package.xml setup.py setup.cfg colcon_defaults.yaml resource/uav_collect \
-    $(shell find msg_defs config launch -type d -o -path 'msg_defs/*' -type f 2> /dev/null)
-	@echo 'set-up: building uav_collect_msgs and uav_collect (about a minute)'
+    tools/packages_to_build.sh \
+    $(shell find msg_defs stand_ins config launch -type d -o -path 'msg_defs/*' -type f \
+      -o -path 'stand_ins/*' -type f 2> /dev/null)
+	@echo 'set-up: building the messages and uav_collect (about a minute)'
 	@if [ -f $(VENV)/setup.sh ]; then . $(VENV)/setup.sh; fi; \
-	  unset MFLAGS MAKELEVEL; MAKEFLAGS=-j$$(nproc) $(VENV)/bin/colcon build
+	  unset MFLAGS MAKELEVEL; MAKEFLAGS=-j$$(nproc) \
+	  $(VENV)/bin/colcon build --paths $$(sh tools/packages_to_build.sh)
 	@touch $@

@@ -3,6 +3,7 @@
 import ast
 from collections.abc import Callable
 from importlib.metadata import packages_distributions
+import os
 from pathlib import Path
 import re
 import shutil
@@ -367,6 +368,30 @@ def test_colcon_finds_both_packages(arguments: tuple[str, ...], tmp_path: Path) 
         ('uav_collect', '(ros.ament_python)'),
         ('uav_collect_msgs', '(ros.ament_cmake)'),
     }
+
+
+def test_the_stand_in_is_a_package_of_the_real_ones_name() -> None:
+    warnings: list[str] = []
+    manifest = parse_package(str(ROOT / 'stand_ins' / 'tf2_msgs'), warnings=warnings)
+    assert (manifest.name, manifest.get_build_type(), warnings) == ('tf2_msgs', 'ament_cmake', [])
+
+
+@pytest.mark.parametrize(('prefix', 'is_built'), [('opt', False), ('install', True), ('', True)])
+def test_the_stand_in_is_built_only_where_no_other_prefix_has_the_package(
+    tmp_path: Path, prefix: str, is_built: bool
+) -> None:
+    (tmp_path / prefix / 'share' / 'tf2_msgs').mkdir(parents=True)
+    (tmp_path / prefix / 'share' / 'tf2_msgs' / 'package.xml').touch()
+    prefixes = f'/nowhere:{tmp_path / prefix}' if prefix else ''
+    printed = subprocess.run(
+        ['sh', str(ROOT / 'tools' / 'packages_to_build.sh')],
+        cwd=tmp_path,  # what was built here before, in install, counts for nothing
+        env={**os.environ, 'AMENT_PREFIX_PATH': prefixes},
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
+    assert printed.split() == ['.', 'msg_defs', *(['stand_ins/tf2_msgs'] if is_built else [])]
 
 
 @pytest.mark.ros

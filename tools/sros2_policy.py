@@ -88,7 +88,9 @@ def _fleet_roles(n_uavs: int, namespace: str) -> list[Role]:
             enclave=f'{_ROOT}{namespace}/viewer',
             namespace=namespace or '/',
             node='viewer',
-            subscribes=_names(it for it in world.recorded() if not has_seal(it.message)),
+            subscribes=_names(
+                it for it in fleet_topics(n_uavs, namespace) if not has_seal(it.message)
+            ),
         ),
     ]
 

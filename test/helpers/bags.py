@@ -116,20 +116,20 @@ class HandMadeBag:
     def __init__(self, folder: Path, *, chunk_byte: int = 1_000_000) -> None:
         self.writer = BagWriter(folder, MessageTypes(definition_text), chunk_byte=chunk_byte)
         self._messages = HandMadeMessages()
-        self._topics: dict[str, Connection] = {}
+        self.topics: dict[str, Connection] = {}
         self._n_written = 0
 
     def add(self, topic: str, name: str, **fields: object) -> None:
         """Write a message of uav_collect_msgs; fields not named are zero."""
         type_name = f'uav_collect_msgs/msg/{name}'
-        if topic not in self._topics:
-            self._topics[topic] = self.writer.add_topic(topic, type_name, QOS)
+        if topic not in self.topics:
+            self.topics[topic] = self.writer.add_topic(topic, type_name, QOS)
         self.add_bytes(topic, self._messages.serialized(name, **fields))
 
     def add_bytes(self, topic: str, content: bytes) -> None:
         """Write what may be no message, on a topic that has one."""
         self._n_written += 1
-        self.writer.write(self._topics[topic], self._n_written, content)
+        self.writer.write(self.topics[topic], self._n_written, content)
 
     def add_scenario(self, site: Site, world: str = 'world') -> None:
         """Write what a world says first."""

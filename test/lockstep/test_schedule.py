@@ -2,7 +2,7 @@
 
 import pytest
 from uav_collect.limits import MAX_SEED
-from uav_collect.lockstep.schedule import MissionSchedule, SimulationPacer
+from uav_collect.lockstep.schedule import ClockRate, MissionSchedule, SimulationPacer
 
 
 def test_missions_in_a_row_count_their_seeds_up_and_end() -> None:
@@ -132,3 +132,28 @@ def test_without_a_pace_everything_is_due() -> None:
     pacer.restart()
     assert pacer.is_unlimited
     assert pacer.is_due(1e9)
+
+
+def test_the_clock_is_published_at_most_fifty_times_per_second_of_simulated_time() -> None:
+    rate = ClockRate(clock_s=lambda: 0.0)
+    times_s = [number * 0.005 for number in range(401)]
+    assert sum(rate.is_due(time_s, is_event=True) for time_s in times_s) <= 101
+
+
+def test_the_clock_is_published_at_each_event_however_fast_they_come() -> None:
+    rate = ClockRate(clock_s=lambda: 0.0)
+    assert [rate.is_due(time_s, is_event=True) for time_s in (0.0, 0.5, 0.51, 0.53)] == [
+        *(True, True, False, True)
+    ]
+
+
+def test_between_events_the_clock_is_published_at_most_fifty_times_per_second_of_wall_time() -> (
+    None
+):
+    now_s = [0.0]
+    rate = ClockRate(clock_s=lambda: now_s[0])
+    published = []
+    for tick in range(201):  # of 5 ms, at ten times the wall clock's pace
+        now_s[0] = tick * 0.005
+        published.append(rate.is_due(tick * 0.05, is_event=False))
+    assert 40 <= published.count(True) <= 51

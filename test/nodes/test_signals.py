@@ -152,7 +152,7 @@ def test_a_recorder_under_nohup_outlives_its_terminal(
 ) -> None:
     bag, path = tmp_path / 'bag', executable('recorder')
     recorder = processes.run('recorder', 'nohup', str(path), '--output', str(bag))
-    recorder.wait_for('recording 8 topics')
+    recorder.wait_for('recording 9 topics')
     status = Path(f'/proc/{recorder.pid}/status').read_text()
     (ignored,) = re.findall(r'^SigIgn:\s*(\w+)', status, re.MULTILINE)
     assert int(ignored, 16) >> (signal.SIGHUP - 1) & 1

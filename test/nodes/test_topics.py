@@ -12,9 +12,9 @@ from uav_collect_msgs.srv import ControlMission, InjectFault, Join, Vouch
 pytestmark = pytest.mark.ros
 
 
-def test_a_fleet_has_six_topics_per_uav_and_eight_of_its_own() -> None:
+def test_a_fleet_has_ten_topics_per_uav_and_nine_of_its_own() -> None:
     names = [topic.name for topic in topics.fleet_topics(16)]
-    assert len(set(names)) == len(names) == 8 + 16 * 6
+    assert len(set(names)) == len(names) == 9 + 16 * 10
     assert '/uav_16/radio_rx' in names
 
 
@@ -37,8 +37,9 @@ def test_who_starts_late_gets_all_but_what_counts_now() -> None:
 
 
 def test_a_uav_of_a_whole_mission_fits_its_history() -> None:
+    own = topics.uav_topics(1)
     for topic in topics.topics_of_uav(1):
-        if topic == topics.uav_topics(1).refusal:
+        if topic in (own.refusal, own.path):  # nobody needs old ones
             continue
         assert topic.qos.depth >= 1000
     assert topics.EPOCH.qos.depth >= 10_000

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+import random
 import resource
 import shutil
 import struct
@@ -11,6 +12,7 @@ from bags import HandMadeBag
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.writer import CompressionType, Writer
+import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 from uav_collect.errors import BagError, RecordingError
@@ -24,7 +26,8 @@ TOPIC = '/uav_1/radio_rx'
 def write_radio(bag: HandMadeBag, numbers: range) -> None:
     for number in numbers:
         stamp = {'sec': number, 'nanosec': 500_000_000}
-        bag.add(TOPIC, 'RadioMessage', sequence=number, stamp=stamp)
+        noise = np.frombuffer(random.Random(number).randbytes(40), dtype=np.uint8)
+        bag.add(TOPIC, 'RadioMessage', sequence=number, stamp=stamp, complete=noise)
 
 
 def killed(folder: Path) -> list[int]:

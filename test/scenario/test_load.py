@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 import pytest
 from uav_collect.config import yaml_text
 from uav_collect.physics.radio import reference_gain
+from uav_collect.scenario.earth import east_north_m
 from uav_collect.scenario.load import fingerprint, from_yaml, load, parse_override, scenario_names
 from uav_collect.scenario.model import DrawnSensors, ListedSensors
-from uav_collect.scenario.sensor_files import east_north_m
 
 FARM = """
 extends: paper_10x10

@@ -77,7 +77,8 @@ PACKAGES = {
 # Packages of a ROS distribution that nodes import.
 ROS_PACKAGES = (
     *('ament_index_python', 'builtin_interfaces', 'diagnostic_msgs', 'geometry_msgs', 'nav_msgs'),
-    *('rcl_interfaces', 'rclpy', 'rosgraph_msgs', 'std_msgs', 'visualization_msgs'),
+    *('rcl_interfaces', 'rclpy', 'rosgraph_msgs', 'sensor_msgs', 'std_msgs', 'tf2_msgs'),
+    'visualization_msgs',
 )
 
 # What each executable loads in any case.

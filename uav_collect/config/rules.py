@@ -31,8 +31,8 @@ class Section:
     """A mapping of the file: every key known, none missing but those with a default.
 
     A key is a leaf (`Annotated[float, number(0, 1)]`), a word (`Literal`), a section, one of some
-    sections by its key `kind` (`A | B`), a list of these (`tuple[A, ...]`), or a mapping in which
-    anything may stand (`dict[str, Any]`).
+    sections by its key `kind` (`A | B`; `A | None` may be left out), a list of these
+    (`tuple[A, ...]`), or a mapping in which anything may stand (`dict[str, Any]`).
     """
 
     _annotations: ClassVar[Mapping[str, object]] = {}  # what each key must be
@@ -272,8 +272,9 @@ def _kind_and_note(annotation: object) -> tuple[object, object]:
 
 
 def _sections_in(kind: object) -> tuple[type[Section], ...]:
-    """A section itself, or each of a union."""
-    return (kind,) if isinstance(kind, type) else get_args(kind)
+    """A section itself, or each of a union; None stands for one that is left out."""
+    union = (kind,) if isinstance(kind, type) else get_args(kind)
+    return tuple(section for section in union if section is not NoneType)
 
 
 def _allowed(annotation: object) -> str:

@@ -2,12 +2,14 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+import math
 import time
 
 from uav_collect.limits import MAX_SEED
 
 _LONGEST_LOOK_S = 0.25  # wall-clock time between two looks at the clock; longer is a stall
 _MOST_MADE_UP_S = 0.05  # wall-clock time that a decision may take and be made up for
+_CLOCK_PERIOD_S = 0.02  # at least, between two messages of the clock: 50 Hz
 
 
 @dataclass
@@ -102,3 +104,30 @@ class SimulationPacer:
     def is_due(self, time_s: float) -> bool:
         """Whether the simulated time of the next event has come."""
         return self.is_unlimited or self.pass_until(time_s) >= time_s
+
+
+class ClockRate:
+    """When the clock is published: at most 50 times per second of simulated time.
+
+    Nodes follow simulated time, so that is what counts, however fast it passes. From one event to
+    the next, where nothing happens, it is at most 50 times per second of wall-clock time too.
+    """
+
+    def __init__(self, clock_s: Callable[[], float] = time.monotonic) -> None:
+        """Nothing has been published yet."""
+        self._clock_s = clock_s
+        self._published_s = -math.inf  # simulated time
+        self._published_at_s = -math.inf  # wall-clock time then
+
+    def is_due(self, time_s: float, *, is_event: bool) -> bool:
+        """Whether a simulated time is to be published; it counts as published then.
+
+        Args:
+            is_event: something happens at that time.
+        """
+        now_s = self._clock_s()
+        is_early = not is_event and now_s - self._published_at_s < _CLOCK_PERIOD_S
+        if is_early or time_s - self._published_s < _CLOCK_PERIOD_S:
+            return False
+        self._published_s, self._published_at_s = time_s, now_s
+        return True

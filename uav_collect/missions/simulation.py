@@ -8,6 +8,7 @@ from collections.abc import Callable, Container, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 import math
+from typing import NamedTuple
 
 from uav_collect.errors import PolicyMismatchError
 from uav_collect.kernels.arrays import Row, row_of
@@ -70,6 +71,18 @@ class Event:
     view: LocalView
     heard: tuple[RadioMessage, ...]  # of each UAV that it hears, by index
     is_gone: bool = False  # its agent is, by a fault: the failsafe flies it home
+
+
+class Leg(NamedTuple):
+    """The running action of a UAV: from where and when to where and when, and what it costs."""
+
+    start_x_m: float
+    start_y_m: float
+    end_x_m: float
+    end_y_m: float
+    start_s: float
+    end_s: float
+    energy_j: float
 
 
 class Simulation:
@@ -245,6 +258,19 @@ class Simulation:
     def position_m(self, uav: int, time_s: float) -> tuple[float, float]:
         """Where a UAV is at a time of its running action."""
         return x_m_at(self._mission, uav, time_s), y_m_at(self._mission, uav, time_s)
+
+    def leg(self, uav: int) -> Leg:
+        """The running action of a UAV; of one that waits for its next, the action that is over."""
+        mission = self._mission
+        return Leg(
+            start_x_m=mission.leg_start_x_m[uav],
+            start_y_m=mission.leg_start_y_m[uav],
+            end_x_m=mission.leg_end_x_m[uav],
+            end_y_m=mission.leg_end_y_m[uav],
+            start_s=mission.leg_start_s[uav],
+            end_s=mission.leg_end_s[uav],
+            energy_j=mission.energy_j[uav],
+        )
 
     def energy_left_j(self, uav: int) -> float:
         """What a UAV has left when its running action ends."""

@@ -20,7 +20,7 @@ from functools import partial
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from nav_msgs.msg import OccupancyGrid
+from nav_msgs.msg import OccupancyGrid, Odometry, Path
 from rclpy.duration import Duration
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
@@ -29,6 +29,8 @@ from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, Reliabilit
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import BatteryState, NavSatFix
+from tf2_msgs.msg import TFMessage
 from uav_collect.lockstep.seals import Checker, Signer
 from uav_collect.nodes.process import ProcessNode
 from uav_collect.nodes.sealing import has_seal, SealedPublisher, warn_of
@@ -58,7 +60,6 @@ _NOTICED = {
     'liveliness_lease_duration': Duration(seconds=LIVELINESS_LEASE_S),
 }
 
-_CURRENT = QoSProfile(depth=1, durability=_LATCHED)
 # A reader keeps this many of all worlds together: with one, of two worlds it may miss the first.
 _WORLD = QoSProfile(depth=10, durability=_LATCHED, **_NOTICED)
 _MISSIONS = QoSProfile(depth=200, durability=_LATCHED)  # about as many as the histories below hold
@@ -68,6 +69,9 @@ _FROM_UAV = QoSProfile(depth=3_000, durability=_LATCHED, **_NOTICED)
 _LEARNED = QoSProfile(depth=4, durability=_LATCHED, **_NOTICED)
 _LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 _REPORTS = QoSProfile(depth=10)
+# Of missions as fast as can be a recorder may lag behind by thousands of samples.
+_SAMPLES = QoSProfile(depth=2_000, durability=_LATCHED)
+_PICTURES = QoSProfile(depth=100, durability=_LATCHED)
 _STATUS = QoSProfile(depth=10, durability=_LATCHED)
 
 _MOST_BYTES = 64_000_000  # of a message; the largest, a policy, takes one or two millions
@@ -102,14 +106,19 @@ class UavTopics:
     radio_rx: Topic  # world -> agent
     refusal: Topic  # world -> agent
     transition: Topic  # agent -> learner
+    odometry: Topic  # world -> viewers, these four
+    path: Topic
+    battery: Topic
+    fix: Topic  # where the scenario knows latitude and longitude
 
 
 CLOCK = Topic(name='/clock', message=Clock, qos=_LATEST)
 SCENARIO = Topic(name='/world/scenario', message=Scenario, qos=_WORLD)
 MISSION = Topic(name='/world/mission', message=Mission, qos=_MISSIONS)
 EPOCH = Topic(name='/world/epoch', message=Epoch, qos=_EVENTS)
-MARKERS = Topic(name='/world/markers', message=MarkerArray, qos=_CURRENT)
-COMPLETED_CELLS = Topic(name='/world/completed_cells', message=OccupancyGrid, qos=_CURRENT)
+MARKERS = Topic(name='/world/markers', message=MarkerArray, qos=_PICTURES)
+COMPLETED_CELLS = Topic(name='/world/completed_cells', message=OccupancyGrid, qos=_PICTURES)
+TF = Topic(name='/tf', message=TFMessage, qos=_SAMPLES)
 DIAGNOSTICS = Topic(name='/diagnostics', message=DiagnosticArray, qos=_REPORTS)
 
 # Beside the latest word of each recorder, those before it matter to nobody.
@@ -128,6 +137,7 @@ class WorldTopics:
     epoch: Topic
     markers: Topic
     completed_cells: Topic
+    tf: Topic
     recorder: Topic  # recorders -> world
     join_service: str
     control_service: str
@@ -141,13 +151,16 @@ class WorldTopics:
     def recorded(self) -> tuple[Topic, ...]:
         """All topics but those of UAVs, with those that worlds share."""
         own = (self.clock, self.scenario, self.mission, self.epoch)
-        return (*own, self.markers, self.completed_cells, DIAGNOSTICS, POLICY)
+        return (*own, self.markers, self.completed_cells, self.tf, DIAGNOSTICS, POLICY)
 
     def awaited(self, uavs: Iterable[int]) -> tuple[Topic, ...]:
         """The topics that somebody publishes in every mission of a fleet, by ids of its UAVs."""
         shared = [topic for topic in self.recorded() if topic != POLICY]
         own = [self.uav(uav) for uav in uavs]
-        parts = [(it.observation, it.radio_rx, it.refusal, it.command, it.radio_tx) for it in own]
+        parts = [
+            *((it.observation, it.radio_rx, it.refusal, it.command, it.radio_tx) for it in own),
+            *((it.odometry, it.path, it.battery, it.fix) for it in own),
+        ]
         return (*shared, *(topic for part in parts for topic in part))
 
 
@@ -161,6 +174,7 @@ def world_topics(namespace: str = '') -> WorldTopics:
         epoch=EPOCH.within(namespace),
         markers=MARKERS.within(namespace),
         completed_cells=COMPLETED_CELLS.within(namespace),
+        tf=TF.within(namespace),
         recorder=RECORDER.within(namespace),
         join_service=f'{namespace}{JOIN_SERVICE}',
         control_service=f'{namespace}{CONTROL_SERVICE}',
@@ -190,6 +204,10 @@ def uav_topics(uav: int, namespace: str = '') -> UavTopics:
         radio_rx=Topic(name=f'{own}/radio_rx', message=RadioMessage, qos=_TO_UAV),
         refusal=Topic(name=f'{own}/refusal', message=Refusal, qos=_REPORTS),
         transition=Topic(name=f'{own}/transition', message=Transition, qos=_FROM_UAV),
+        odometry=Topic(name=f'{own}/odometry', message=Odometry, qos=_SAMPLES),
+        path=Topic(name=f'{own}/path', message=Path, qos=_PICTURES),
+        battery=Topic(name=f'{own}/battery', message=BatteryState, qos=_SAMPLES),
+        fix=Topic(name=f'{own}/fix', message=NavSatFix, qos=_SAMPLES),
     )
 
 

@@ -13,8 +13,9 @@ from pathlib import Path
 import struct
 from typing import Any, BinaryIO
 
+from rosbags.highlevel import AnyReaderError
 from rosbags.rosbag2 import ReaderError
-from rosbags.rosbag2.storage_mcap import decompress
+from rosbags.rosbag2.storage_mcap import decompress, zstd  # type: ignore[attr-defined]
 
 _MAGIC = b'\x89MCAP0\r\n'
 _FOOTER, _CHUNK, _METADATA, _DATA_END = 0x02, 0x06, 0x0C, 0x0F  # kinds of records
@@ -26,7 +27,12 @@ _FOOTER_BYTE = _HEAD.size + 20
 _SUM_BYTE = 4
 _BLOCK_BYTE = 1 << 20
 # What unpacking a damaged chunk may raise, beside ReaderError.
-_DAMAGE = (EOFError, MemoryError, OSError, OverflowError, RuntimeError, struct.error, ValueError)
+_DAMAGE = (
+    *(EOFError, MemoryError, OSError, OverflowError, RuntimeError, struct.error, ValueError),
+    zstd.ZstdError,
+)
+# What rosbags raises where it cannot read a file, or a chunk in it.
+READER_ERRORS = (AnyReaderError, ReaderError, zstd.ZstdError, OSError)
 
 
 class BagChecksums:

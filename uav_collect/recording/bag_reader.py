@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 from rosbags.highlevel import AnyReader, AnyReaderError
-from rosbags.rosbag2 import ReaderError
 from uav_collect.errors import BagError, ConfigError, MissionLogError
 from uav_collect.kernels.arrays import Floats
+from uav_collect.recording.bag_checksums import READER_ERRORS
 from uav_collect.recording.mission_log import (
     EVENT_DTYPE,
     Events,
@@ -121,7 +121,7 @@ def _reader(path: Path) -> Iterator[AnyReader]:
     try:
         with AnyReader([path]) as reader:
             yield reader
-    except (AnyReaderError, ReaderError, OSError) as error:
+    except READER_ERRORS as error:
         raise BagError(
             f'{path}: cannot be read ({error}); try: recorder --repair {path}'
         ) from error

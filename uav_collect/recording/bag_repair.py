@@ -5,7 +5,7 @@ streamed into a new file that takes its place; the broken one is kept beside it.
 itself be interrupted and repeated.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 import fcntl
 import os
@@ -18,14 +18,17 @@ from mcap.exceptions import McapError
 from mcap.records import Channel, Message, Schema
 from mcap.stream_reader import StreamReader
 from mcap.writer import MCAP0_MAGIC
-from rosbags.highlevel import AnyReader, AnyReaderError
+from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Connection
-from rosbags.rosbag2 import ReaderError, StoragePlugin, Writer
+from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.rosbag2.metadata import parse_qos
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores
+from rosbags.typesys.store import Typestore
 from uav_collect.errors import BagError
-from uav_collect.recording.bag_checksums import BagChecksums
-from uav_collect.recording.bag_writer import RESERVE
+from uav_collect.recording.bag_checksums import BagChecksums, READER_ERRORS
+from uav_collect.recording.bag_writer import compress_chunks, RESERVE
+from uav_collect.recording.log_times import StampReader
+from uav_collect.recording.message_heads import FieldKind
 from zstandard import ZstdError
 
 # What reading raises where a file ends or is damaged. Lengths that make no sense are memory errors
@@ -36,7 +39,6 @@ _DAMAGE = (
 )
 _CLOCK = 'rosgraph_msgs/msg/Clock'
 _OWN_TYPES = 'uav_collect_msgs/'
-_SCENARIO = 'uav_collect_msgs/msg/Scenario'
 _BROKEN = '.broken'
 _WORK = 'repairing'
 
@@ -54,16 +56,25 @@ class Repair:
 class _MessageCount:
     """Counts messages and finds the latest simulated time among them."""
 
-    def __init__(self) -> None:
+    def __init__(self, types: Typestore) -> None:
         self.n_messages = 0
         self.last_sim_time_s: float | None = None
+        self._types = types
+        self._stamps: dict[str, StampReader] = {}  # by type
 
     def take(self, type_name: str, content: bytes) -> None:
         self.n_messages += 1
-        if _tells_time(type_name):
-            # All these types begin with a stamp, behind the four bytes of the CDR header.
-            second, nanosecond = struct.unpack_from('<iI', content, 4)
-            self.last_sim_time_s = max(second + nanosecond * 1e-9, self.last_sim_time_s or 0.0)
+        if not _tells_time(type_name):
+            return
+        if type_name not in self._stamps:
+            self._stamps[type_name] = StampReader(type_name, self._fields)
+        stamp_ns = self._stamps[type_name].read_ns(content)
+        if stamp_ns is not None:
+            self.last_sim_time_s = max(stamp_ns / 1e9, self.last_sim_time_s or 0.0)
+
+    def _fields(self, type_name: str) -> Sequence[tuple[str, FieldKind]]:
+        _, fields = self._types.fielddefs[type_name]
+        return fields
 
 
 def repair(bag: Path) -> Repair:
@@ -136,14 +147,14 @@ class _TornFile:
 
 def _look_at(folder: Path) -> Repair | None:
     """What a readable bag holds; None if it cannot be read."""
-    count = _MessageCount()
     try:
         with AnyReader([folder]) as reader:
+            count = _MessageCount(reader.typestore)
             n_messages = reader.message_count
             timed = [c for c in reader.connections if _tells_time(c.msgtype)]
             for connection, _, content in reader.messages(timed) if timed else ():
                 count.take(connection.msgtype, content)
-    except (AnyReaderError, ReaderError, OSError):
+    except READER_ERRORS:
         return None
     return Repair(
         n_messages=n_messages,
@@ -165,10 +176,12 @@ def _broken_file(folder: Path) -> Path:
 
 def _copy(torn: _TornFile, bag: Path) -> _MessageCount:
     """Write all messages to a new bag."""
-    count = _MessageCount()
     types = get_typestore(Stores.EMPTY)
+    count = _MessageCount(types)
     topics: dict[int, Connection] = {}  # by channel
-    with Writer(bag, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+    new = Writer(bag, version=9, storage_plugin=StoragePlugin.MCAP)
+    compress_chunks(new)
+    with new as writer:
         checksums = BagChecksums(writer.storage)
         for schema, channel, message in torn.messages():
             if channel.id not in topics:
@@ -190,8 +203,6 @@ def _copy(torn: _TornFile, bag: Path) -> _MessageCount:
 
 
 def _tells_time(type_name: str) -> bool:
-    if type_name == _SCENARIO:  # says when its world started, in wall-clock time
-        return False
     return type_name == _CLOCK or type_name.startswith(_OWN_TYPES)
 
 

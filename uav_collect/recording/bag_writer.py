@@ -1,8 +1,8 @@
 """Writes a recording: the folder layout of rosbag2 with one MCAP file, safe at any moment.
 
-Messages are kept until `flush` writes them as one whole chunk. Killed in between, the file holds
-all chunks flushed before, which `bag_repair` turns into a readable bag. Out of disk space, the
-file is cut back to its last whole chunk and closed as usual.
+Messages are kept until `flush` writes them as one whole chunk, sorted by time and compressed.
+Killed in between, the file holds all chunks flushed before, which `bag_repair` turns into a
+readable bag. Out of disk space, the file is cut back to its last whole chunk and closed as usual.
 """
 
 from collections import defaultdict
@@ -14,7 +14,13 @@ from pathlib import Path
 from typing import Any
 
 from rosbags.interfaces import Connection, Qos
-from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
+from rosbags.rosbag2 import (
+    CompressionFormat,
+    CompressionMode,
+    StoragePlugin,
+    Writer,
+    WriterError,
+)
 from rosbags.rosbag2.storage_mcap import PendingChunk
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 from uav_collect.errors import RecordingError
@@ -101,13 +107,16 @@ class BagWriter:
             offered_qos_profiles=[qos],
         )
 
-    def write(self, topic: Connection, received_ns: int, message: bytes) -> None:
+    def write(self, topic: Connection, log_ns: int, message: bytes) -> None:
         """Keep a serialized message for the next chunk.
+
+        Args:
+            log_ns: time by which the bag is replayed.
 
         Raises:
             RecordingError: as `flush`.
         """
-        self._waiting.append((topic, received_ns, message))
+        self._waiting.append((topic, log_ns, message))
         self._waiting_byte += len(message)
         if self._waiting_byte >= self._chunk_byte:
             self.flush()
@@ -121,9 +130,10 @@ class BagWriter:
         if not self._waiting:
             return
         before = self._marks()
+        self._waiting.sort(key=_log_time)  # topics are not ordered against each other
         try:
-            for topic, received_ns, message in self._waiting:
-                self._writer.write(topic, received_ns, message)
+            for topic, log_ns, message in self._waiting:
+                self._writer.write(topic, log_ns, message)
             self._storage.close_chunk()
             self._storage.bio.flush()
             self._checksums.note_flushed()
@@ -202,6 +212,15 @@ class BagWriter:
         storage.message_start_time, storage.message_end_time = before['times']
 
 
+def compress_chunks(writer: Writer) -> None:
+    """Let a writer, before it opens, compress chunks by zstd, as all readers of MCAP know it."""
+    writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+
+
+def _log_time(waiting: tuple[Connection, int, bytes]) -> int:
+    return waiting[1]
+
+
 def _opened(folder: Path) -> tuple[Writer, Any]:
     """A new bag and its storage, where rosbags lets a chunk be ended at will."""
     if folder.suffix == '.bag':
@@ -210,6 +229,7 @@ def _opened(folder: Path) -> tuple[Writer, Any]:
         )
     try:
         writer = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
+        compress_chunks(writer)
         writer.open()
         (folder / RESERVE).write_bytes(bytes(_RESERVE_BYTE))
         storage: Any = writer.storage

@@ -77,9 +77,13 @@ def with_uavs(scenario: Scenario, n_uavs: int) -> Scenario:
 
 
 def fingerprint(scenario: Scenario) -> str:
-    """16 hex digits that change with any value of the scenario but its name."""
+    """16 hex digits that change with any value of the scenario but its name and place on Earth.
+
+    Missions are the same wherever that is.
+    """
     values = scenario.as_mapping()
     del values['name']
+    values['area'].pop('reference', None)
     canonical = json.dumps(values, sort_keys=True, separators=(',', ':'))
     return hashlib.sha256(canonical.encode()).hexdigest()[:16]
 
@@ -185,9 +189,14 @@ def _with_sensors(document: Document) -> Document:
         what = f'is {shown(config.file)}: must be a CSV file, but there is no {path}'
         raise ConfigError(document.problem(('sensors', 'file'), what))
     origin = None if config.origin == 'auto' else config.origin
-    entries = sensor_files.read_sensors(path, origin=origin, side_m=area.side_m)
-    sensors = {'kind': 'listed', 'entries': entries}
-    return replace(document, values={**document.values, 'sensors': sensors})
+    read = sensor_files.read_sensors(path, origin=origin, side_m=area.side_m)
+    values = {**document.values, 'sensors': {'kind': 'listed', 'entries': read.entries}}
+    if read.reference is not None:
+        if area.reference is not None:
+            what = f'is given: must be left out, as {path} gives latitudes and longitudes'
+            raise ConfigError(document.problem(('area', 'reference'), what))
+        values['area'] = {**document.at(('area',)), 'reference': read.reference}
+    return replace(document, values=values)
 
 
 def _checked(document: Document) -> Scenario:

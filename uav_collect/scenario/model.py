@@ -20,6 +20,7 @@ from uav_collect.config.rules import (
 )
 from uav_collect.limits import MAX_UAVS
 from uav_collect.scenario import sensor_files
+from uav_collect.scenario.earth import lat_lon_deg
 
 _MAX_CELLS_PER_SIDE = 64
 _MAX_LENGTH_M = 10_000.0
@@ -38,12 +39,31 @@ _Coordinate = Annotated[float, number(0, _MAX_SIDE_M, 'm')]
 _Amount = number(0, sensor_files.MAX_DATA_MBIT)
 
 
+class GeoReference(Section):
+    """A point of the area of known latitude and longitude (WGS84); there y is true north."""
+
+    lat_deg: Annotated[float, number(-89, 89, 'deg')]
+    lon_deg: Annotated[float, number(-180, 180, 'deg')]
+    position_m: Annotated[
+        Point,
+        pair(number(0, _MAX_SIDE_M), f'a list [x, y] of numbers from 0 to {_MAX_SIDE_M:.10g} m'),
+    ]
+
+    def lat_lon_deg(self, x_m: float, y_m: float) -> tuple[float, float]:
+        """Latitude and longitude [deg] of a place in the area."""
+        east_m, north_m = x_m - self.position_m[0], y_m - self.position_m[1]
+        return lat_lon_deg(
+            east_m, north_m, origin_lat_deg=self.lat_deg, origin_lon_deg=self.lon_deg
+        )
+
+
 class AreaConfig(Section):
     """The monitored square, its cells, and the height at which UAVs fly over it."""
 
     cells_per_side: Annotated[int, whole(1, _MAX_CELLS_PER_SIDE)]
     cell_size_m: _Length
     altitude_m: _Length  # of all UAVs
+    reference: GeoReference | None = None  # where on Earth it lies, if that is known
 
     @property
     def side_m(self) -> float:

@@ -6,13 +6,11 @@ from dataclasses import dataclass
 import io
 import math
 from pathlib import Path
+from typing import NamedTuple
 
 from uav_collect.config.yaml_text import shown
 from uav_collect.errors import ConfigError
-
-# WGS84, the ellipsoid of GPS.
-_SEMI_MAJOR_AXIS_M = 6378137.0
-_FLATTENING = 1 / 298.257223563
+from uav_collect.scenario.earth import east_north_m
 
 _DIGITS = 6  # micrometres: drops the rounding noise of a difference of large coordinates
 _ID_COLUMN = 'sensor_id'
@@ -64,10 +62,15 @@ class _Row:
     data_mbit: float | None
 
 
-def read_sensors(
-    path: Path, *, origin: tuple[float, float] | None, side_m: float
-) -> tuple[dict[str, object], ...]:
-    """Read the sensors of a site as `id`, `x_m`, `y_m` and, where given, `data_mbit`.
+class SensorFile(NamedTuple):
+    """What a file says of a site, as the keys and values of a scenario."""
+
+    entries: tuple[dict[str, object], ...]  # `id`, `x_m`, `y_m` and, where given, `data_mbit`
+    reference: dict[str, object] | None  # where on Earth the area lies, if latitudes are given
+
+
+def read_sensors(path: Path, *, origin: tuple[float, float] | None, side_m: float) -> SensorFile:
+    """Read the sensors of a site.
 
     Args:
         path: CSV file with a header: sensor_id, then x_m, y_m or easting_m, northing_m or
@@ -87,42 +90,14 @@ def read_sensors(
     _check_ids(path, rows)
     if origin is not None:
         _check_origin(path, origin, system)
-    places = _placed(path, rows, system, origin, side_m)
+    places, reference = _placed(path, rows, system, origin, side_m)
     _check_inside(path, rows, places, system, side_m)
-    return tuple(
+    entries = tuple(
         {'id': row.sensor_id, 'x_m': x_m, 'y_m': y_m}
         | ({} if row.data_mbit is None else {'data_mbit': row.data_mbit})
         for row, (x_m, y_m) in zip(rows, places, strict=True)
     )
-
-
-def east_north_m(
-    lat_deg: float, lon_deg: float, *, origin_lat_deg: float, origin_lon_deg: float
-) -> tuple[float, float]:
-    """East and north of an origin [m], in the plane that touches the ellipsoid there.
-
-    Over d metres the plane shortens distances by d^3 / (6 R^2): 0.1 mm at 3 km, 4 mm at 10 km.
-    Heights are taken as zero: 100 m of height changes distances by 16 ppm.
-
-    Source: WGS84 ellipsoid, NIMA TR8350.2.
-    """
-    lat, lon = math.radians(origin_lat_deg), math.radians(origin_lon_deg)
-    point = _earth_centred_m(math.radians(lat_deg), math.radians(lon_deg))
-    corner = _earth_centred_m(lat, lon)
-    x_m, y_m, z_m = (a - b for a, b in zip(point, corner, strict=True))
-    east_m = math.cos(lon) * y_m - math.sin(lon) * x_m
-    outward_m = math.cos(lon) * x_m + math.sin(lon) * y_m
-    return east_m, math.cos(lat) * z_m - math.sin(lat) * outward_m
-
-
-def _earth_centred_m(lat: float, lon: float) -> tuple[float, float, float]:
-    eccentricity_2 = _FLATTENING * (2 - _FLATTENING)
-    radius_m = _SEMI_MAJOR_AXIS_M / math.sqrt(1 - eccentricity_2 * math.sin(lat) ** 2)
-    return (
-        radius_m * math.cos(lat) * math.cos(lon),
-        radius_m * math.cos(lat) * math.sin(lon),
-        radius_m * (1 - eccentricity_2) * math.sin(lat),
-    )
+    return SensorFile(entries, reference)
 
 
 def _lines_of(path: Path) -> list[_Line]:
@@ -234,8 +209,9 @@ def _placed(
     system: _System,
     origin: tuple[float, float] | None,
     side_m: float,
-) -> list[tuple[float, float]]:
+) -> tuple[list[tuple[float, float]], dict[str, object] | None]:
     places = [row.place for row in rows]
+    anchor = None
     if system.is_angular:
         anchor = origin or _middle(_unwrapped(places))
         places = [
@@ -247,7 +223,12 @@ def _placed(
         _check_span(path, places, side_m)
         middle = _middle(places)
         origin = middle[0] - side_m / 2, middle[1] - side_m / 2
-    return [(round(x - origin[0], _DIGITS), round(y - origin[1], _DIGITS)) for x, y in places]
+    placed = [(round(x - origin[0], _DIGITS), round(y - origin[1], _DIGITS)) for x, y in places]
+    if anchor is None:
+        return placed, None
+    lat_deg, lon_deg = anchor[0], (anchor[1] + 180) % 360 - 180
+    position_m = [round(0.0 - metres, _DIGITS) for metres in origin]
+    return placed, {'lat_deg': lat_deg, 'lon_deg': lon_deg, 'position_m': position_m}
 
 
 def _check_span(path: Path, places: list[tuple[float, float]], side_m: float) -> None:

@@ -42,12 +42,15 @@ from uav_collect.nodes.topics import (
 )
 from uav_collect.recording.bag_writer import BagWriter, MessageTypes
 from uav_collect.recording.completeness import Completeness, Lack, Taken
+from uav_collect.recording.log_times import LogTimes, StampReader
 from uav_collect.recording.message_heads import HeadReader
 from uav_collect.recording.origin import ORIGIN_KEY, origin_text
 
 _DESCRIPTION = """
-Records every topic of a mission, as received, into one bag (rosbag2 layout, MCAP). Start it in any
-order with the other nodes; it adds the topics of each UAV of the scenario. SIGINT, SIGTERM and
+Records every topic of a mission, as received, into one bag (rosbag2 layout, MCAP), in simulated
+time: messages are logged at their stamps, those without at what the clock shows, so that a mission
+of any speed is replayed at any pace. Of the clock one message is kept for each event. Start it in
+any order with the other nodes; it adds the topics of each UAV of the scenario. SIGINT, SIGTERM and
 SIGHUP close the bag; after anything worse, --repair makes it readable up to its last whole chunk.
 What events of missions tell of and the bag lacks is named at the end; the exit status is then 1.
 With a key, what has no valid seal is left out.
@@ -118,6 +121,7 @@ class RecorderNode(ProcessNode):
         self._bag = self._open(output, types)
         self._scenarios = HeadReader(names.scenario.type_name, _SCENARIO_FIELDS, types.fields)
         self._completeness = Completeness(types.fields, names.namespace)
+        self._types, self._log_times = types, LogTimes()
         self._missions_left = self._value('stop_after_missions') or math.inf
         self._ended_s = math.inf  # when the last mission to record has ended
         self._heard_s = 0.0  # when the last message came that is not just the clock
@@ -188,25 +192,39 @@ class RecorderNode(ProcessNode):
         take: Taker | None = self._completeness.taker(topic.name)
         if topic == self._names.scenario:
             take = self._take_scenario
-        on_message = self._keep if topic == self._names.clock else self._on_message
+        stamps = StampReader(topic.type_name, self._types.fields)
+        on_message = self._on_clock if topic == self._names.clock else self._on_message
         self._listeners[topic.name] = self.create_subscription(
             topic.message,
             topic.name,
-            partial(on_message, stored, take, checker(self, topic)),
+            partial(on_message, stored, stamps, take, checker(self, topic)),
             patient_qos(topic.qos, _READER_DEPTH),
             raw=True,
         )
 
-    def _on_message(
-        self, stored: Connection, take: Taker | None, seals: Checker | None, message: bytes
+    def _on_clock(
+        self,
+        stored: Connection,
+        stamps: StampReader,
+        take: Taker | None,
+        seals: Checker | None,
+        message: bytes,
     ) -> None:
-        self._heard_s = time.monotonic()
-        self._keep(stored, take, seals, message)
+        """Keep the clock, but no more of it than of events: there may be thousands between two."""
+        log_ns = self._log_times.log_ns(stored.msgtype, stamps.read_ns(message))
+        if self.end_status is None and self._log_times.keeps_clock():
+            self._write(partial(self._bag.write, stored, log_ns, message))
 
-    def _keep(
-        self, stored: Connection, take: Taker | None, seals: Checker | None, message: bytes
+    def _on_message(
+        self,
+        stored: Connection,
+        stamps: StampReader,
+        take: Taker | None,
+        seals: Checker | None,
+        message: bytes,
     ) -> None:
         """Keep a message; bytes that are none are left out, so that whoever reads the bag can."""
+        self._heard_s = time.monotonic()
         why = None if seals is None else seals.refusal(message)
         if why is not None:
             self._n_unsealed[stored.topic] += 1
@@ -218,8 +236,11 @@ class RecorderNode(ProcessNode):
             self._n_unreadable[stored.topic] += 1
             self.warn('no message', f'{stored.topic}: {error}')
             return
+        log_ns = self._log_times.log_ns(stored.msgtype, stamps.read_ns(message))
         if self.end_status is None:
-            self._write(partial(self._bag.write, stored, time.time_ns(), message))
+            self._write(partial(self._bag.write, stored, log_ns, message))
+        if stored.topic in (self._names.epoch.name, self._names.mission.name):
+            self._log_times.note_event()
         if taken is not None and taken.has_ended:
             self._missions_left -= 1
             if self._missions_left == 0:
@@ -228,6 +249,8 @@ class RecorderNode(ProcessNode):
     def _take_scenario(self, message: bytes) -> None:
         """Record the fleet of a world."""
         world_instance, n_uavs = self._scenarios.read(message)
+        if world_instance not in self._worlds:
+            self._log_times.begin_world()
         self._worlds.pop(world_instance, None)
         self._worlds[world_instance] = n_uavs = min(n_uavs, MAX_UAVS)
         if len(self._worlds) > _MOST_WORLDS:

@@ -99,8 +99,7 @@ class WorldNode(ProcessNode):
         serve(self, Join, self._names.join_service, self._on_join)
         serve(self, ControlMission, self._names.control_service, self._on_control, instance)
         serve(self, InjectFault, self._names.inject_service, self._on_inject, instance)
-        rate_hz = self._settings.viewer_rate_hz
-        self._viewers = ViewerPublisher(self, self._names, self._site, rate_hz)
+        self._viewers = ViewerPublisher(self, self._names, self._site, self._settings)
         warn = self._diagnostics.warn
         self._recorders = WorldRecorders(self, self._names, self._settings, instance, warn)
         subscribe_to_trainers(self, self._policies, partial(warn, 'policy refused'))
@@ -288,7 +287,7 @@ class WorldNode(ProcessNode):
         self._diagnostics.warn_if_lost(self._folder.begin(mission.header))
         self._publish_mission(mission, Mission.STARTED)
         self.get_logger().info(f'mission {mission.mission_id} starts, seed {seed}')
-        self._viewers.begin(mission.simulation)
+        self._viewers.begin(mission.simulation, mission.clock_start_s)
         self._advance()
 
     def _advance(self) -> None:
@@ -319,7 +318,7 @@ class WorldNode(ProcessNode):
             self._pubs.publish_radio(uav, message)
         self._pubs.publish_observation(uav, mission.request_decision(event))
         self._asked_s = time.monotonic()
-        self._pubs.publish_time(mission.stamp(event.view.time_s))
+        self._pubs.publish_time(mission.clock_start_s + event.view.time_s, is_event=True)
 
     def _refuse(self, uav: int, what: str, msg: Any, why: str) -> None:
         """Say what is not done, and why: in the log, in diagnostics and to the agent."""
@@ -354,8 +353,8 @@ class WorldNode(ProcessNode):
         time_s = mission.simulation.time_s
         if not self._pacer.is_unlimited:
             time_s = self._pacer.pass_until(mission.next_time_s)
-            self._pubs.publish_time(mission.stamp(time_s))
-        self._viewers.publish(time_s, mission.stamp(time_s))
+            self._pubs.publish_time(mission.clock_start_s + time_s)
+        self._viewers.publish(time_s)
         timeout_s = self._settings.decision_timeout_s
         if mission.pending is not None and now_s - self._asked_s > timeout_s:
             event = mission.pending.event
@@ -379,6 +378,7 @@ class WorldNode(ProcessNode):
             epoch, event, faults = closed
             self._pubs.publish_epoch(epoch)
             self._diagnostics.warn_if_lost(self._folder.append(event, faults))
+        self._viewers.publish_until(mission.next_time_s)
 
     def _publish_mission(self, mission: MissionInFlight, phase: int, note: str = '') -> Mission:
         index = self._schedule.n_started - 1
@@ -395,8 +395,9 @@ class WorldNode(ProcessNode):
         self._folder.end()
         message = self._publish_mission(mission, phase, note)
         end_s = mission.simulation.end_s
-        self._viewers.publish(end_s, mission.stamp(end_s), now=True)
+        self._viewers.publish_end(end_s)
         self._clock_s += end_s
+        self._pubs.publish_time(self._clock_s, is_event=True)
         self.get_logger().info(mission_summary(message))
         self._schedule.plan_after(mission.seed)
         if self._schedule.is_over:

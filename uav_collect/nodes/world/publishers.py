@@ -3,13 +3,16 @@
 import time
 from typing import Any
 
-from builtin_interfaces.msg import Time
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
+from uav_collect.lockstep.schedule import ClockRate
+from uav_collect.missions.flight_samples import TimeGrid
 from uav_collect.missions.simulation import Event, Simulation
 from uav_collect.nodes import convert
 from uav_collect.nodes.topics import publisher, WorldTopics
 from uav_collect.nodes.world.markers import MissionMarkers
+from uav_collect.nodes.world.settings import WorldSettings
+from uav_collect.nodes.world.standard import StandardPublisher
 from uav_collect.scenario.site import Site
 from uav_collect.uav.messages import Decision
 
@@ -22,6 +25,7 @@ class WorldPublishers:
     def __init__(self, node: Node, names: WorldTopics, n_uavs: int) -> None:
         """Advertise the topics of a world and its fleet."""
         self._clock = publisher(node, names.clock)
+        self._clock_rate = ClockRate()
         self._epochs = publisher(node, names.epoch)
         self._missions = publisher(node, names.mission)
         self._scenarios = publisher(node, names.scenario)
@@ -31,9 +35,10 @@ class WorldPublishers:
         self._refusals = {uav: publisher(node, own[uav].refusal) for uav in own}
         self._refused_s = dict.fromkeys(own, 0.0)
 
-    def publish_time(self, time: Time) -> None:
-        """Publish the simulated time as the clock of the ROS domain."""
-        self._clock.publish(Clock(clock=time))
+    def publish_time(self, clock_s: float, *, is_event: bool = False) -> None:
+        """Publish what the clock of the ROS domain shows, if it was not told just now."""
+        if self._clock_rate.is_due(clock_s, is_event=is_event):
+            self._clock.publish(Clock(clock=convert.stamp(clock_s)))
 
     def publish_scenario(self, message: Any) -> None:
         """Publish what is flown, and who simulates it."""
@@ -67,31 +72,69 @@ class WorldPublishers:
 
 
 class ViewerPublisher:
-    """Publishes markers and grid, at most so many times per second of wall-clock time."""
+    """Publishes what tools show of missions: pictures, which are markers and grid, and samples.
 
-    def __init__(self, node: Node, names: WorldTopics, site: Site, rate_hz: float) -> None:
-        """Advertise both topics; a rate of 0 publishes nothing."""
+    Pictures come at most so many times per second of wall-clock time, for those who watch, and on
+    a grid of simulated time, for those who record a mission that is flown faster than that.
+    """
+
+    def __init__(
+        self, node: Node, names: WorldTopics, site: Site, settings: WorldSettings
+    ) -> None:
+        """Advertise the topics; a viewer rate of 0 publishes no picture."""
+        rate_hz, self._grid_period_s = settings.viewer_rate_hz, settings.picture_period_s
         self._period_s = 1.0 / rate_hz if rate_hz > 0.0 else None
         self._published_s = 0.0
         self._mission = MissionMarkers(site)
         self._markers = publisher(node, names.markers)
-        self._grid = publisher(node, names.completed_cells)
+        self._cells = publisher(node, names.completed_cells)
+        self._samples = StandardPublisher(node, names, site.scenario, settings.sample_rate_hz)
 
-    def begin(self, simulation: Simulation) -> None:
-        """Show a mission from now on, in the next picture."""
+    def begin(self, simulation: Simulation, clock_start_s: float) -> None:
+        """Show a mission from now on, which began as the clock showed that time."""
+        self._clock_start_s = clock_start_s
         self._mission.begin(simulation)
+        self._samples.begin(simulation, clock_start_s)
+        has_grid = self._period_s is not None and self._grid_period_s > 0.0
+        self._grid = TimeGrid(1.0 / self._grid_period_s if has_grid else 0.0)
 
     def note_event(self, event: Event, decision: Decision | None) -> None:
         """Take note of an event, right after its decision was carried out."""
         if decision is not None:
             self._mission.note_event(event, decision)
+            self._samples.note_event(event)
 
-    def publish(self, time_s: float, stamp: Time, *, now: bool = False) -> None:
-        """Publish the picture at a time of the mission, if the last one is old enough, or now."""
-        if self._period_s is None:
-            return
-        wall_s = time.monotonic()
-        if now or wall_s - self._published_s > self._period_s:
-            self._published_s = wall_s
-            self._markers.publish(self._mission.markers(time_s, stamp))
-            self._grid.publish(self._mission.completed_cells(stamp))
+    def publish_until(self, time_s: float) -> None:
+        """Publish what is due in simulated time up to a time of the mission.
+
+        No UAV may have begun an action in between.
+        """
+        self._samples.publish_until(time_s)
+        for at_s in self._grid.due(time_s):
+            if self._is_watched:
+                self._publish_picture(at_s)
+
+    def publish(self, time_s: float) -> None:
+        """Publish what is due at a time of the mission, by any clock."""
+        self.publish_until(time_s)
+        if self._period_s is not None and self._is_watched:
+            wall_s = time.monotonic()
+            if wall_s - self._published_s > self._period_s:
+                self._published_s = wall_s
+                self._publish_picture(time_s)
+
+    def publish_end(self, time_s: float) -> None:
+        """Publish what is left of a mission, and its end, for those too who look later."""
+        self.publish_until(time_s)
+        self._samples.publish_end(time_s)
+        if self._period_s is not None:
+            self._publish_picture(time_s)
+
+    @property
+    def _is_watched(self) -> bool:
+        return any(it.get_subscription_count() for it in (self._markers, self._cells))
+
+    def _publish_picture(self, time_s: float) -> None:
+        stamp = convert.stamp(self._clock_start_s + time_s)
+        self._markers.publish(self._mission.markers(time_s, stamp))
+        self._cells.publish(self._mission.completed_cells(stamp))

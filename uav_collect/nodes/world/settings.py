@@ -84,6 +84,22 @@ PARAMETERS = (
         low=0.0,
         high=60.0,
     ),
+    Parameter(
+        name='picture_period_s',
+        default=5.0,
+        description='simulated time [s] after which they are published too, where somebody '
+        'subscribes to them; 0: the wall clock alone counts',
+        low=0.0,
+        high=3600.0,
+    ),
+    Parameter(
+        name='sample_rate_hz',
+        default=2.0,
+        description='how often [Hz, simulated time] transforms, odometry, battery and satellite '
+        'fix of each UAV are published, where somebody subscribes to them; 0: never, nor its path',
+        low=0.0,
+        high=100.0,
+    ),
 )
 
 
@@ -102,6 +118,8 @@ class WorldSettings:
     recorder_timeout_s: float
     output_dir: str
     viewer_rate_hz: float
+    picture_period_s: float
+    sample_rate_hz: float
 
 
 def read_settings(node: Node) -> WorldSettings:
