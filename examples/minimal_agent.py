@@ -38,6 +38,7 @@ class MinimalAgent(Node):
     def join(self, scenario):
         request = Join.Request(world_instance=scenario.world_instance, uav=self.uav)
         request.agent_instance, request.policy = self.instance, 'minimal'
+        request.scenario_fingerprint = scenario.fingerprint
         self.client.wait_for_service()
         answer = self.client.call_async(request)
         answer.add_done_callback(lambda future: self.greet(future.result(), scenario))

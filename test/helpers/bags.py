@@ -159,6 +159,7 @@ class HandMadeBag:
         about = {
             'mission_id': mission_id,
             'world_instance': world,
+            'scenario_fingerprint': log.header.scenario_fingerprint,
             'log_header': header_line(log.header),
             'demand_bit': np.array(demand_bit, dtype=np.float64),
         }

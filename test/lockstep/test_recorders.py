@@ -1,6 +1,12 @@
 """A mission waits until its recorders hear everything, but not for ever."""
 
-from uav_collect.lockstep.recorders import RecorderReport, RecorderWatch, SILENT_S, TakeOff
+from uav_collect.lockstep.recorders import (
+    RecorderReport,
+    RecorderWatch,
+    SILENT_S,
+    TakeOff,
+    world_key,
+)
 
 WORLD = 'this world'
 TIMEOUT_S = 10.0
@@ -57,6 +63,15 @@ def test_a_recorder_that_has_heard_of_another_world_alone_is_not_ready() -> None
     assert recorders.take_off(0.0, AWAITED).unready == (
         'the recorder of bag_one, which does not hear this world',
     )
+
+
+def test_a_recorder_that_does_not_know_the_new_scenario_is_not_ready() -> None:
+    recorders = watch()
+    recorders.world = world_key('w', 'new')
+    recorders.add(report(world=world_key('w', 'old')), 0.0)
+    assert not recorders.take_off(0.0, AWAITED).is_clear
+    recorders.add(report(world=world_key('w', 'new')), 0.1)
+    assert recorders.take_off(0.1, AWAITED) == CLEAR
 
 
 def test_after_a_while_a_mission_starts_without_and_the_next_one_does_not_wait_again() -> None:

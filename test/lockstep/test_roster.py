@@ -165,3 +165,19 @@ def test_an_agent_of_a_trainers_policy_joins_again_whatever_version_it_has_by_no
     assert joined(roster, pilot(1, 'A', policy='topic', version='')).accepted
     roster.begin_mission()
     assert joined(roster, pilot(1, 'A', policy='topic', version='run@20')).accepted
+
+
+def test_the_fleet_of_another_scenario_joins_anew_and_who_lives_need_not_prove_it(
+    roster: Roster,
+) -> None:
+    roster.join(pilot(2, 'B'))  # for the old one
+    roster.change_fleet(3)
+    assert roster.missing() == [1, 2, 3]
+    assert not roster.greet(2, 'B', NOW_S).accepted
+    assert roster.greet(1, 'A', NOW_S).retry
+    assert joined(roster, pilot(3, 'C')).accepted
+    roster.join(pilot(1, 'A', policy='hert'))
+    assert roster.greet(1, 'A', NOW_S).accepted
+    assert roster.remove_silent(NOW_S + 2.0 * CONFIRM_S) == []
+    roster.change_fleet(1)
+    assert roster.join(pilot(3, 'C')).reason == 'UAV 3 is unknown: the scenario has UAVs 1..1'

@@ -157,3 +157,45 @@ def test_between_events_the_clock_is_published_at_most_fifty_times_per_second_of
         now_s[0] = tick * 0.005
         published.append(rate.is_due(tick * 0.05, is_event=False))
     assert 40 <= published.count(True) <= 51
+
+
+def test_a_pacer_that_is_held_lets_no_time_pass_and_makes_up_for_none() -> None:
+    watch = Watch()
+    pacer = SimulationPacer(FACTOR, watch)
+    pacer.restart()
+    before_s = passed(pacer, watch, 1.0, 1000.0)
+    pacer.hold(True)
+    assert passed(pacer, watch, 20.0, 1000.0) == before_s
+    pacer.hold(False)
+    assert passed(pacer, watch, 1.0, 1000.0) == pytest.approx(before_s + FACTOR)
+
+
+def test_a_new_pace_counts_from_now_on() -> None:
+    watch = Watch()
+    pacer = SimulationPacer(FACTOR, watch)
+    pacer.restart()
+    before_s = passed(pacer, watch, 1.0, 1000.0)
+    watch.now_s += 0.1
+    pacer.change(10.0 * FACTOR)
+    assert passed(pacer, watch, 1.0, 1000.0) == pytest.approx(before_s + 10.0 * FACTOR)
+
+
+def test_a_pace_that_is_set_late_goes_on_where_the_mission_is() -> None:
+    watch = Watch()
+    pacer = SimulationPacer(0.0, watch)
+    pacer.restart()
+    assert pacer.is_due(500.0)
+    watch.now_s += 30.0
+    pacer.change(FACTOR)
+    assert not pacer.is_due(500.0 + FACTOR)
+    assert passed(pacer, watch, 1.0, 1000.0) == pytest.approx(500.0 + FACTOR)
+
+
+def test_a_step_brings_the_time_of_its_event() -> None:
+    watch = Watch()
+    pacer = SimulationPacer(FACTOR, watch)
+    pacer.restart()
+    pacer.hold(True)
+    pacer.skip_to(70.0)
+    assert pacer.is_due(70.0)
+    assert not pacer.is_due(70.1)

@@ -202,7 +202,7 @@ def test_missions_start_and_are_aborted_on_request(fleet: Fleet, pilot: Scripted
     missions = pilot.heard[topics.MISSION.name]
     assert pilot.control(ABORT).message == 'no mission is in flight or about to start'
     assert pilot.control(START, MAX_SEED + 1).message.startswith('the seed must be at most')
-    assert pilot.control(7).message == 'command 7 is neither START nor ABORT'
+    assert pilot.control(7).message == 'command 7 is none of START, ABORT, PAUSE, RESUME, STEP'
     assert pilot.control(START, SEED).success
     refused = pilot.control(START, SEED)
     assert not refused.success

@@ -109,16 +109,17 @@ def test_missions_come_in_the_order_they_were_flown(
     assert seeds == [4, 3]
 
 
-def test_each_mission_has_the_scenario_of_its_world(
-    tmp_path: Path, paper: Scenario, site: Site, flown: list[MissionLog]
+@pytest.mark.parametrize('later', ['another', 'first'])
+def test_each_mission_has_the_scenario_that_its_world_had(
+    tmp_path: Path, paper: Scenario, site: Site, flown: list[MissionLog], later: str
 ) -> None:
     other = build_site(tiny())
     (log,) = fly(other, [0], 'sweep')
     bag = HandMadeBag(tmp_path / 'bag')
-    bag.add_scenario(site, world='old')
-    bag.add_mission(flown[0], 'first', world='old')
-    bag.add_scenario(other, world='new')
-    bag.add_mission(log, 'second', world='new')
+    bag.add_scenario(site, world='first')
+    bag.add_mission(flown[0], 'first', world='first')
+    bag.add_scenario(other, world=later)
+    bag.add_mission(log, 'second', world=later)
     bag.writer.close()
     assert [m.site.scenario.name for m in read_missions(tmp_path / 'bag')] == [paper.name, 'tiny']
 

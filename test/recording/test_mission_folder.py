@@ -4,19 +4,38 @@ from pathlib import Path
 
 import pytest
 from scripted_logs import fly, header, uav
-from uav_collect.recording.mission_folder import MissionFolder
+from uav_collect.recording.mission_folder import MissionFolder, scenario_file, take_log
 from uav_collect.recording.mission_log import read
 
 
 def test_a_run_folder_keeps_scenario_and_logs(tmp_path: Path) -> None:
     log = fly(header([uav(1)]), [['right', 'home']])
     folder = MissionFolder(str(tmp_path / 'a' / 'b'))
-    assert folder.keep_scenario('name: x\n') is None
+    assert folder.keep_scenario('name: x\n', 'f') is None
     assert folder.begin(log.header) is None
     assert folder.append(log.events) is None
     folder.end()
     assert (tmp_path / 'a' / 'b' / 'scenario.yaml').read_text() == 'name: x\n'
     assert read(tmp_path / 'a' / 'b' / 'mission_3.jsonl').to_jsonl() == log.to_jsonl()
+
+
+def test_a_seed_that_is_flown_again_and_another_scenario_have_files_of_their_own(
+    tmp_path: Path,
+) -> None:
+    log = fly(header([uav(1)]), [['right', 'home']])
+    folder = MissionFolder(str(tmp_path))
+    folder.keep_scenario('name: x\n', 'first')
+    for index in (2, 5):
+        folder.begin(log.header, index)
+        folder.end()
+    folder.keep_scenario('name: y\n', 'second')
+    logs = {path.name: path for path in tmp_path.glob('*.jsonl')}
+    assert set(logs) == {'mission_3.jsonl', 'mission_3_5.jsonl'}
+    assert take_log(logs, 3, 5) == tmp_path / 'mission_3_5.jsonl'
+    assert take_log(logs, 3, 2) == tmp_path / 'mission_3.jsonl'
+    assert take_log(logs, 3, 2) is None
+    texts = [scenario_file(tmp_path, it).read_text() for it in ('first', 'second')]
+    assert texts == ['name: x\n', 'name: y\n']
 
 
 def test_without_a_name_nothing_is_written(
@@ -25,7 +44,7 @@ def test_without_a_name_nothing_is_written(
     monkeypatch.chdir(tmp_path)
     log = fly(header([uav(1)]), [['home']])
     folder = MissionFolder('')
-    assert folder.keep_scenario('name: x\n') is None
+    assert folder.keep_scenario('name: x\n', 'f') is None
     assert folder.begin(log.header) is None
     assert folder.append(log.events) is None
     assert list(tmp_path.iterdir()) == []

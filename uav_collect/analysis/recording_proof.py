@@ -20,7 +20,7 @@ from uav_collect.errors import BagError, ConfigError, MissionLogError, UavCollec
 from uav_collect.missions.recorded_policies import RecordedPolicies
 from uav_collect.recording.bag_checksums import check_file
 from uav_collect.recording.bag_reader import recorded_site
-from uav_collect.recording.mission_folder import log_name, SCENARIO_FILE
+from uav_collect.recording.mission_folder import SCENARIO_FILE, scenario_file, take_log
 from uav_collect.recording.mission_messages import MissionMessages, MissionReader
 from uav_collect.recording.origin import changed_since, ORIGIN_KEY, parsed_origin, read_origin
 from uav_collect.scenario.load import fingerprint, from_yaml, load, scenario_names
@@ -85,7 +85,7 @@ def _proofs_of_logs(logs: Sequence[Path], folder: Path, given: Given) -> Iterato
     for log in logs:
         account = log_account(log.name, log.read_bytes())
         try:
-            site = given.site or _site_of(account, folder / SCENARIO_FILE)
+            site = given.site or _site_of(account, folder)
         except UavCollectError as error:
             yield _unprovable(log.name, str(error))
             continue
@@ -93,12 +93,14 @@ def _proofs_of_logs(logs: Sequence[Path], folder: Path, given: Given) -> Iterato
         yield _with_name_checked(proof, account)
 
 
-def _site_of(account: Account, file: Path) -> Site:
+def _site_of(account: Account, folder: Path) -> Site:
     """The site of a log: by the scenario beside it, or a shipped one.
 
     Raises:
         ConfigError: there is none, or it is not valid.
     """
+    wanted = account.header.scenario_fingerprint if account.header is not None else ''
+    file = scenario_file(folder, wanted)
     if file.is_file():
         try:
             return build_site(from_yaml(file.read_text(encoding='utf-8')))
@@ -112,9 +114,9 @@ def _site_of(account: Account, file: Path) -> Site:
 
 def _with_name_checked(proof: Proof, account: Account) -> Proof:
     """The proof of a log, unless its name says another mission than its header."""
-    match = re.fullmatch(r'mission_(\d+)\.jsonl', account.source)
+    match = re.fullmatch(r'mission_(\d+)(?:_(\d+))?\.jsonl', account.source)
     seed = account.header.mission_seed if account.header is not None else None
-    if match is None or seed is None or log_name(seed) == account.source:
+    if match is None or seed is None or int(match[1]) == seed:
         return proof
     finding = f'header: mission_seed is {seed}, the file is called {account.source}'
     return replace(proof, verdict=Verdict.DIFFERS, findings=(finding, *proof.findings))
@@ -163,7 +165,7 @@ class _Bag:
         account = bag_account(self._path.name, mission)
         seed = int(mission.start.seed) if account.header is None else account.header.mission_seed
         accounts, name = [account], f'{self._path.name}: mission {mission.mission_id}, seed {seed}'
-        log = logs.pop(log_name(seed), None)
+        log = take_log(logs, seed, int(mission.start.index))
         if log is not None:
             accounts.append(log_account(log.name, log.read_bytes()))
         try:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from uav_collect.commands import terminal
 from uav_collect.errors import BagError, MissionLogError
-from uav_collect.recording.mission_folder import log_name, SCENARIO_FILE
+from uav_collect.recording.mission_folder import scenario_file, take_log
 from uav_collect.recording.mission_log import MissionHeader, MissionLog, read_so_far
 
 if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
@@ -89,7 +89,7 @@ def _find(path: Path) -> Iterator[tuple['FlownMission', Path]]:
     if not path.exists():
         raise MissionLogError(f'{path}: no such file or folder')
     if path.suffix == _BAG_SUFFIX or _is_bag(path):
-        yield from _recorded(path, path.resolve().parent)
+        yield from (found[:2] for found in _recorded(path, path.resolve().parent))
     elif path.is_file():
         yield _logged(path), path.with_suffix('.png')
     elif bags := [folder for folder in sorted(path.iterdir()) if _is_bag(folder)]:
@@ -116,8 +116,8 @@ def _of_run(bags: Sequence[Path], folder: Path) -> Iterator[tuple['FlownMission'
                 raise
             terminal.say(f'{error}; the figures are those of the mission log')
             continue
-        for mission, picture in missions:
-            log = logs.pop(log_name(mission.log.header.mission_seed), None)
+        for mission, picture, index in missions:
+            log = take_log(logs, mission.log.header.mission_seed, index)
             yield (mission if log is None else _fuller(mission, bag, log)), picture
     for log in logs.values():
         yield _logged_so_far(log), log.with_suffix('.png')
@@ -152,7 +152,8 @@ def _logged(path: Path) -> 'FlownMission':
     from uav_collect.scenario.site import build_site
 
     log = read_so_far(path)
-    mission = flown_mission(log, build_site(_scenario_of(log, path.parent / SCENARIO_FILE)))
+    file = scenario_file(path.parent, log.header.scenario_fingerprint)
+    mission = flown_mission(log, build_site(_scenario_of(log, file)))
     return replace(mission, is_whole=log.is_over)
 
 
@@ -174,10 +175,12 @@ def _scenario_of(log: MissionLog, file: Path) -> 'Scenario':
     return scenario
 
 
-def _recorded(path: Path, pictures: Path) -> Iterator[tuple['FlownMission', Path]]:
+def _recorded(path: Path, pictures: Path) -> Iterator[tuple['FlownMission', Path, int]]:
+    """The missions of a bag, each with where its picture goes and its running number."""
     from uav_collect.api import FlownMission
     from uav_collect.recording.bag_reader import read_missions
 
+    seeds = set()
     for recorded in read_missions(path):
         mission = FlownMission(
             log=recorded.log,
@@ -186,4 +189,7 @@ def _recorded(path: Path, pictures: Path) -> Iterator[tuple['FlownMission', Path
             n_radio_messages=recorded.n_radio_messages,
             is_whole=recorded.is_complete,
         )
-        yield mission, pictures / f'trajectories_seed_{recorded.log.header.mission_seed}.png'
+        seed, index = recorded.log.header.mission_seed, recorded.index
+        again = f'_{index}' if seed in seeds else ''
+        seeds.add(seed)
+        yield mission, pictures / f'trajectories_seed_{seed}{again}.png', index

@@ -12,6 +12,8 @@ import yaml
 Keys = tuple[str | int, ...]  # the way to a value: mapping keys and list indices
 
 _MAX_SHOWN = 60  # characters of a wrong value
+_MAX_DEPTH = 50  # of values in values; the loader crashes the process beyond some ten thousand
+_MAX_VALUES = 1_000_000  # of a text, those of its aliases written out
 
 # YAML 1.1 reads 1e-3 and 1.5e6 as text; YAML 1.2, and everybody who writes them, as numbers.
 _EXPONENT = re.compile(r'[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+')
@@ -91,7 +93,10 @@ def read_value(source: Source) -> object:
         ConfigError: naming the line where it stops being YAML.
     """
     try:
+        _check_size(source)
         return yaml.load(source.text, Loader=_Loader)
+    except ConfigError:
+        raise
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = mark.line + 1 if mark else 1
@@ -100,6 +105,30 @@ def read_value(source: Source) -> object:
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         reason = ' '.join(str(error).split())
         raise ConfigError(f'{source.label}: is not valid YAML: {reason}') from error
+
+
+def _check_size(source: Source) -> None:
+    """Refuse texts that would exhaust the process that reads them.
+
+    Raises:
+        ConfigError: values nest too deep, or aliases make too many of them.
+    """
+    sizes: dict[str | None, int] = {}  # values below an anchor, aliases written out
+    open_nodes: list[tuple[str | None, int]] = []  # anchor, and values before the node
+    n_values = 0
+    for event in yaml.parse(source.text, Loader=_Loader):
+        if isinstance(event, yaml.CollectionStartEvent):
+            open_nodes.append((event.anchor, n_values))
+        elif isinstance(event, yaml.CollectionEndEvent):
+            anchor, n_before = open_nodes.pop()
+            sizes[anchor] = n_values - n_before
+        elif isinstance(event, yaml.NodeEvent):
+            n_values += sizes.get(event.anchor, 1) if isinstance(event, yaml.AliasEvent) else 1
+        if len(open_nodes) > _MAX_DEPTH or n_values > _MAX_VALUES:
+            mark = event.start_mark
+            where = f'{source.label}:{mark.line + 1 if mark else 1}'
+            limits = f'{_MAX_DEPTH} levels and {_MAX_VALUES:,} values'
+            raise ConfigError(f'{where}: is too large: must keep within {limits}')
 
 
 def line_of(text: str, keys: Keys) -> int | None:

@@ -10,13 +10,18 @@ _MOST_RECORDERS = 64  # kept in mind
 _MOST_TOPICS = 3  # named of one recorder
 
 
+def world_key(instance: str, scenario_fingerprint: str) -> str:
+    """Names a world with the scenario that it has: with another one, its fleet may be larger."""
+    return f'{instance} {scenario_fingerprint}'
+
+
 @dataclass(frozen=True, kw_only=True)
 class RecorderReport:
     """What a recorder says of itself."""
 
     recorder: str  # UUID of its process
     bag: str
-    worlds: frozenset[str]  # UUIDs of those whose scenario it has
+    worlds: frozenset[str]  # those whose scenario it has, see `world_key`
     waits_for: frozenset[str]  # topics that it hears nobody on
 
 
@@ -37,15 +42,15 @@ class _Recorder:
 class RecorderWatch:
     """The recorders that a world has heard of."""
 
-    def __init__(self, world_instance: str, *, n_expected: int, timeout_s: float) -> None:
+    def __init__(self, world: str, *, n_expected: int, timeout_s: float) -> None:
         """Wait for all that are heard of, and for so many in any case.
 
         Args:
-            world_instance: UUID of the world.
+            world: the one that waits, see `world_key`.
             n_expected: recorders that the first mission waits for, heard of or not.
             timeout_s: how long a mission waits at most.
         """
-        self._world = world_instance
+        self.world = world
         self._n_expected = n_expected
         self._timeout_s = timeout_s
         self._recorders: OrderedDict[str, _Recorder] = OrderedDict()  # the latest heard last
@@ -92,7 +97,7 @@ class RecorderWatch:
 
     def _lacks(self, recorder: _Recorder, awaited: frozenset[str]) -> str:
         """What a recorder does not hear of this world, in words; empty: it hears all."""
-        if self._world not in recorder.report.worlds:
+        if self.world not in recorder.report.worlds:
             return 'this world'
         topics = sorted(recorder.report.waits_for & awaited)
         more = f' and {len(topics) - _MOST_TOPICS} more' if len(topics) > _MOST_TOPICS else ''

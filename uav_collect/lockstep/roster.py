@@ -103,6 +103,15 @@ class Roster:
         """Let any policy join: between missions there is none to stay with."""
         self.flying = {}
 
+    def change_fleet(self, n_uavs: int) -> None:
+        """Let all agents join anew, a fleet of another scenario.
+
+        Who is alive on the topics of UAVs stays known: agents keep their publishers.
+        """
+        self.n_uavs = n_uavs
+        for record in (self.pilots, self.present, self.flying, self._claims, self._unproven):
+            record.clear()
+
     def mark_gone(self, uav: int) -> Pilot | None:
         """Note that nobody is alive on a UAV's topic; the agent that is gone."""
         self._alive.discard(uav)

@@ -38,12 +38,19 @@ class MissionSchedule:
         if self.n_missions != 0 and not self.is_over:
             self.next_seed = seed + 1
 
+    def refusal(self, seed: int, *, is_flying: bool) -> str | None:
+        """Why a mission cannot be planned on request; None if it can."""
+        if is_flying or self.next_seed is not None:
+            return 'a mission is in flight or about to start: abort it first'
+        if seed > MAX_SEED:
+            return f'the seed must be at most {MAX_SEED}, got {seed}'
+        return None
+
     def request(self, seed: int, *, is_flying: bool) -> tuple[bool, str]:
         """Plan a mission on request; whether that works, and what to say."""
-        if is_flying or self.next_seed is not None:
-            return False, 'a mission is in flight or about to start: abort it first'
-        if seed > MAX_SEED:
-            return False, f'the seed must be at most {MAX_SEED}, got {seed}'
+        refusal = self.refusal(seed, is_flying=is_flying)
+        if refusal is not None:
+            return False, refusal
         self.next_seed = seed
         return True, 'a mission starts when the fleet is complete'
 
@@ -75,6 +82,7 @@ class SimulationPacer:
         """Let simulated time pass so many times as fast as the clock; 0: as fast as can be."""
         self._factor = real_time_factor
         self._clock_s = clock_s
+        self._is_held = False
         self._looked_s = 0.0  # at the clock
         self._time_s = 0.0  # how far simulated time may have gone by then
 
@@ -88,6 +96,20 @@ class SimulationPacer:
         self._looked_s = self._clock_s()
         self._time_s = 0.0
 
+    def change(self, real_time_factor: float) -> None:
+        """Let simulated time pass so many times as fast from now on; 0: as fast as can be."""
+        self._looked_s = self._clock_s()
+        self._factor = real_time_factor
+
+    def hold(self, is_held: bool) -> None:
+        """Let no simulated time pass, or let it pass again from now on."""
+        self._looked_s = self._clock_s()
+        self._is_held = is_held
+
+    def skip_to(self, time_s: float) -> None:
+        """Let the simulated time of an event have come."""
+        self._time_s = max(self._time_s, time_s)
+
     def pass_until(self, event_s: float) -> float:
         """Let time pass to now, but hardly further than to the time of the next event.
 
@@ -95,7 +117,7 @@ class SimulationPacer:
             The simulated time now.
         """
         now_s = self._clock_s()
-        passed_s = min(now_s - self._looked_s, _LONGEST_LOOK_S)
+        passed_s = 0.0 if self._is_held else min(now_s - self._looked_s, _LONGEST_LOOK_S)
         self._looked_s = now_s
         most_s = event_s + _MOST_MADE_UP_S * self._factor
         self._time_s = min(self._time_s + passed_s * self._factor, max(most_s, self._time_s))
@@ -103,6 +125,8 @@ class SimulationPacer:
 
     def is_due(self, time_s: float) -> bool:
         """Whether the simulated time of the next event has come."""
+        if self.is_unlimited:
+            self.skip_to(time_s)  # from here it goes on if a pace is set
         return self.is_unlimited or self.pass_until(time_s) >= time_s
 
 

@@ -288,6 +288,20 @@ class Simulation:
         """Data not yet claimed, by cell."""
         return [float(bit) for bit in self._mission.cell_bit]
 
+    @property
+    def collected_share(self) -> float:
+        """Data claimed so far over all data, 0..1; 1 where there is none."""
+        total_bit = sum(self.demand_bit)
+        if total_bit == 0.0:
+            return 1.0
+        return min(max(1.0 - sum(self.waiting_bit()) / total_bit, 0.0), 1.0)
+
+    @property
+    def energy_used_j(self) -> float:
+        """Energy used by all UAVs, running actions counted whole."""
+        uavs = range(self.briefing.n_uavs)
+        return sum(self.briefing.energy_budget_j[uav] - self.energy_left_j(uav) for uav in uavs)
+
     def _held(self, uav: int) -> Belief:
         return belief_of(self._batch.beliefs, uav)
 

@@ -1,15 +1,26 @@
 """What users set of a node: its world, and ROS parameters with range and description."""
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
+from functools import partial
 import re
 from textwrap import wrap
+from typing import Any
 
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
 from rclpy.node import Node
+import rclpy.parameter
 
 _WIDTH = 80  # of a description in `--help`
+_ALIKE = 0.6  # of names; less is no misspelling
+_OF_ROS = ('qos_overrides.',)  # prefixes of parameters that ROS itself looks for
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,11 +32,16 @@ class Parameter:
     description: str
     low: float | None = None  # for numbers, bounds included
     high: float | None = None
+    in_flight: bool = False  # whether it may change while the node runs
 
     @property
     def descriptor(self) -> ParameterDescriptor:
-        """What ROS shows of it, and checks."""
-        descriptor = ParameterDescriptor(description=self.description, read_only=True)
+        """What ROS shows of it, and checks; for numbers that may be whole, `problem` does."""
+        descriptor = ParameterDescriptor(
+            description=self.description,
+            read_only=not self.in_flight,
+            dynamic_typing=isinstance(self.default, float),
+        )
         if self.low is None or self.high is None:
             return descriptor
         if isinstance(self.default, int):
@@ -36,13 +52,25 @@ class Parameter:
             descriptor.floating_point_range = [bounds]
         return descriptor
 
+    def problem(self, value: Any) -> str | None:
+        """What is wrong with a value of a number that may be given as a whole one, or None."""
+        if not isinstance(self.default, float):
+            return None  # ROS has checked it
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        if self.low is None or self.high is None:
+            return None if is_number else f'{self.name} is {value!r}: must be a number'
+        if is_number and self.low <= value <= self.high:
+            return None
+        return f'{self.name} is {value!r}: must be a number from {self.low:,} to {self.high:,}'
+
     @property
     def help(self) -> str:
         """Its lines of `--help`: name, default, description, bounds."""
         default = str(self.default).lower() if isinstance(self.default, bool) else self.default
         shown = f"'{default}'" if isinstance(self.default, str) else str(default)
         bounds = '' if self.low is None else f' ({self.low:,} to {self.high:,})'
-        lines = wrap(self.description + bounds, _WIDTH)
+        change = '; may change in flight' if self.in_flight else ''
+        lines = wrap(self.description + bounds + change, _WIDTH)
         return '\n'.join([f'  {self.name}:={shown}', *(f'      {line}' for line in lines)])
 
 
@@ -58,9 +86,27 @@ def add_world_option(parser: argparse.ArgumentParser) -> None:
 
 
 def declare(node: Node, parameters: Sequence[Parameter]) -> None:
-    """Declare parameters; they are fixed once the node runs."""
+    """Declare parameters, and warn of those that were given and are none.
+
+    Most are fixed once the node runs. Those that are none only earn a warning: a file may hold
+    parameters for many nodes, in a section for all of them.
+    """
+    known = {parameter.name: parameter for parameter in parameters}
+    node.add_on_set_parameters_callback(partial(_checked, known))
     for parameter in parameters:
         node.declare_parameter(parameter.name, parameter.default, parameter.descriptor)
+    with node.handle:
+        given = node.handle.get_parameters(rclpy.parameter.Parameter)
+    for name in sorted(given):
+        if not node.has_parameter(name) and not name.startswith(_OF_ROS):
+            node.get_logger().warning(_unknown(name, known))
+
+
+def values_of(node: Node, parameters: Sequence[Parameter]) -> dict[str, Any]:
+    """The values of declared parameters, in the types of their defaults."""
+    values = {each.name: node.get_parameter(each.name).value for each in parameters}
+    numbers = {each.name for each in parameters if isinstance(each.default, float)}
+    return {name: float(it) if name in numbers else it for name, it in values.items()}
 
 
 def help_text(parameters: Sequence[Parameter]) -> str:
@@ -73,3 +119,17 @@ def _namespace(text: str) -> str:
     if text and not re.fullmatch(r'[A-Za-z_]\w*(/[A-Za-z_]\w*)*', text, re.ASCII):
         raise argparse.ArgumentTypeError(f'{text!r} must be a ROS name, as a or north/a')
     return text
+
+
+def _checked(known: Mapping[str, Parameter], given: Sequence[Any]) -> SetParametersResult:
+    """Refuse parameters, as ROS sets them, one of which has a wrong value."""
+    own = [each for each in given if each.name in known]
+    problems = filter(None, (known[each.name].problem(each.value) for each in own))
+    problem = next(problems, None)
+    return SetParametersResult(successful=problem is None, reason=problem or '')
+
+
+def _unknown(name: str, known: Mapping[str, Parameter]) -> str:
+    alike = get_close_matches(name, known, n=1, cutoff=_ALIKE)
+    nearest = f'{alike[0]} is the nearest one' if alike else '--help lists those that are'
+    return f'parameter {name} is none of this node and changes nothing: {nearest}'

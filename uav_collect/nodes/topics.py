@@ -51,6 +51,7 @@ from visualization_msgs.msg import MarkerArray
 JOIN_SERVICE = '/world/join'
 CONTROL_SERVICE = '/world/control'
 INJECT_SERVICE = '/world/inject'
+FLY_MISSION_ACTION = '/world/fly_mission'
 
 LIVELINESS_LEASE_S = 2.0  # how long a death goes unnoticed; shorter, load looks like death
 
@@ -142,6 +143,7 @@ class WorldTopics:
     join_service: str
     control_service: str
     inject_service: str
+    fly_mission: str  # action
     vouch_prefix: str  # before the beginning of a world's instance: each world has its own
 
     def uav(self, uav: int) -> UavTopics:
@@ -179,6 +181,7 @@ def world_topics(namespace: str = '') -> WorldTopics:
         join_service=f'{namespace}{JOIN_SERVICE}',
         control_service=f'{namespace}{CONTROL_SERVICE}',
         inject_service=f'{namespace}{INJECT_SERVICE}',
+        fly_mission=f'{namespace}{FLY_MISSION_ACTION}',
         vouch_prefix=f'{namespace}/world/vouch_',
     )
 
@@ -238,6 +241,21 @@ def patient_qos(offered: QoSProfile, depth: int) -> QoSProfile:
         depth=max(offered.depth, depth),
         reliability=offered.reliability,
         durability=offered.durability,
+    )
+
+
+def latest_only(topic: Topic) -> Topic:
+    """The topic for a publisher of which nobody is to hear late what it has taken back."""
+    qos = topic.qos
+    return replace(
+        topic,
+        qos=QoSProfile(
+            depth=1,
+            reliability=qos.reliability,
+            durability=qos.durability,
+            liveliness=qos.liveliness,
+            liveliness_lease_duration=qos.liveliness_lease_duration,
+        ),
     )
 
 

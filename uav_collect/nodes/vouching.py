@@ -25,6 +25,7 @@ class _Question:
     service: str
     world_instance: str
     mission_id: str
+    scenario_fingerprint: str
     on_answer: Callable[[bool], None]
     on_silence: Callable[[], None]
     looks_left: int = _PATIENCE
@@ -50,6 +51,8 @@ class Vouching:
         mission_id: str,
         on_answer: Callable[[bool], None],
         on_silence: Callable[[], None] | None = None,
+        *,
+        scenario_fingerprint: str = '',
     ) -> None:
         """Ask a world whether it lives and, unless `mission_id` is empty, whether that is its own.
 
@@ -58,9 +61,11 @@ class Vouching:
             world_instance: of that message.
             on_answer: called once, later: with False if nobody answers in time.
             on_silence: called instead if nobody answers in time.
+            scenario_fingerprint: the world is to have this scenario now; empty: any.
         """
         silent = partial(on_answer, False) if on_silence is None else on_silence
-        question = _Question(service, world_instance, mission_id, on_answer, silent)
+        asked = (service, world_instance, mission_id, scenario_fingerprint)
+        question = _Question(*asked, on_answer, silent)
         if len(self._open) >= _MOST_QUESTIONS:
             question.looks_left = 0
         self._open.append(question)
@@ -115,4 +120,6 @@ class Vouching:
 def _is_confirmed(question: _Question, answer: Any) -> bool:
     if answer.world_instance != question.world_instance:
         return False
+    if '' != question.scenario_fingerprint != answer.scenario_fingerprint != '':
+        return False  # a recording of this world is played back, from before it changed
     return bool(answer.is_own) or not question.mission_id

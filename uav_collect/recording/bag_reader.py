@@ -39,6 +39,7 @@ class RecordedMission:
     demand_bit: Floats  # (S,) data of each sensor at the start
     n_radio_messages: int  # delivered between UAVs
     is_complete: bool  # ended, and every event of it was recorded
+    index: int = 0  # running number of the mission in its world
 
 
 @dataclass(kw_only=True)
@@ -78,8 +79,12 @@ def read_missions(path: Path) -> list[RecordedMission]:
     found = [parts for parts in missions.values() if parts.start is not None]
     if not found:
         raise BagError(f'{path}: holds no mission, neither start nor end of one was recorded')
-    worlds = {parts.start.world_instance for parts in found}
-    sites = {world: _site_of(path, scenarios[world]) for world in worlds if world in scenarios}
+    flown = {_flown_of(parts) for parts in found}
+    sites = {
+        (world, wanted): _site_of(path, scenarios[world], wanted)
+        for world, wanted in flown
+        if world in scenarios
+    }
     return [_mission(path, parts, sites) for parts in found]
 
 
@@ -127,10 +132,19 @@ def _reader(path: Path) -> Iterator[AnyReader]:
         ) from error
 
 
-def _site_of(path: Path, sent: list[Any]) -> Site:
-    """The site of a world, by the first of its Scenario messages that tells one."""
+def _flown_of(parts: _Parts) -> tuple[str, str]:
+    """The world of a mission, and the fingerprint of the scenario that it had then."""
+    return parts.start.world_instance, parts.start.scenario_fingerprint
+
+
+def _site_of(path: Path, sent: list[Any], wanted: str) -> Site:
+    """The site of a world, by the first of its Scenario messages that tells one.
+
+    Args:
+        wanted: fingerprint of the scenario; a world may have had others.
+    """
     errors = []
-    for message in sent:
+    for message in [it for it in sent if it.fingerprint == wanted] or sent:
         try:
             return recorded_site(path, message)
         except BagError as error:
@@ -154,9 +168,9 @@ def recorded_site(path: Path, message: Any) -> Site:  # noqa: ANN401 - a message
     return site
 
 
-def _mission(path: Path, parts: _Parts, sites: dict[str, Site]) -> RecordedMission:
-    start = parts.start
-    if start.world_instance not in sites:
+def _mission(path: Path, parts: _Parts, sites: dict[tuple[str, str], Site]) -> RecordedMission:
+    start, flown = parts.start, _flown_of(parts)
+    if flown not in sites:
         raise BagError(f'{path}: the scenario of mission {start.mission_id} was not recorded')
     epochs = [parts.epochs[event] for event in sorted(parts.epochs)]
     try:
@@ -165,9 +179,10 @@ def _mission(path: Path, parts: _Parts, sites: dict[str, Site]) -> RecordedMissi
         raise BagError(f'{path}: mission {start.mission_id}: {error}') from error
     return RecordedMission(
         log=MissionLog(header=header, events=_events(epochs), faults=_faults(epochs)),
-        site=sites[start.world_instance],
+        site=sites[flown],
         demand_bit=np.array(start.demand_bit, dtype=np.float64),
         n_radio_messages=parts.n_radio_messages,
+        index=int(start.index),
         is_complete=_ENDED in parts.phases
         and bool(epochs)
         and epochs[-1].terminal

@@ -11,9 +11,25 @@ from uav_collect.recording.origin import ORIGIN_FILE, origin_text
 SCENARIO_FILE = 'scenario.yaml'  # resolved
 
 
-def log_name(mission_seed: int) -> str:
-    """The file of a mission's log."""
-    return f'mission_{mission_seed}.jsonl'
+def log_name(mission_seed: int, index: int | None = None) -> str:
+    """The file of a mission's log.
+
+    Args:
+        index: running number of the mission in its world, if its seed was flown before.
+    """
+    again = '' if index is None else f'_{index}'
+    return f'mission_{mission_seed}{again}.jsonl'
+
+
+def take_log(logs: dict[str, Path], mission_seed: int, index: int) -> Path | None:
+    """Take the log of a mission out of those of a folder, by name; None if it is not there."""
+    return logs.pop(log_name(mission_seed, index), None) or logs.pop(log_name(mission_seed), None)
+
+
+def scenario_file(folder: Path, scenario_fingerprint: str) -> Path:
+    """The file of a scenario in a folder: those after the first one have names of their own."""
+    own = folder / f'scenario_{scenario_fingerprint}.yaml'
+    return own if own.is_file() else folder / SCENARIO_FILE
 
 
 class MissionFolder:
@@ -30,29 +46,36 @@ class MissionFolder:
         """
         self._folder = Path(name) if name else None
         self._log: LogWriter | None = None
+        self._flown: set[int] = set()  # mission seeds
+        self._has_scenario = False
         if self._folder is not None:
             self._folder.mkdir(parents=True, exist_ok=True)
             if not os.access(self._folder, os.W_OK):
                 raise PermissionError(f'{name} cannot be written to')
 
-    def keep_scenario(self, text: str) -> str | None:
-        """Write the resolved scenario, and by which code it is flown."""
+    def keep_scenario(self, text: str, scenario_fingerprint: str) -> str | None:
+        """Write the resolved scenario of the missions from now on, and by which code it is flown."""
         if self._folder is None:
             return None
+        own = f'scenario_{scenario_fingerprint}.yaml'
+        name = own if self._has_scenario else SCENARIO_FILE
+        self._has_scenario = True
         try:
-            (self._folder / SCENARIO_FILE).write_text(text, encoding='utf-8')
+            (self._folder / name).write_text(text, encoding='utf-8')
             (self._folder / ORIGIN_FILE).write_text(f'{origin_text()}\n', encoding='utf-8')
         except OSError as error:
             return f'the scenario cannot be written: {error}'
         return None
 
-    def begin(self, header: MissionHeader) -> str | None:
-        """Start a mission's log."""
+    def begin(self, header: MissionHeader, index: int = 0) -> str | None:
+        """Start the log of a mission, by its running number in its world."""
         self.end()
         if self._folder is None:
             return None
         try:
-            path = self._folder / log_name(header.mission_seed)
+            seed = header.mission_seed
+            path = self._folder / log_name(seed, index if seed in self._flown else None)
+            self._flown.add(seed)
             self._log = LogWriter(path, header)
         except OSError as error:
             return f'the mission log cannot be written: {error}'

@@ -120,6 +120,7 @@ class AgentNode(ProcessNode):
         self._policies: PolicyStore | None = None
         self._asked_s = -math.inf
         self._is_member = False
+        self._unfit = ''  # why the world's scenario cannot be flown
         self._published_for = ''  # the instance that the publishers were made for
         self._asking_since_s = time.monotonic()
         self._logged, self._logged_s = '', -math.inf
@@ -158,7 +159,21 @@ class AgentNode(ProcessNode):
 
     @_gives_up_on_error
     def _on_world(self, msg: Any) -> None:
-        """Try to join the fleet of a world, by its scenario."""
+        """Try to join the fleet of a world, by its scenario.
+
+        An agent that a world had waits for the scenario after this one, if it cannot fly this.
+        """
+        self._inbox, self._is_member, self._unfit = None, False, ''
+        try:
+            self._join_fleet(msg)
+        except (ConfigError, PolicyMismatchError) as error:
+            if self._published_for != msg.world_instance:
+                raise
+            self._unfit = str(error)
+            self._log_waiting()
+
+    def _join_fleet(self, msg: Any) -> None:
+        """Get ready to fly its scenario, and ask for the UAV."""
         scenario = self._checked_scenario(msg)
         briefing, uav = brief(scenario), self._uav - 1
         self._briefing, self._n_sensors = briefing, len(msg.sensor_id)
@@ -179,7 +194,6 @@ class AgentNode(ProcessNode):
         )
         if self._layout is not None or topic_policy is not None:
             self._transitions = TransitionBuilder(self._layout, briefing, uav, msg.fingerprint)
-        self._is_member = False
         self._asked_s = -math.inf
         self._asking_since_s = time.monotonic()
         self._ask_to_join()
@@ -230,6 +244,7 @@ class AgentNode(ProcessNode):
         self._asked_s = now_s
         request = Join.Request(
             world_instance=self._world.instance,
+            scenario_fingerprint=self._world.scenario_fingerprint,
             uav=self._uav,
             agent_instance=self._instance,
             host=socket.gethostname(),
@@ -282,6 +297,7 @@ class AgentNode(ProcessNode):
 
     def _log_waiting(self, what: str = '') -> None:
         """Log what the agent waits for, a world unless it says what, but not too often."""
+        what = what or (self._unfit and f'another scenario: {self._unfit}')
         if what != self._logged or time.monotonic() - self._logged_s > _WAITING_PERIOD_S:
             self._logged, self._logged_s = what, time.monotonic()
             self.get_logger().info(f'UAV {self._uav}: waiting for {what or self._any_world()}')

@@ -32,11 +32,17 @@ class WorldChoice:
         self._topic = topic
         self._fly_for = fly_for
         self._world = NO_WORLD
+        self._scenario = ''  # fingerprint of that which is flown for the world
         self._vouching = Vouching(node)
         self._look_at_s = math.inf
         self._again: Subscription | None = None
         watch = SubscriptionEventCallbacks(liveliness=self._on_liveliness)
         subscription(node, topic, self._on_scenario, on_event=watch)
+
+    @property
+    def scenario_fingerprint(self) -> str:
+        """Of the scenario that the world has."""
+        return self._scenario
 
     @property
     def instance(self) -> str:
@@ -57,9 +63,15 @@ class WorldChoice:
         world, before = identity_of(msg), self._world
         if world.gives_way_to(before):
             self._look_within(_GIVES_WAY_S)
-        elif world != before:
+        elif world != before or msg.fingerprint != self._scenario:
             answered = partial(self._on_answer, msg)
-            self._vouching.ask(msg.vouch_service, world.instance, '', answered)
+            self._vouching.ask(
+                msg.vouch_service,
+                world.instance,
+                '',
+                answered,
+                scenario_fingerprint=msg.fingerprint,
+            )
 
     def _on_answer(self, msg: Any, is_there: bool) -> None:
         """Fly for a world that answers, unless a better one has come meanwhile."""
@@ -68,8 +80,9 @@ class WorldChoice:
             self._node.warn('no world', silent_world(msg))
             self._look_within(_GIVES_WAY_S)  # it may only have been too busy to answer
         elif not world.gives_way_to(before):
+            flown, self._scenario = self._scenario, msg.fingerprint
             self._world = world
-            if world.instance != before.instance:
+            if (world.instance, msg.fingerprint) != (before.instance, flown):
                 self._fly_for(msg)
 
     def _on_liveliness(self, event: Any) -> None:

@@ -7,20 +7,26 @@ import time
 from typing import Any
 
 from rclpy.clock import Clock, ClockType
+from uav_collect.errors import ConfigError
 from uav_collect.limits import MAX_SEED
 from uav_collect.nodes.agent.world_choice import WorldChoice
 from uav_collect.nodes.parameters import add_world_option
 from uav_collect.nodes.process import FAILED, parse_arguments, ProcessNode, run_node
 from uav_collect.nodes.sealing import SealedClient
 from uav_collect.nodes.topics import world_of, world_topics
+from uav_collect.scenario.load import load
 from uav_collect_msgs.srv import ControlMission
 
 _DESCRIPTION = """
-Asks a world to start or abort a mission, and says what it answers: exit status 0 if it does so, 1
-if it does not or none answers. With UAV_COLLECT_KEY_FILE the request has the seal that the world
+Asks a world to start or abort a mission, to pause, to resume, or to do one event more while paused,
+and says what it answers: exit status 0 if it does so, 1 if it does not or none answers. With UAV_COLLECT_KEY_FILE the request has the seal that the world
 wants then.
 """
-_COMMANDS = {'start': ControlMission.Request.START, 'abort': ControlMission.Request.ABORT}
+_ASKED = ControlMission.Request
+_COMMANDS = {
+    **{'start': _ASKED.START, 'abort': _ASKED.ABORT},
+    **{'pause': _ASKED.PAUSE, 'resume': _ASKED.RESUME, 'step': _ASKED.STEP},
+}
 _TICK_S = 0.05
 _PATIENCE_S = 10.0  # until a world is found that answers
 _AGAIN_S = 2.0  # from a request that nobody has answered to the next one
@@ -73,10 +79,25 @@ def main(argv: Sequence[str]) -> int:
     parser.add_argument(
         '--seed', type=_seed, default=0, metavar='N', help='mission seed of start (0)'
     )
+    parser.add_argument(
+        '--scenario',
+        type=_scenario_text,
+        default='',
+        metavar='NAME|FILE',
+        help='scenario of start: one by its name, or a YAML file (that which the world has)',
+    )
     add_world_option(parser)
     given = parse_arguments(parser, argv)
-    request = ControlMission.Request(command=_COMMANDS[given.command], seed=given.seed)
+    request = _ASKED(command=_COMMANDS[given.command], seed=given.seed, scenario=given.scenario)
     return run_node(lambda: ControlNode(given.world, request), argv)
+
+
+def _scenario_text(name: str) -> str:
+    """The resolved text of a scenario of this machine."""
+    try:
+        return load(name).to_yaml()
+    except ConfigError as error:
+        raise argparse.ArgumentTypeError(' '.join(str(error).split())) from error
 
 
 def _seed(text: str) -> int:

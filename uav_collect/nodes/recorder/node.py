@@ -58,7 +58,7 @@ With a key, what has no valid seal is left out.
 _READER_DEPTH = 10_000  # messages of a topic that wait while a chunk is written
 _LOOK_PERIOD_S = 0.05  # between looks for publishers that are not heard yet
 _MOST_WORLDS = 8  # kept in mind
-_SCENARIO_FIELDS = ('world_instance', 'n_uavs')
+_SCENARIO_FIELDS = ('world_instance', 'fingerprint', 'n_uavs')
 _DRAIN_S = 3.0  # longest wait, when it is stopped, for what was published before
 _SILENT_S = 1.0  # the same without any message
 _QUIET_S = 0.3  # without any message, when the last mission has ended, it was the last
@@ -125,7 +125,8 @@ class RecorderNode(ProcessNode):
         self._missions_left = self._value('stop_after_missions') or math.inf
         self._ended_s = math.inf  # when the last mission to record has ended
         self._heard_s = 0.0  # when the last message came that is not just the clock
-        self._worlds: dict[str, int] = {}  # number of UAVs by world instance, the latest last
+        self._worlds: dict[str, str] = {}  # scenario by world instance, the latest last
+        self._n_uavs = 0  # that are listened to
         self._listeners: dict[str, Subscription] = {}  # by topic
         self._n_unreadable: Counter[str] = Counter()  # messages by topic
         self._n_unsealed: Counter[str] = Counter()  # the same
@@ -248,13 +249,15 @@ class RecorderNode(ProcessNode):
 
     def _take_scenario(self, message: bytes) -> None:
         """Record the fleet of a world."""
-        world_instance, n_uavs = self._scenarios.read(message)
+        world_instance, scenario_fingerprint, n_uavs = self._scenarios.read(message)
         if world_instance not in self._worlds:
             self._log_times.begin_world()
         self._worlds.pop(world_instance, None)
-        self._worlds[world_instance] = n_uavs = min(n_uavs, MAX_UAVS)
+        self._worlds[world_instance] = scenario_fingerprint
         if len(self._worlds) > _MOST_WORLDS:
             del self._worlds[next(iter(self._worlds))]
+        n_uavs = min(n_uavs, MAX_UAVS)
+        self._n_uavs = max(self._n_uavs, n_uavs)
         for uav in range(1, n_uavs + 1):
             own = filter(self._is_wanted, topics_of_uav(uav, self._names.namespace))
             new = [topic for topic in own if topic.name not in self._listeners]
@@ -268,10 +271,9 @@ class RecorderNode(ProcessNode):
 
     def _look(self) -> None:
         """Say what is not heard; stop when the last mission has ended and all of it is here."""
-        uavs = range(1, max(self._worlds.values(), default=0) + 1)
-        awaited = filter(self._is_wanted, self._names.awaited(uavs))
+        awaited = filter(self._is_wanted, self._names.awaited(range(1, self._n_uavs + 1)))
         silent = [it.name for it in awaited if not self._listeners[it.name].get_publisher_count()]
-        self._status.publish([*self._worlds], silent)
+        self._status.publish(self._worlds, silent)
         now_s = time.monotonic()
         since_end_s, quiet_s = now_s - self._ended_s, now_s - self._heard_s
         if since_end_s < _QUIET_S or (quiet_s < _QUIET_S and since_end_s < _WAIT_S):

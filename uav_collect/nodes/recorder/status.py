@@ -1,6 +1,6 @@
 """What a recorder says to worlds: what it does not hear yet."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 import time
 from typing import Any
@@ -23,12 +23,18 @@ class StatusPublisher:
         self._said: Any = None
         self._said_s = 0.0
 
-    def publish(self, world_instances: Sequence[str], waits_for: Sequence[str]) -> None:
-        """Say what is missing, unless that was said just now."""
+    def publish(self, worlds: Mapping[str, str], waits_for: Sequence[str]) -> None:
+        """Say what is missing, unless that was said just now.
+
+        Args:
+            worlds: fingerprint of the scenario by instance.
+            waits_for: topics.
+        """
         status = RecorderStatus(
             recorder_instance=self._instance,
             bag=self._bag,
-            world_instances=[*world_instances],
+            world_instances=[*worlds],
+            scenario_fingerprints=[*worlds.values()],
             waits_for=[*waits_for],
         )
         now_s = time.monotonic()

@@ -6,7 +6,7 @@ from pathlib import Path
 from rclpy.node import Node
 from uav_collect.errors import TrainingRunError
 from uav_collect.limits import FLEET_ALGORITHMS, MAX_DECISIONS, MAX_SEED
-from uav_collect.nodes.parameters import declare, Parameter
+from uav_collect.nodes.parameters import declare, Parameter, values_of
 from uav_collect.scenario.load import load, parse_override
 from uav_collect.training.config import load_preset
 from uav_collect.training.planned_run import new_record, PlannedRun, stored_run
@@ -144,9 +144,7 @@ class TrainerSettings:
 def read_settings(node: Node) -> TrainerSettings:
     """Declare the parameters and read them, once: they do not change while the node runs."""
     declare(node, PARAMETERS)
-    return TrainerSettings(
-        **{parameter.name: node.get_parameter(parameter.name).value for parameter in PARAMETERS}
-    )
+    return TrainerSettings(**values_of(node, PARAMETERS))
 
 
 def planned_run(settings: TrainerSettings) -> PlannedRun:

@@ -122,6 +122,11 @@ class MissionInFlight:
         event = self._event
         return self.simulation.end_s if event is None else event.view.time_s
 
+    @property
+    def awaited_uav(self) -> int | None:
+        """Id of the UAV that has to answer now, if one has."""
+        return None if self.pending is None else self.pending.event.uav + 1
+
     def radio_before(self, event: Event) -> list[RadioMessageMsg]:
         """What the deciding UAV hears before it sees, to be published to it."""
         receiver = event.uav + 1

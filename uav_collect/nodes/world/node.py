@@ -15,6 +15,7 @@ from uav_collect.lockstep.checks import names_problem
 from uav_collect.lockstep.published_policy import PolicyStore
 from uav_collect.lockstep.roster import Pilot, Roster
 from uav_collect.lockstep.schedule import MissionSchedule, SimulationPacer
+from uav_collect.lockstep.steering import Steering
 from uav_collect.missions.simulation import Event, FAILSAFE_DECISION
 from uav_collect.nodes import convert, topics
 from uav_collect.nodes.identity import scenario_msg, WorldIdentity
@@ -23,6 +24,7 @@ from uav_collect.nodes.process import FAILED, parse_arguments, ProcessNode, run_
 from uav_collect.nodes.sealing import serve
 from uav_collect.nodes.topics import subscription
 from uav_collect.nodes.trainer_listener import subscribe_to_trainers
+from uav_collect.nodes.world.control import WorldControl
 from uav_collect.nodes.world.diagnostics import WorldDiagnostics
 from uav_collect.nodes.world.mission import mission_msg, mission_summary, MissionInFlight
 from uav_collect.nodes.world.publishers import ViewerPublisher, WorldPublishers
@@ -30,13 +32,13 @@ from uav_collect.nodes.world.recorders import WorldRecorders
 from uav_collect.nodes.world.rivals import RivalWatch
 from uav_collect.nodes.world.settings import PARAMETERS, read_settings
 from uav_collect.recording.mission_folder import MissionFolder
-from uav_collect.scenario.load import load
+from uav_collect.scenario.load import fingerprint, load
 from uav_collect.scenario.site import build_site, Site
 from uav_collect.uav.actions import check_can_start
 from uav_collect.uav.briefing import brief
 from uav_collect.uav.policy import TOPIC
 from uav_collect_msgs.msg import Mission
-from uav_collect_msgs.srv import ControlMission, InjectFault, Join, Vouch
+from uav_collect_msgs.srv import Join, Vouch
 
 _DESCRIPTION = """
 Simulates sensors, radio, flight and energy of a mission, hands each UAV's agent what it observes,
@@ -61,7 +63,7 @@ class WorldNode(ProcessNode):
         self._settings = settings = read_settings(self)
         try:
             scenario = load(settings.scenario)
-            self._site: Site = build_site(scenario)
+            self.site: Site = build_site(scenario)
             briefing = brief(scenario)
             check_can_start(scenario, briefing)
             self._folder = MissionFolder(settings.output_dir)
@@ -70,14 +72,16 @@ class WorldNode(ProcessNode):
         except OSError as error:
             raise NodeError(f'output_dir: {error}') from error
         self._identity = WorldIdentity(started_s=time.time(), instance=str(uuid.uuid4()))
-        self._roster = Roster(scenario.n_uavs)
+        self.roster = Roster(scenario.n_uavs)
         self._policies = PolicyStore(briefing)
         first_seed = settings.seed if settings.missions else None
         self._schedule = MissionSchedule(n_missions=settings.missions, next_seed=first_seed)
         self._pacer = SimulationPacer(settings.real_time_factor)
-        self._mission: MissionInFlight | None = None
+        self._steering = Steering(self._schedule, self._pacer, settings.decision_timeout_s)
+        self.mission: MissionInFlight | None = None
         self._clock_s = 0.0  # simulated time of all missions before
-        self._asked_s = self._begun_s = time.monotonic()
+        self._asked_s = self._begun_s = self._gathering_since_s = time.monotonic()
+        self._is_stopping = False
         self._logged_s = 0.0
         self._logged_missing: list[int] = []
         self._diagnostics = WorldDiagnostics(self, self._names.namespace)
@@ -86,29 +90,41 @@ class WorldNode(ProcessNode):
 
     def on_stop(self) -> None:
         """Abort the mission in flight, and keep what is known of it."""
-        if self._mission is not None:
-            self._end_mission(Mission.ABORTED, 'the world was stopped')
+        self._is_stopping = True
+        self.abort('the world was stopped')
+        if self._rivals.is_open:
+            self._control.close()
 
     def _open(self) -> None:
         self._rivals.is_open = True
-        scenario = self._site.scenario
-        self._pubs = WorldPublishers(self, self._names, scenario.n_uavs)
-        for uav in range(1, scenario.n_uavs + 1):
-            self._subscribe_to_agent(uav, self._names.uav(uav))
         instance = self._identity.instance
+        self._n_served = 0  # UAVs whose topics there are
+        self._pubs = WorldPublishers(self, self._names)
         serve(self, Join, self._names.join_service, self._on_join)
-        serve(self, ControlMission, self._names.control_service, self._on_control, instance)
-        serve(self, InjectFault, self._names.inject_service, self._on_inject, instance)
-        self._viewers = ViewerPublisher(self, self._names, self._site, self._settings)
+        self._viewers = ViewerPublisher(self, self._names, self._settings)
         warn = self._diagnostics.warn
         self._recorders = WorldRecorders(self, self._names, self._settings, instance, warn)
         subscribe_to_trainers(self, self._policies, partial(warn, 'policy refused'))
-        self._diagnostics.warn_if_lost(self._folder.keep_scenario(scenario.to_yaml()))
-        vouch_service = f'{self._names.vouch_prefix}{self._identity.short}'
-        serve(self, Vouch, vouch_service, self._on_vouch)
-        self._pubs.publish_scenario(scenario_msg(self._identity, self._site, vouch_service))
+        self._vouch_service = f'{self._names.vouch_prefix}{self._identity.short}'
+        serve(self, Vouch, self._vouch_service, self._on_vouch)
+        self._control = WorldControl(self, self, self._steering, self._names, instance)
+        self._present_scenario()
+
+    def _present_scenario(self) -> None:
+        """Serve the fleet of the scenario, and say what it is."""
+        site, scenario = self.site, self.site.scenario
+        for uav in range(self._n_served + 1, scenario.n_uavs + 1):
+            self._pubs.add_uav(uav)
+            self._subscribe_to_agent(uav, self._names.uav(uav))
+        self._n_served = max(self._n_served, scenario.n_uavs)
+        self._fingerprint = fingerprint(scenario)
+        self._recorders.await_scenario(self._fingerprint)
+        self._viewers.show(site)
+        lost = self._folder.keep_scenario(scenario.to_yaml(), self._fingerprint)
+        self._diagnostics.warn_if_lost(lost)
+        self._pubs.publish_scenario(scenario_msg(self._identity, site, self._vouch_service))
         self.get_logger().info(
-            f'scenario {scenario.name}: {scenario.n_uavs} UAVs, {self._site.n_sensors} sensors'
+            f'scenario {scenario.name}: {scenario.n_uavs} UAVs, {site.n_sensors} sensors'
         )
 
     def _subscribe_to_agent(self, uav: int, own: topics.UavTopics) -> None:
@@ -124,6 +140,10 @@ class WorldNode(ProcessNode):
             response.retry = True  # it asked another world, and may have found this one by now
             response.reason = 'it asked to join another world'
             return response
+        if request.scenario_fingerprint not in ('', self._fingerprint):
+            response.retry = True  # it will hear of this world's
+            response.reason = f'another scenario is flown, {self.site.scenario.name}'
+            return response
         problem = names_problem(request, _PILOT_NAMES)
         if problem is not None:
             response.reason = problem
@@ -133,7 +153,7 @@ class WorldNode(ProcessNode):
         response.waits_for_policy = pilot.policy == TOPIC and self._policies.latest is None
         if response.waits_for_policy:
             return response
-        answer = self._roster.join(pilot)
+        answer = self.roster.join(pilot)
         response.accepted, response.retry = answer.accepted, answer.retry
         response.reason = answer.reason
         if not answer.accepted:
@@ -141,8 +161,8 @@ class WorldNode(ProcessNode):
             self._diagnostics.warn('join refused', text)
             return response
         response.mission_id = self._identity.mission_id(self._schedule.n_started)
-        if self._mission is not None:
-            self._mission.fill_history(response, pilot)
+        if self.mission is not None:
+            self.mission.fill_history(response, pilot)
         elif self._policies.latest is not None and pilot.policy == TOPIC:
             response.policy = self._policies.latest.message
         return response
@@ -150,15 +170,16 @@ class WorldNode(ProcessNode):
     def _on_vouch(self, request: Any, response: Any) -> Any:
         response.world_instance = self._identity.instance
         response.is_own = self._identity.owns(request.mission_id, self._schedule.n_started)
+        response.scenario_fingerprint = self._fingerprint
         return response
 
     def _on_liveliness(self, uav: int, event: Any) -> None:
         if event.alive_count > 0:
-            self._roster.mark_alive(
+            self.roster.mark_alive(
                 uav, is_back=event.alive_count_change > 0 > event.not_alive_count_change
             )
             return
-        lost = self._roster.mark_gone(uav)
+        lost = self.roster.mark_gone(uav)
         if lost is not None:
             self._say_lost(lost)
 
@@ -167,13 +188,13 @@ class WorldNode(ProcessNode):
 
     def _on_greeting(self, uav: int, msg: Any) -> None:
         """Let the agent fly that has joined and shows now that it is there."""
-        was_flown = self._roster.is_flown_by(uav, msg.agent_instance)
-        was_present = uav not in self._roster.missing()
-        answer = self._roster.greet(uav, msg.agent_instance, time.monotonic())
+        was_flown = self.roster.is_flown_by(uav, msg.agent_instance)
+        was_present = uav not in self.roster.missing()
+        answer = self.roster.greet(uav, msg.agent_instance, time.monotonic())
         if not answer.accepted:
             self._refuse(uav, convert.GREETING, msg, answer.reason)
         elif not (was_flown and was_present):
-            pilot = self._roster.pilots[uav]
+            pilot = self.roster.pilots[uav]
             self.get_logger().info(
                 f'UAV {uav}: {pilot} joined, policy {pilot.policy}, bandwidth {pilot.allocator}'
             )
@@ -181,13 +202,13 @@ class WorldNode(ProcessNode):
     # What agents and people send.
 
     def _on_command(self, uav: int, msg: Any) -> None:
-        mission = self._mission
+        mission = self.mission
         if convert.is_greeting(msg):
             self._on_greeting(uav, msg)
             return
         if mission is None or msg.mission_id != mission.mission_id:
             refusal: str | None = self._identity.refusal_of(msg.mission_id, msg.decision)
-        elif not self._roster.is_flown_by(uav, msg.agent_instance):
+        elif not self.roster.is_flown_by(uav, msg.agent_instance):
             refusal = 'it is not from the agent that flies this UAV'
         else:
             refusal = mission.accept_command(uav, msg)
@@ -197,7 +218,7 @@ class WorldNode(ProcessNode):
             self._carry_out(mission)
 
     def _on_radio(self, uav: int, msg: Any) -> None:
-        mission = self._mission
+        mission = self.mission
         if mission is None or msg.mission_id != mission.mission_id:
             refusal: str | None = self._identity.refusal_of(msg.mission_id, msg.sequence)
         else:
@@ -207,59 +228,57 @@ class WorldNode(ProcessNode):
         elif mission is not None:
             self._carry_out(mission)
 
-    def _on_control(self, request: Any, response: Any) -> Any:
-        is_flying = self._mission is not None
-        if request.command == ControlMission.Request.START:
-            answer = self._schedule.request(int(request.seed), is_flying=is_flying)
-        elif request.command == ControlMission.Request.ABORT:
-            answer = self._schedule.cancel(is_flying=is_flying)
-            self._end_mission(Mission.ABORTED, 'aborted by request')
-        else:
-            answer = (False, f'command {request.command} is neither START nor ABORT')
-        response.success, response.message = answer
-        return response
+    # What people ask, by way of its control.
 
-    def _on_inject(self, request: Any, response: Any) -> Any:
-        if self._mission is None:
-            refusal: str | None = 'there is no mission in flight'
-        else:
-            refusal = self._mission.inject(request.fault, request.uav)
-        response.success = refusal is None
-        response.message = (
-            refusal or f'UAV {request.uav} is {request.fault} from the next event on'
-        )
-        if refusal is None:
-            self.get_logger().warning(f'fault injected: UAV {request.uav} is {request.fault}')
-        return response
+    def fly_over(self, site: Site) -> None:
+        """Take another scenario; its agents have to join anew."""
+        self.site = site
+        self.roster.change_fleet(site.scenario.n_uavs)
+        self._gathering_since_s = time.monotonic()
+        for refusal in self._policies.recheck(brief(site.scenario)):
+            self._diagnostics.warn('policy refused', refusal)
+        self._present_scenario()
+
+    def abort(self, note: str) -> None:
+        """End the mission in flight, if there is one."""
+        self._end_mission(Mission.ABORTED, note)
+
+    def go_on(self) -> None:
+        """Do what may happen now, and be patient with agents anew."""
+        self._asked_s = time.monotonic()
+        self._advance()
 
     # The mission.
 
     def _tick(self) -> None:
         now_s = time.monotonic()
-        if now_s - self._begun_s < _OTHER_WORLD_S:
+        if self._is_stopping or now_s - self._begun_s < _OTHER_WORLD_S:
             return
         if self._rivals.gives_way:
-            self._diagnostics.publish(self._roster, self._mission)
+            self._diagnostics.publish(self.roster, self.mission)
             self.end(FAILED)
             return
         if not self._rivals.is_open:
             if not self._rivals.is_waiting:
                 self._open()
             return
-        for lost in self._roster.remove_silent(now_s):
+        for lost in self.roster.remove_silent(now_s):
             self._say_lost(lost)
-        if self._mission is not None:
-            self._keep_time(self._mission, now_s)
+        if self.mission is not None:
+            self._keep_time(self.mission, now_s)
         elif self._schedule.next_seed is not None and self._is_fleet_ready(now_s):
             self._start_mission()
+        self._control.inform(now_s)
         if self._diagnostics.is_due(now_s):
-            self._diagnostics.publish(self._roster, self._mission)
+            self._diagnostics.publish(self.roster, self.mission)
 
     def _is_fleet_ready(self, now_s: float) -> bool:
-        missing = self._roster.missing()
-        has_gathered = not self._settings.wait_for_agents and now_s - self._begun_s > _GATHER_S
+        missing = self.roster.missing()
+        has_gathered = (
+            not self._settings.wait_for_agents and now_s - self._gathering_since_s > _GATHER_S
+        )
         if not missing or has_gathered:
-            return self._recorders.are_ready(self._roster.present, now_s)
+            return self._recorders.are_ready(self.roster.present, now_s)
         if missing != self._logged_missing or now_s - self._logged_s > _WAITING_PERIOD_S:
             self._logged_missing, self._logged_s = missing, now_s
             self.get_logger().info(f'waiting for {", ".join(f"UAV {uav}" for uav in missing)}')
@@ -272,19 +291,22 @@ class WorldNode(ProcessNode):
             return
         mission_id = self._identity.mission_id(self._schedule.n_started)
         seed = self._schedule.start_next()
-        self._roster.begin_mission()
-        pilots = self._roster.flying
+        self.roster.begin_mission()
+        pilots = self.roster.flying
         mission = MissionInFlight(
-            self._site,
+            self.site,
             seed,
             mission_id=mission_id,
             pilots=pilots,
             policy=self._policies.latest,
             clock_start_s=self._clock_s,
         )
-        self._mission = mission
+        self.mission = mission
         self._pacer.restart()
-        self._diagnostics.warn_if_lost(self._folder.begin(mission.header))
+        self._control.goals.begin()
+        self._diagnostics.warn_if_lost(
+            self._folder.begin(mission.header, self._schedule.n_started - 1)
+        )
         self._publish_mission(mission, Mission.STARTED)
         self.get_logger().info(f'mission {mission.mission_id} starts, seed {seed}')
         self._viewers.begin(mission.simulation, mission.clock_start_s)
@@ -292,11 +314,13 @@ class WorldNode(ProcessNode):
 
     def _advance(self) -> None:
         """Go on until an agent has to answer, or the time of the next event has not come."""
-        while self._mission is not None and self._mission.pending is None:
-            mission, event = self._mission, self._mission.next_event()
+        while self.mission is not None and self.mission.pending is None:
+            mission, event = self.mission, self.mission.next_event()
             time_s = mission.simulation.end_s if event is None else event.view.time_s
-            if not self._pacer.is_due(time_s):
+            if not self._steering.lets_pass(time_s):
                 self._publish_radio(mission)
+                if self._steering.is_paused:  # all of the latest event is to be seen
+                    self._close_event(mission)
                 return
             if event is None:
                 self._publish_event(mission)
@@ -336,7 +360,7 @@ class WorldNode(ProcessNode):
 
     def _now(self) -> Time:
         """What the clock shows."""
-        mission = self._mission
+        mission = self.mission
         if mission is None:
             return convert.stamp(self._clock_s)
         return mission.stamp(mission.simulation.time_s)
@@ -355,13 +379,11 @@ class WorldNode(ProcessNode):
             time_s = self._pacer.pass_until(mission.next_time_s)
             self._pubs.publish_time(mission.clock_start_s + time_s)
         self._viewers.publish(time_s)
-        timeout_s = self._settings.decision_timeout_s
-        if mission.pending is not None and now_s - self._asked_s > timeout_s:
+        if mission.pending is not None and self._steering.is_overdue(now_s - self._asked_s):
             event = mission.pending.event
             text = f'UAV {event.uav + 1}: no answer to decision {event.decision} within'
-            self._diagnostics.warn(
-                'failsafe', f'{text} {timeout_s:g} s; the failsafe flies it home'
-            )
+            limit = f'{self._steering.decision_timeout_s:g} s'
+            self._diagnostics.warn('failsafe', f'{text} {limit}; the failsafe flies it home')
             self._fly_home(mission, event)
         self._advance()
 
@@ -373,12 +395,16 @@ class WorldNode(ProcessNode):
     def _publish_event(self, mission: MissionInFlight) -> None:
         """Publish what the others heard, and what the latest event was."""
         self._publish_radio(mission)
+        self._close_event(mission)
+        self._viewers.publish_until(mission.next_time_s)
+
+    def _close_event(self, mission: MissionInFlight) -> None:
+        """Publish and log the latest event, unless that is done."""
         closed = mission.closed_event()
         if closed is not None:
             epoch, event, faults = closed
             self._pubs.publish_epoch(epoch)
             self._diagnostics.warn_if_lost(self._folder.append(event, faults))
-        self._viewers.publish_until(mission.next_time_s)
 
     def _publish_mission(self, mission: MissionInFlight, phase: int, note: str = '') -> Mission:
         index = self._schedule.n_started - 1
@@ -388,10 +414,10 @@ class WorldNode(ProcessNode):
         return message
 
     def _end_mission(self, phase: int, note: str) -> None:
-        mission, self._mission = self._mission, None
+        mission, self.mission = self.mission, None
         if mission is None:
             return
-        self._roster.end_mission()
+        self.roster.end_mission()
         self._folder.end()
         message = self._publish_mission(mission, phase, note)
         end_s = mission.simulation.end_s
@@ -399,9 +425,10 @@ class WorldNode(ProcessNode):
         self._clock_s += end_s
         self._pubs.publish_time(self._clock_s, is_event=True)
         self.get_logger().info(mission_summary(message))
+        self._control.goals.end(message)
         self._schedule.plan_after(mission.seed)
         if self._schedule.is_over:
-            self._diagnostics.publish(self._roster, self._mission)
+            self._diagnostics.publish(self.roster, self.mission)
             self.end()
 
 

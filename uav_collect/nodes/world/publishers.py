@@ -4,12 +4,13 @@ import time
 from typing import Any
 
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
 from uav_collect.lockstep.schedule import ClockRate
 from uav_collect.missions.flight_samples import TimeGrid
 from uav_collect.missions.simulation import Event, Simulation
 from uav_collect.nodes import convert
-from uav_collect.nodes.topics import publisher, WorldTopics
+from uav_collect.nodes.topics import latest_only, publisher, WorldTopics
 from uav_collect.nodes.world.markers import MissionMarkers
 from uav_collect.nodes.world.settings import WorldSettings
 from uav_collect.nodes.world.standard import StandardPublisher
@@ -22,18 +23,26 @@ _REFUSAL_PERIOD_S = 0.02
 class WorldPublishers:
     """The publishers of a world, but those for viewers and that of its diagnostics."""
 
-    def __init__(self, node: Node, names: WorldTopics, n_uavs: int) -> None:
-        """Advertise the topics of a world and its fleet."""
+    def __init__(self, node: Node, names: WorldTopics) -> None:
+        """Advertise the topics of a world, but those of UAVs."""
+        self._node, self._names = node, names
         self._clock = publisher(node, names.clock)
         self._clock_rate = ClockRate()
         self._epochs = publisher(node, names.epoch)
         self._missions = publisher(node, names.mission)
-        self._scenarios = publisher(node, names.scenario)
-        own = {uav: names.uav(uav) for uav in range(1, n_uavs + 1)}
-        self._observations = {uav: publisher(node, own[uav].observation) for uav in own}
-        self._radio = {uav: publisher(node, own[uav].radio_rx) for uav in own}
-        self._refusals = {uav: publisher(node, own[uav].refusal) for uav in own}
-        self._refused_s = dict.fromkeys(own, 0.0)
+        self._scenarios = publisher(node, latest_only(names.scenario))
+        self._observations: dict[int, Publisher] = {}
+        self._radio: dict[int, Publisher] = {}
+        self._refusals: dict[int, Publisher] = {}
+        self._refused_s: dict[int, float] = {}
+
+    def add_uav(self, uav: int) -> None:
+        """Advertise what a UAV, by id, is told."""
+        own = self._names.uav(uav)
+        self._observations[uav] = publisher(self._node, own.observation)
+        self._radio[uav] = publisher(self._node, own.radio_rx)
+        self._refusals[uav] = publisher(self._node, own.refusal)
+        self._refused_s[uav] = 0.0
 
     def publish_time(self, clock_s: float, *, is_event: bool = False) -> None:
         """Publish what the clock of the ROS domain shows, if it was not told just now."""
@@ -78,17 +87,19 @@ class ViewerPublisher:
     a grid of simulated time, for those who record a mission that is flown faster than that.
     """
 
-    def __init__(
-        self, node: Node, names: WorldTopics, site: Site, settings: WorldSettings
-    ) -> None:
+    def __init__(self, node: Node, names: WorldTopics, settings: WorldSettings) -> None:
         """Advertise the topics; a viewer rate of 0 publishes no picture."""
         rate_hz, self._grid_period_s = settings.viewer_rate_hz, settings.picture_period_s
         self._period_s = 1.0 / rate_hz if rate_hz > 0.0 else None
         self._published_s = 0.0
-        self._mission = MissionMarkers(site)
         self._markers = publisher(node, names.markers)
         self._cells = publisher(node, names.completed_cells)
-        self._samples = StandardPublisher(node, names, site.scenario, settings.sample_rate_hz)
+        self._samples = StandardPublisher(node, names, settings.sample_rate_hz)
+
+    def show(self, site: Site) -> None:
+        """Show missions over a site from now on."""
+        self._mission = MissionMarkers(site)
+        self._samples.show(site.scenario)
 
     def begin(self, simulation: Simulation, clock_start_s: float) -> None:
         """Show a mission from now on, which began as the clock showed that time."""

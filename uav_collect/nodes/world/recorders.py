@@ -4,7 +4,7 @@ from collections.abc import Callable, Collection
 import time
 from typing import Any
 
-from uav_collect.lockstep.recorders import RecorderReport, RecorderWatch, TakeOff
+from uav_collect.lockstep.recorders import RecorderReport, RecorderWatch, TakeOff, world_key
 from uav_collect.nodes.incidents import in_one_line
 from uav_collect.nodes.process import ProcessNode
 from uav_collect.nodes.topics import subscription, WorldTopics
@@ -33,12 +33,17 @@ class WorldRecorders:
         """
         self._node, self._names, self._warn = node, names, warn
         self._timeout_s = settings.recorder_timeout_s
+        self._instance = world_instance
         self._watch = RecorderWatch(
             world_instance, n_expected=settings.recorders, timeout_s=self._timeout_s
         )
         self._said: tuple[str, ...] = ()
         self._said_s = 0.0
         subscription(node, names.recorder, self._on_status)
+
+    def await_scenario(self, scenario_fingerprint: str) -> None:
+        """Wait until recorders have heard of this scenario of the world."""
+        self._watch.world = world_key(self._instance, scenario_fingerprint)
 
     def are_ready(self, uavs: Collection[int], now_s: float) -> bool:
         """Whether a mission may take off that is ready otherwise.
@@ -65,14 +70,15 @@ class WorldRecorders:
             self._node.get_logger().info(f'waiting for {what}')
 
     def _on_status(self, msg: Any) -> None:
-        texts = [msg.recorder_instance, msg.bag, *msg.world_instances, *msg.waits_for]
+        worlds = [*msg.world_instances, *msg.scenario_fingerprints]
+        texts = [msg.recorder_instance, msg.bag, *worlds, *msg.waits_for]
         if len(texts) > _MOST_ENTRIES or max(map(len, texts)) > _MOST_CHARACTERS:
             self._warn('recorder refused', f'{self._names.recorder.name}: a status is too long')
             return
         report = RecorderReport(
             recorder=msg.recorder_instance,
             bag=msg.bag,
-            worlds=frozenset(msg.world_instances),
+            worlds=frozenset(map(world_key, msg.world_instances, msg.scenario_fingerprints)),
             waits_for=frozenset(msg.waits_for),
         )
         self._watch.add(report, time.monotonic())

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from rclpy.node import Node
 from uav_collect.limits import MAX_SEED
-from uav_collect.nodes.parameters import declare, Parameter
+from uav_collect.nodes.parameters import declare, Parameter, values_of
 
 PARAMETERS = (
     Parameter(
@@ -41,6 +41,7 @@ PARAMETERS = (
         description='simulated over wall-clock time; 0: as fast as the fleet decides',
         low=0.0,
         high=1000.0,
+        in_flight=True,
     ),
     Parameter(
         name='wait_for_agents',
@@ -55,6 +56,7 @@ PARAMETERS = (
         'its UAV home',
         low=0.1,
         high=3600.0,
+        in_flight=True,
     ),
     Parameter(
         name='recorders',
@@ -123,8 +125,6 @@ class WorldSettings:
 
 
 def read_settings(node: Node) -> WorldSettings:
-    """Declare the parameters and read them, once: they do not change while the node runs."""
+    """Declare the parameters and read them, as they are at the start."""
     declare(node, PARAMETERS)
-    return WorldSettings(
-        **{parameter.name: node.get_parameter(parameter.name).value for parameter in PARAMETERS}
-    )
+    return WorldSettings(**values_of(node, PARAMETERS))

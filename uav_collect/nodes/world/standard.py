@@ -125,21 +125,27 @@ class _UavPublishers(NamedTuple):
 class StandardPublisher:
     """Publishes samples of a mission to whoever has subscribed; nobody else pays for them."""
 
-    def __init__(self, node: Node, names: WorldTopics, scenario: Scenario, rate_hz: float) -> None:
-        """Advertise the topics; a rate of 0 publishes nothing.
+    def __init__(self, node: Node, names: WorldTopics, rate_hz: float) -> None:
+        """Advertise the topics, but those of UAVs; a rate of 0 publishes nothing.
 
         Args:
             rate_hz: samples per second of simulated time.
         """
-        uavs = range(1, scenario.n_uavs + 1)
-        self._rate_hz, self._altitude_m = rate_hz, scenario.area.altitude_m
-        self._messages = [UavMessages(scenario, uav) for uav in uavs]
-        self._transforms = TFMessage(transforms=[it.transform for it in self._messages])
+        self._node, self._names, self._rate_hz = node, names, rate_hz
         self._tf = publisher(node, names.tf)
-        self._uavs = [_UavPublishers.of(node, names.uav(uav)) for uav in uavs]
+        self._advertised: list[_UavPublishers] = []
         self._listened: frozenset[Publisher] = frozenset()  # those that have a subscriber
         self._looked_s = 0.0
         self._stamp: Time | None = None  # of the latest sample
+
+    def show(self, scenario: Scenario) -> None:
+        """Show missions of a scenario from now on; advertise the topics of its UAVs."""
+        uavs, self._altitude_m = range(1, scenario.n_uavs + 1), scenario.area.altitude_m
+        self._messages = [UavMessages(scenario, uav) for uav in uavs]
+        self._transforms = TFMessage(transforms=[it.transform for it in self._messages])
+        for uav in uavs[len(self._advertised) :]:
+            self._advertised.append(_UavPublishers.of(self._node, self._names.uav(uav)))
+        self._uavs = self._advertised[: scenario.n_uavs]
 
     def begin(self, simulation: Simulation, clock_start_s: float) -> None:
         """Show a mission from now on, which began as the clock showed that time."""

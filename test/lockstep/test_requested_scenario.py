@@ -1,0 +1,49 @@
+"""Scenarios that somebody asks a world for: by name or as text, never a file of the world's."""
+
+from pathlib import Path
+
+import pytest
+from uav_collect.errors import ConfigError
+from uav_collect.lockstep.requested_scenario import requested_site
+from uav_collect.scenario.load import fingerprint, load
+
+ALIASES = 'a0: &a0 [1, 1]\n' + ''.join(
+    f'a{count}: &a{count} [*a{count - 1}, *a{count - 1}]\n' for count in range(1, 40)
+)
+
+
+def test_a_scenario_is_found_by_its_name_and_read_from_its_text() -> None:
+    scenario = load('paper_8x8')
+    for asked in ('paper_8x8', scenario.to_yaml()):
+        assert fingerprint(requested_site(asked).scenario) == fingerprint(scenario)
+
+
+@pytest.mark.parametrize(
+    ('asked', 'complaint'),
+    [
+        ('paper', 'must be one of lillgrund'),
+        ('extends: paper_8x8\n', 'is missing'),
+        ('[\n', 'is not valid YAML'),
+        ('[' * 100_000 + '\n', 'must keep within 50 levels'),
+        (ALIASES, 'must keep within'),
+        (' ' * 2_000_000, 'more than 1,000,000 characters'),
+    ],
+    ids=['name', 'unresolved', 'no YAML', 'deep', 'aliases', 'long'],
+)
+def test_what_no_fleet_can_fly_is_refused_in_one_line(asked: str, complaint: str) -> None:
+    with pytest.raises(ConfigError, match=complaint) as refusal:
+        requested_site(asked)
+    assert '\n' not in str(refusal.value)
+
+
+def test_files_of_the_world_stay_closed(tmp_path: Path) -> None:
+    file = tmp_path / 'mine.yaml'
+    file.write_text(load('paper_8x8').to_yaml())
+    with pytest.raises(ConfigError, match='unknown'):
+        requested_site(str(file))
+
+
+def test_a_fleet_that_cannot_start_is_refused() -> None:
+    text = load('paper_8x8', {'fleet.default.energy_budget_kj': 1.1}).to_yaml()
+    with pytest.raises(ConfigError, match=r'1\.1 kJ'):
+        requested_site(text)

@@ -1,0 +1,181 @@
+"""A world that is paused, stepped and paced while it flies: what happens, and what does not.
+
+The test plays the one agent. Nothing happens: the world has had time for it, for its diagnostics
+came twice, longer than the agent has to answer.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+for needed in ('rclpy', 'uav_collect_msgs'):
+    pytest.importorskip(needed)
+
+from fleets import Fleet, logs, parameters, scenario_of
+from processes import Processes
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+from scripted_agent_node import scripted_agents, ScriptedAgents
+from uav_collect.nodes import topics
+from uav_collect_msgs.msg import Mission
+from uav_collect_msgs.srv import ControlMission
+
+pytestmark = pytest.mark.ros
+
+SEED = 6
+ASKED = ControlMission.Request
+
+
+@pytest.fixture
+def pilot(ros_domain: int) -> Iterator[ScriptedAgents]:
+    with scripted_agents() as there:
+        yield there
+
+
+@pytest.fixture
+def fleet(processes: Processes, tmp_path: Path) -> Fleet:
+    return Fleet(processes=processes, scenario=scenario_of(1), folder=tmp_path / 'run')
+
+
+def let_time_pass(pilot: ScriptedAgents) -> None:
+    """Wait for two diagnostics: more than a second."""
+    said = pilot.heard[topics.DIAGNOSTICS.name]
+    n_before = len(said)
+    pilot.wait_until(lambda: len(said) >= n_before + 2)
+
+
+def refusal_of(pilot: ScriptedAgents, name: str, value: object) -> str:
+    """Why a parameter of the world is not changed; empty if it is."""
+    client = pilot.node.create_client(SetParameters, '/world_sim/set_parameters')
+    parameter = Parameter(name, value=value).to_parameter_msg()
+    (result,) = pilot.call(client, SetParameters.Request(parameters=[parameter])).results
+    assert result.successful == (not result.reason)
+    return str(result.reason)
+
+
+def answer_next(pilot: ScriptedAgents, decision: int) -> None:
+    turn = pilot.next_turn()
+    assert turn is not None
+    assert turn.observation.decision == decision
+    pilot.answer(turn)
+
+
+def test_a_paused_world_does_what_it_is_asked_for_and_flies_the_same_mission(
+    fleet: Fleet, pilot: ScriptedAgents
+) -> None:
+    world = fleet.start_world(missions=0, decision_timeout_s=0.5, real_time_factor=1000)
+    epochs, missions = pilot.heard[topics.EPOCH.name], pilot.heard[topics.MISSION.name]
+    clock = pilot.heard[topics.CLOCK.name]
+    assert pilot.control(ASKED.STEP).message == 'the world is not paused: pause it first'
+    assert pilot.control(ASKED.RESUME).message == 'the world is not paused'
+    assert pilot.control(ASKED.PAUSE).message == 'paused: the next mission waits at its start'
+    started = pilot.control(ASKED.START, SEED)
+    assert started.success
+    assert started.message.endswith('and waits at its start: the world is paused')
+    pilot.join(1)
+    observations = pilot.heard[topics.uav_topics(1).observation.name]
+
+    # At its start it waits.
+    pilot.wait_until(lambda: len(missions) == 1)
+    let_time_pass(pilot)
+    assert observations == epochs == []
+
+    # A step asks one UAV, which has all the time in the world, and an answer is an event.
+    assert pilot.control(ASKED.STEP).message == 'one event more'
+    pilot.wait_until(lambda: len(observations) == 1)
+    let_time_pass(pilot)
+    assert pilot.control(ASKED.STEP).message == 'one event more, when UAV 1 has answered'
+    answer_next(pilot, 0)
+    answer_next(pilot, 1)
+    pilot.wait_until(lambda: len(epochs) == 2)
+    del clock[:-1]
+    let_time_pass(pilot)
+    assert (len(observations), len(epochs), fleet.n_events(SEED)) == (2, 2, 2)
+    assert len({(it.clock.sec, it.clock.nanosec) for it in clock}) == 1
+    assert len(clock) > 10
+
+    # Paused while an agent decides: its answer counts.
+    assert pilot.control(ASKED.RESUME).message == 'the mission goes on'
+    turn = pilot.next_turn()
+    assert turn is not None
+    assert pilot.control(ASKED.PAUSE).message == (
+        'paused; UAV 1, which was asked before, may still answer'
+    )
+    pilot.answer(turn)
+    pilot.wait_until(lambda: len(epochs) == 3)
+    assert len(observations) == 3
+
+    # Aborted in a pause, the next one waits too; both logs are kept.
+    assert pilot.control(ASKED.ABORT).message == 'the mission is aborted; the world stays paused'
+    assert pilot.control(ASKED.STEP).message == 'no mission is in flight'
+    pilot.wait_until(lambda: len(missions) == 2)
+    assert pilot.control(ASKED.START, SEED).success
+    pilot.wait_until(lambda: len(missions) == 3)
+    assert pilot.control(ASKED.RESUME).success
+    result = pilot.fly_on()
+    assert (result.phase, result.failsafe_used) == (Mission.ENDED, False)
+    assert world.is_running
+    (whole,) = logs(fleet.scenario, [SEED])
+    assert fleet.folder.joinpath(f'mission_{SEED}_1.jsonl').read_bytes() == whole
+    assert fleet.log(SEED).splitlines() == whole.splitlines()[:4]
+
+
+def test_pace_and_patience_change_in_flight(fleet: Fleet, pilot: ScriptedAgents) -> None:
+    world = fleet.start_world(seed=SEED, real_time_factor=0.5)
+    pilot.join(1)
+    answer_next(pilot, 0)
+    assert refusal_of(pilot, 'real_time_factor', -1) == (
+        'real_time_factor is -1: must be a number from 0.0 to 1,000.0'
+    )
+    assert 'real_time_factor' in refusal_of(pilot, 'real_time_factor', 2000.0)
+    assert refusal_of(pilot, 'decision_timeout_s', 'long').startswith("decision_timeout_s is 'l")
+    assert 'read-only' in refusal_of(pilot, 'seed', 3)
+    assert refusal_of(pilot, 'real_time_factor', 1000) == ''  # a whole number is one
+    world.wait_for('real_time_factor is 1000 from now on')
+    answer_next(pilot, 1)
+    assert refusal_of(pilot, 'real_time_factor', 0.0) == ''
+    turn = pilot.next_turn()
+    while turn is not None and turn.observation.decision < 5:
+        pilot.answer(turn)
+        turn = pilot.next_turn()
+    assert refusal_of(pilot, 'decision_timeout_s', 0.1) == ''
+    world.wait_for('no answer to decision 5 within 0.1 s; the failsafe flies it home')
+    missions = pilot.heard[topics.MISSION.name]
+    pilot.wait_until(lambda: len(missions) == 2)
+    (whole,) = logs(fleet.scenario, [SEED])
+    assert fleet.log(SEED).splitlines()[:6] == whole.splitlines()[:6]
+    assert world.wait_for_exit() == 0
+
+
+@pytest.mark.parametrize(
+    ('values', 'said'),
+    [
+        (
+            {'real_time_facto': 1.0},
+            'parameter real_time_facto .*: real_time_factor is the nearest',
+        ),
+        ({'wings': 2}, 'parameter wings is none of this node and changes nothing: --help lists'),
+    ],
+)
+def test_a_parameter_that_there_is_not_earns_a_warning(
+    values: dict[str, object], said: str, processes: Processes
+) -> None:
+    world = processes.start('world_sim', *parameters(**values))
+    world.wait_for(said)
+    world.wait_for('waiting for UAV 1')
+
+
+def test_a_file_for_all_nodes_and_whole_numbers_will_do(
+    processes: Processes, tmp_path: Path
+) -> None:
+    file = tmp_path / 'nodes.yaml'
+    file.write_text(
+        '/**:\n  ros__parameters:\n    policy: hert\n'
+        '/**/world_sim:\n  ros__parameters:\n    real_time_factor: 10\n'
+    )
+    world = processes.start('world_sim', '--ros-args', '--params-file', str(file))
+    world.wait_for('parameter policy is none of this node')
+    world.wait_for('waiting for UAV 1')
+    recorder = processes.start('recorder', *parameters(flush_period_s=1))
+    recorder.wait_for('recording .* topics')

@@ -1,0 +1,35 @@
+"""The scenario that somebody asks a running world to fly, as they name it in a message."""
+
+from uav_collect.errors import ConfigError
+from uav_collect.scenario.load import from_yaml, load, scenario_names
+from uav_collect.scenario.site import build_site, Site
+from uav_collect.uav.actions import check_can_start
+from uav_collect.uav.briefing import brief
+
+_MOST_CHARACTERS = 1_000_000  # of its text: a site of ten thousand sensors fits
+
+
+def requested_site(scenario: str) -> Site:
+    """The site of a scenario that a fleet can fly.
+
+    Args:
+        scenario: the name of an installed one, or the text of a resolved one. No path: whoever
+            asks may be on another machine, and is not to read the files of this one.
+
+    Raises:
+        ConfigError: there is none of that name, or it is not valid; in one line.
+    """
+    if len(scenario) > _MOST_CHARACTERS:
+        raise ConfigError(f'the scenario has more than {_MOST_CHARACTERS:,} characters')
+    names = scenario_names()
+    if '\n' not in scenario and scenario not in names:
+        known = ', '.join(names)
+        raise ConfigError(
+            f'scenario {scenario[:80]!r} is unknown: must be one of {known}, or a resolved text'
+        )
+    try:
+        site = build_site(load(scenario) if scenario in names else from_yaml(scenario))
+        check_can_start(site.scenario, brief(site.scenario))
+    except ConfigError as error:
+        raise ConfigError('; '.join(str(error).splitlines())) from error
+    return site
