@@ -19,6 +19,8 @@ from action_msgs.msg import GoalStatus
 from fleets import Fleet, Listener, listener, logs, scenario_of
 from processes import own_domain, Processes, ros_environment, RunningProcess
 from rclpy.action import ActionClient
+from uav_collect.analysis.proof import Verdict
+from uav_collect.analysis.recording_proof import Given, prove_recording
 from uav_collect.nodes import topics
 from uav_collect.recording.bag_reader import read_missions
 from uav_collect.scenario.load import fingerprint
@@ -246,6 +248,13 @@ def test_a_recording_holds_the_missions_of_all_scenarios(story: Story) -> None:
     for seed in (SEED + 1, SEED + 2, SEED + 3):
         assert recorded[seed].is_complete
         assert recorded[seed].log.to_jsonl() == story.fleet.log(seed)
+
+
+def test_logs_and_recording_are_proved_each_by_its_scenario(story: Story) -> None:
+    whole = [it for it in prove_recording(story.fleet.bag, Given()) if 'seed' in it.mission]
+    logs_alone = [*prove_recording(story.fleet.folder, Given())]
+    assert len(whole) == len(logs_alone) == 6
+    assert {it.verdict for it in (*whole, *logs_alone)} == {Verdict.PROVED}
 
 
 def test_a_world_that_is_interrupted_aborts_its_goal(story: Story) -> None:

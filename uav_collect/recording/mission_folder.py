@@ -54,7 +54,7 @@ class MissionFolder:
                 raise PermissionError(f'{name} cannot be written to')
 
     def keep_scenario(self, text: str, scenario_fingerprint: str) -> str | None:
-        """Write the resolved scenario of the missions from now on, and by which code it is flown."""
+        """Write the resolved scenario of missions from now on, and by which code it is flown."""
         if self._folder is None:
             return None
         own = f'scenario_{scenario_fingerprint}.yaml'
