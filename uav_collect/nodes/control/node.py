@@ -18,9 +18,9 @@ from uav_collect.scenario.load import load
 from uav_collect_msgs.srv import ControlMission
 
 _DESCRIPTION = """
-Asks a world to start or abort a mission, to pause, to resume, or to do one event more while paused,
-and says what it answers: exit status 0 if it does so, 1 if it does not or none answers. With UAV_COLLECT_KEY_FILE the request has the seal that the world
-wants then.
+Asks a world to start or abort a mission, to pause, to resume, or to do one event more while it is
+paused, and says what it answers: exit status 0 if it does so, 1 if it does not or none answers.
+With UAV_COLLECT_KEY_FILE the request has the seal that the world wants then.
 """
 _ASKED = ControlMission.Request
 _COMMANDS = {
@@ -82,13 +82,13 @@ def main(argv: Sequence[str]) -> int:
     parser.add_argument(
         '--scenario',
         type=_scenario_text,
-        default='',
         metavar='NAME|FILE',
         help='scenario of start: one by its name, or a YAML file (that which the world has)',
     )
     add_world_option(parser)
     given = parse_arguments(parser, argv)
-    request = _ASKED(command=_COMMANDS[given.command], seed=given.seed, scenario=given.scenario)
+    scenario = given.scenario or ''
+    request = _ASKED(command=_COMMANDS[given.command], seed=given.seed, scenario=scenario)
     return run_node(lambda: ControlNode(given.world, request), argv)
 
 
