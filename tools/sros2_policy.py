@@ -52,6 +52,8 @@ class Role:
     subscribes: tuple[str, ...] = ()
     serves: tuple[str, ...] = ()
     asks: tuple[str, ...] = ()
+    executes: tuple[str, ...] = ()  # actions that it serves
+    calls: tuple[str, ...] = ()  # actions that it has goals for
 
 
 def roles(n_uavs: int, namespaces: Sequence[str] = ('',)) -> list[Role]:
@@ -83,6 +85,7 @@ def _fleet_roles(n_uavs: int, namespace: str) -> list[Role]:
             node='control',
             subscribes=(world.scenario.name,),
             asks=(world.control_service, f'{world.vouch_prefix}*'),
+            calls=(world.fly_mission,),
         ),
         Role(
             enclave=f'{_ROOT}{namespace}/viewer',
@@ -111,6 +114,7 @@ def _world_role(world: WorldTopics, uavs: Iterable[int]) -> Role:
         subscribes=_names(heard),
         serves=(world.join_service, world.control_service, f'{world.vouch_prefix}*'),
         asks=(f'{world.vouch_prefix}*',),  # of another world of its name
+        executes=(world.fly_mission,),
     )
 
 
@@ -164,6 +168,8 @@ def policy(roles: Sequence[Role]) -> str:
             (role.subscribes, 'topic', 'subscribe'),
             ((*role.serves, *_OWN_SERVICES), 'service', 'reply'),
             (role.asks, 'service', 'request'),
+            (role.executes, 'action', 'execute'),
+            (role.calls, 'action', 'call'),
         ):
             listed = ElementTree.SubElement(profile, f'{element}s', {verb: 'ALLOW'})
             for name in names:
