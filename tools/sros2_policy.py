@@ -84,7 +84,7 @@ def _fleet_roles(n_uavs: int, namespace: str) -> list[Role]:
             namespace=namespace or '/',
             node='control',
             subscribes=(world.scenario.name,),
-            asks=(world.control_service, f'{world.vouch_prefix}*'),
+            asks=(*_steered(world), f'{world.vouch_prefix}*'),
             calls=(world.fly_mission,),
         ),
         Role(
@@ -112,10 +112,15 @@ def _world_role(world: WorldTopics, uavs: Iterable[int]) -> Role:
         node='world_sim',
         publishes=_names(said),
         subscribes=_names(heard),
-        serves=(world.join_service, world.control_service, f'{world.vouch_prefix}*'),
+        serves=(*_steered(world), world.join_service, f'{world.vouch_prefix}*'),
         asks=(f'{world.vouch_prefix}*',),  # of another world of its name
         executes=(world.fly_mission,),
     )
+
+
+def _steered(world: WorldTopics) -> tuple[str, ...]:
+    """The services by which people steer a world."""
+    return world.control_service, world.inject_service
 
 
 def _agent_role(world: WorldTopics, uav: int) -> Role:
