@@ -93,7 +93,6 @@ def test_a_paused_world_does_what_it_is_asked_for_and_flies_the_same_mission(
     let_time_pass(pilot)
     assert (len(observations), len(epochs), fleet.n_events(SEED)) == (2, 2, 2)
     assert len({(it.clock.sec, it.clock.nanosec) for it in clock}) == 1
-    assert len(clock) > 10
 
     # Paused while an agent decides: its answer counts.
     assert pilot.control(ASKED.RESUME).message == 'the mission goes on'
