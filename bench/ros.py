@@ -30,6 +30,7 @@ N_ROUND_TRIPS = 3_000
 N_STARTS = 5
 FLEETS = (16, 32)
 DEADLINE_S = 120.0
+NO_SAMPLES = {'sample_rate_hz': 0.0, 'picture_period_s': 0.0}
 
 RATE_PER_S = 1_500.0
 ANSWER_MS = 2.0
@@ -53,6 +54,7 @@ class Flight(NamedTuple):
     world_us: float  # from a command to the next observation, p50
     start_s: float  # from the first process to the first mission
     agent_mb: float  # resident memory of an agent after its missions, the largest
+    bag_kb: float  # of a mission in the bag; 0 where nothing is recorded
 
 
 # Parts that run in processes of their own.
@@ -173,9 +175,15 @@ def ready_s() -> float:
 
 
 def fly(
-    label: str, scenario: Scenario, policy: str, n_missions: int, *, records: bool = False
+    label: str,
+    scenario: Scenario,
+    policy: str,
+    n_missions: int,
+    *,
+    records: bool = False,
+    **parameters: float,
 ) -> Flight:
-    """Fly missions in a row with processes."""
+    """Fly missions in a row with processes, and with further parameters of the world."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / 'scenario.yaml').write_text(scenario.to_yaml(), encoding='utf-8')
@@ -184,20 +192,25 @@ def fly(
         try:
             if records:
                 options = ['--ros-args', '-p', f'stop_after_missions:={n_missions}']
-                fleet.start('recorder', 'recorder', ['--output', str(folder / 'bag'), *options])
+                arguments = ['--output', str(folder / 'bag'), *options]
+                recorder = fleet.start('recorder', 'recorder', arguments, ends_last=True)
             agents = [
                 fleet.start('uav_agent', f'uav_{uav}', ['--id', str(uav), '--policy', policy])
                 for uav in range(1, scenario.n_uavs + 1)
             ]
-            stamps_s = _world(folder, n_missions)
+            stamps_s = _world(folder, n_missions, parameters | {'recorders': int(records)})
             agent_mb = max(_resident_mb(agent.popen.pid) for agent in agents)
+            if records:
+                recorder.popen.wait(DEADLINE_S)
         finally:
             fleet.stop()
-        return _flight(label, stamps_s, (folder / 'world.log').read_text(), start_s, agent_mb)
+        bag_kb = sum(file.stat().st_size for file in folder.glob('bag/*.mcap')) / 1e3 / n_missions
+        log = (folder / 'world.log').read_text()
+        return _flight(label, stamps_s, log, start_s, agent_mb)._replace(bag_kb=bag_kb)
 
 
-def _world(folder: Path, n_missions: int) -> list[list[float]]:
-    values = {
+def _world(folder: Path, n_missions: int, parameters: dict[str, float]) -> list[list[float]]:
+    values = parameters | {
         'scenario': folder / 'scenario.yaml',
         'missions': n_missions,
         'output_dir': folder / 'run',
@@ -237,6 +250,7 @@ def _flight(
         world_us=float(np.median(between_s)) * 1e6,
         start_s=starts_s[0] - start_s,
         agent_mb=agent_mb,
+        bag_kb=0.0,
     )
 
 
@@ -276,7 +290,7 @@ def flights_table(flights: list[Flight]) -> Table:
     table = Table(title=f'Missions in lockstep (target {RATE_PER_S:,.0f} decisions/s, two agents)')
     table.add_column('')
     headings = ('missions', 'decisions/s', 'best', 'answer p50 us', 'p99 us', 'of it agent us')
-    for heading in (*headings, 'world us', 'start s', 'agent MB'):
+    for heading in (*headings, 'world us', 'start s', 'agent MB', 'bag kB'):
         table.add_column(heading, justify='right')
     for flight in flights:
         p50_us, p99_us = flight.answer_us
@@ -291,6 +305,7 @@ def flights_table(flights: list[Flight]) -> Table:
             f'{flight.world_us:,.0f}',
             f'{flight.start_s:.2f}',
             verdict(flight.agent_mb, AGENT_MB, is_upper=True, form='.1f'),
+            f'{flight.bag_kb:,.0f}' if flight.bag_kb else '',
         )
     return table
 
@@ -307,7 +322,9 @@ def main() -> None:
     flights = [
         fly('hert', two, 'hert', n_missions),
         fly('sweep', two, 'sweep', n_missions),
+        fly('sweep, no samples', two, 'sweep', n_missions, **NO_SAMPLES),
         fly('sweep, recorded', two, 'sweep', n_missions, records=True),
+        fly('the same, no samples', two, 'sweep', n_missions, records=True, **NO_SAMPLES),
     ]
     shares, pair = sealed_shares(n_missions)
     flights += pair

@@ -164,7 +164,7 @@ def _world_arguments(
     named: Sequence[str], next_seed: Callable[[], int], **values: object
 ) -> list[str]:
     """Of a world, with missions of its own for each start."""
-    fixed: dict[str, object] = {'missions': -1, 'viewer_rate_hz': 0.0}
+    fixed: dict[str, object] = {'missions': -1, 'viewer_rate_hz': 0.0, 'sample_rate_hz': 0.0}
     return [*named, *ros_parameters(seed=next_seed(), **fixed, **values)]
 
 

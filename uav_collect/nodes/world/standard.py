@@ -183,9 +183,10 @@ class StandardPublisher:
 
     def _publish(self, time_s: float) -> None:
         listened = self._listened
+        if not listened:
+            return
         stamp = convert.stamp(self._clock_start_s + time_s)
-        # A mission begins when the last one ended, and tf2 takes a time once only.
-        if not listened or stamp == self._stamp:
+        if stamp == self._stamp:  # a mission begins when the last one ended; tf2 takes a time once
             return
         self._stamp = stamp
         for uav, (own, messages) in enumerate(zip(self._uavs, self._messages, strict=True)):
