@@ -6,6 +6,7 @@ from packages import run, without
 import pytest
 from uav_collect.__main__ import main
 from uav_collect.commands import doctor
+from uav_collect.config.packages import PACKAGES
 
 
 def problems(environment: dict[str, str]) -> dict[str, str]:
@@ -50,7 +51,7 @@ def test_the_doctors_exit_status_tells_health(
     broken: str, status: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     finding = doctor.Finding(topic='thing', found='seen', problem=broken)
-    monkeypatch.setattr(doctor, 'examine', lambda _: iter([finding]))
+    monkeypatch.setattr(doctor, 'examine', lambda *_, **__: iter([finding]))
     assert main(['doctor']) == status
     shown = capsys.readouterr().out
     assert ('problem: thing: it is broken' in shown) == bool(broken)
@@ -81,3 +82,15 @@ def test_the_doctor_names_the_packages_that_a_distribution_lacks(
     found = doctor._ros_packages()
     [rest] = found.problem.split(f'{package} missing: ')[1:]
     assert rest == f'apt install ros-jazzy-{package.replace("_", "-")}, or run "make setup"'
+
+
+def test_on_board_the_doctor_asks_only_for_what_world_and_agents_need(tmp_path: Path) -> None:
+    for missing, named in ((('rich', 'matplotlib', 'rosbags'), set()), (('numpy',), {'numpy'})):
+        folder = tmp_path / missing[0]
+        folder.mkdir()
+        environment = without(folder, missing, {})
+        shown = run(environment, '-m', 'uav_collect', 'doctor', '--on-board').stdout
+        problems_of = {
+            line.split()[1].rstrip(':') for line in shown.splitlines() if 'problem' in line
+        }
+        assert problems_of & {*PACKAGES} == named

@@ -3,6 +3,8 @@
 `make test-ubuntu` lays the packages out, builds the messages with them, and runs this.
 """
 
+from collections.abc import Iterator
+from dataclasses import replace
 import hashlib
 import os
 from pathlib import Path
@@ -12,8 +14,10 @@ import sys
 
 from fleets import Fleet
 from golden_logs import cases
+from packages import without
 from processes import Processes
 import pytest
+from uav_collect.config.packages import PACKAGES as PYTHON_PACKAGES
 from uav_collect.recording.bag_reader import read_missions
 from uav_collect.scenario.load import load
 
@@ -34,6 +38,17 @@ def ubuntu(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv('PYTHONPATH', os.pathsep.join(paths))
 
 
+@pytest.fixture
+def on_board(ubuntu: None, ros_domain: int, tmp_path: Path) -> Iterator[Processes]:
+    """Starts processes that find no other packages at all: neither pip's nor those for people."""
+    others = {it.module for it in PYTHON_PACKAGES.values()} - {'numpy', 'yaml'}
+    (tmp_path / 'on_board').mkdir()
+    environment = without(tmp_path / 'on_board', [*others, 'pydantic', 'safetensors'], {})
+    started = Processes(tmp_path / 'on_board', {**environment, 'ROS_DOMAIN_ID': str(ros_domain)})
+    yield started
+    started.close()
+
+
 def test_the_doctor_sees_the_versions_of_apt_and_lets_missions_fly(
     ubuntu: None, processes: Processes
 ) -> None:
@@ -46,13 +61,13 @@ def test_the_doctor_sees_the_versions_of_apt_and_lets_missions_fly(
 
 
 def test_a_mission_with_the_versions_of_apt_leaves_the_bytes_that_it_always_left(
-    ubuntu: None, processes: Processes, tmp_path: Path
+    ubuntu: None, processes: Processes, on_board: Processes, tmp_path: Path
 ) -> None:
     [case] = [case for case in cases() if str(case) == CASE]
     scenario, seed = load(case.scenario), case.mission_seed
     assert scenario.n_uavs == case.n_uavs
-    fleet = Fleet(processes=processes, scenario=scenario, folder=tmp_path / 'run')
-    recorder = fleet.start_recorder(stop_after_missions=1)
+    fleet = Fleet(processes=on_board, scenario=scenario, folder=tmp_path / 'run')
+    recorder = replace(fleet, processes=processes).start_recorder(stop_after_missions=1)
     fleet.start_agents(case.policy, case.bandwidth)
     world = fleet.start_world(seed=seed)
     assert (world.wait_for_exit(), recorder.wait_for_exit()) == (0, 0)

@@ -13,6 +13,7 @@ import uav_collect
 from uav_collect.config.packages import (
     is_there,
     MESSAGES,
+    NEEDED,
     Package,
     PACKAGES,
     ROS_PACKAGES,
@@ -53,14 +54,18 @@ class Finding:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Describe the command; it has no arguments."""
+    """Describe the command and add its argument."""
     parser.description = _DESCRIPTION
+    parser.add_argument(
+        '--on-board',
+        action='store_true',
+        help='ask only for what world and agents need: they neither record nor show missions',
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Examine the machine and print what was found; returns the exit status."""
-    del arguments
-    findings = list(examine(os.environ))
+    findings = list(examine(os.environ, is_on_board=arguments.on_board))
     width = max(len(finding.topic) for finding in findings)
     for finding in findings:
         print(f'{finding.topic:{width}}  {finding.found}')
@@ -72,7 +77,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 1 if problems else 0
 
 
-def examine(environment: Mapping[str, str]) -> Iterator[Finding]:
+def examine(environment: Mapping[str, str], *, is_on_board: bool = False) -> Iterator[Finding]:
     """Examine everything that a mission depends on, environment variables included."""
     yield Finding(
         topic='uav_collect',
@@ -80,7 +85,10 @@ def examine(environment: Mapping[str, str]) -> Iterator[Finding]:
     )
     yield _python(sys.version_info[:2])
     yield Finding(topic='machine', found=f'{platform.platform()}, {_n_cores()} cores')
-    yield from map(_package, PACKAGES.values())
+    on_board = {*NEEDED['world_sim'], *NEEDED['uav_agent']}
+    for package in PACKAGES.values():
+        is_needed = package.name in on_board if is_on_board else not package.only_for
+        yield _package(package, is_needed=is_needed)
     yield _distribution(environment)
     yield _ros_packages()
     yield _imported('rclpy', _TRY_RCLPY, ros_remedy('rclpy'))
@@ -108,12 +116,13 @@ def _n_cores() -> int:
     return len(os.sched_getaffinity(0))
 
 
-def _package(package: Package) -> Finding:
+def _package(package: Package, *, is_needed: bool) -> Finding:
     name, problem = package.name, package.problem
     if not problem:
         return Finding(topic=name, found=package.version or 'of an unknown version')
-    if package.only_for:
-        return Finding(topic=name, found=f'missing; only for {package.only_for}')
+    if not is_needed:
+        user = package.only_for or 'recorder and commands'
+        return Finding(topic=name, found=f'missing; only for {user}')
     return Finding(topic=name, found=package.version or 'missing', problem=problem)
 
 
