@@ -313,15 +313,17 @@ def test_the_manifest_names_every_package_that_is_imported_or_says_that_pip_has_
     own = {Path(path).stem for path in TESTS} | {'bench', 'tools'}
     modules = {it.module for it in PACKAGES.values()}
     tested = imports_of(TESTS) - own - ROS_MODULES - modules - imports_of(LAUNCH_FILES)
-    keys = {'catkin_pkg': 'python3-catkin-pkg-modules'}
+    keys = {'action_msgs': 'action_msgs', 'catkin_pkg': 'python3-catkin-pkg-modules'}
     assert {keys.get(name, f'python3-{name}') for name in tested - of_tests} == {
         it.name for it in manifest.test_depends
     }
 
 
 def test_the_manifest_of_the_messages_names_the_packages_whose_types_they_hold() -> None:
-    fields = '\n'.join(path.read_text() for path in INTERFACES)
+    actions = [*(ROOT / 'msg_defs').glob('action/*.action')]
+    fields = '\n'.join(path.read_text() for path in {*INTERFACES, *actions})
     used = {*re.findall(r'^(\w+)/\w+', fields, re.MULTILINE)}
+    used |= {'action_msgs'} if actions else set()  # of every action's status and goal
     manifest = parse_package(str(ROOT / 'msg_defs'))
     assert used == {it.name for it in manifest.build_depends}
     assert used <= {it.name for it in manifest.exec_depends}
