@@ -25,7 +25,7 @@ from rclpy.serialization import deserialize_message
 from uav_collect.lockstep.seals import KEY_FILE, read_secret
 from uav_collect.nodes import topics
 from uav_collect.nodes.process import ProcessNode
-from uav_collect.nodes.sealing import SealedClient, seals_of_bag
+from uav_collect.nodes.sealing import has_seal, SealedClient, seals_of_bag
 from uav_collect.recording.bag_reader import messages, read_missions
 from uav_collect_msgs.msg import Policy, RecorderStatus, Refusal, Seal
 from uav_collect_msgs.srv import ControlMission, Join
@@ -352,8 +352,7 @@ def test_a_recording_holds_what_was_sealed_and_nothing_else(outcome: Outcome) ->
     assert mission.log.to_jsonl() == outcome.fleet.log(SEED)
     secret = read_secret({KEY_FILE: str(outcome.key_file)})
     node = type('Node', (), {'secret': secret, 'warn': pytest.fail})()
-    own = [topic.name for uav in (1, 2) for topic in topics.topics_of_uav(uav)]
-    checked = {topics.SCENARIO.name, topics.MISSION.name, topics.EPOCH.name, *own}
+    checked = {it.name for it in topics.fleet_topics(2) if has_seal(it.message)}
     is_sealed = seals_of_bag(node, outcome.fleet.bag)
     recorded = list(messages(outcome.fleet.bag, checked.__contains__, is_sealed))
     assert len(recorded) > 300

@@ -15,7 +15,6 @@ from pathlib import Path
 import secrets
 import stat
 import struct
-from typing import Any
 
 from uav_collect.errors import NodeError
 
@@ -26,7 +25,6 @@ TAG_BYTE = 16
 _NUMBERS = struct.Struct('<QQ')  # sender and sequence
 SEAL_BYTE = _NUMBERS.size + TAG_BYTE
 _NO_TAG = bytes(TAG_BYTE)
-_MOST_EXCESS_BYTE = 64
 _LENGTH = struct.Struct('<I')
 _LEAST_KEY_BYTE = 16
 _MOST_FILE_BYTE = 65_536
@@ -84,12 +82,17 @@ class _Tags:
     def __init__(self, secret: Secret, name: str) -> None:
         self._named = hashlib.blake2b(digest_size=TAG_BYTE, key=secret.key, person=_PERSON)
         self._named.update(framed(name.encode()))
+        self._without_context = self._begun(b'')
 
-    def tag(self, content: Any, context: bytes) -> bytes:
-        digest = self._named.copy()
-        digest.update(framed(context))
+    def tag(self, content: bytes, context: bytes) -> bytes:
+        digest = self._begun(context) if context else self._without_context.copy()
         digest.update(content)
         return digest.digest()
+
+    def _begun(self, context: bytes) -> hashlib.blake2b:
+        digest = self._named.copy()
+        digest.update(framed(context))
+        return digest
 
 
 class Signer:
@@ -105,10 +108,12 @@ class Signer:
         self._tags = _Tags(secret, name)
         self.sender = secrets.randbits(64)
         self._sequence = 0
+        self._numbers = b''  # sender and sequence of what is sealed next
 
     def next_sequence(self) -> int:
         """The number of the message that is sealed next."""
         self._sequence += 1
+        self._numbers = _NUMBERS.pack(self.sender, self._sequence)
         return self._sequence
 
     def sealed(self, content: bytes, context: bytes = b'') -> bytes:
@@ -118,7 +123,8 @@ class Signer:
             content: the message as it was serialized, sender and sequence in its seal.
             context: that the receiver knows too.
         """
-        body = _cut(content, self.sender, self._sequence)[:-TAG_BYTE]
+        # A serializer may leave more behind the seal.
+        body = content[: content.rindex(self._numbers) + _NUMBERS.size]
         return body + self._tags.tag(body, context)
 
 
@@ -135,8 +141,7 @@ class Checker:
         tag = content[-TAG_BYTE:]
         if len(content) < SEAL_BYTE or tag == _NO_TAG:
             return 'it has no seal'
-        body = memoryview(content)[:-TAG_BYTE]
-        if not hmac.compare_digest(tag, self._tags.tag(body, context)):
+        if not hmac.compare_digest(tag, self._tags.tag(content[:-TAG_BYTE], context)):
             return 'its seal is not of this key, place and content'
         sender, sequence = _NUMBERS.unpack_from(content, len(content) - SEAL_BYTE)
         if sequence <= self._latest.get(sender, 0):
@@ -161,15 +166,3 @@ def seal_of(content: bytes) -> bytes:
 def framed(part: bytes) -> bytes:
     """Bytes with their length before them, so that no two parts read like others."""
     return _LENGTH.pack(len(part)) + part
-
-
-def _cut(content: bytes, sender: int, sequence: int) -> bytes:
-    """A serialized message up to the end of its seal: serializers may leave more behind it.
-
-    Args:
-        sender: of its seal.
-        sequence: of its seal.
-    """
-    numbers = _NUMBERS.pack(sender, sequence)
-    place = content.rfind(numbers, max(0, len(content) - SEAL_BYTE - _MOST_EXCESS_BYTE))
-    return content[: place + SEAL_BYTE] if place >= 0 else b''
