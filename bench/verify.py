@@ -1,7 +1,8 @@
 """Records missions over ROS and proves them; then again, each with one byte changed.
 
 python bench/verify.py [N]    N missions (100): every shipped policy and rule, policies that a
-                              trainer publishes and that explore, a killed agent, a UAV without one
+                              trainer publishes and that explore, a killed agent, a UAV without
+                              one, lost messages and UAVs
 
 Prints how many are proved, how many of the changed ones are named, and how long that takes beside
 reading the messages alone.
@@ -161,6 +162,7 @@ def cases() -> list[Case]:
     found += [
         Case(name='published, exploring', scenario=small, policy=TOPIC, kind=PUBLISHED),
         Case(name='an agent killed', scenario=small, policy='sweep', kind=KILLED),
+        Case(name='messages and UAVs lost', scenario=load('rough_10x10'), policy='sweep'),
         Case(name='a UAV without an agent', scenario=small, policy='sweep', kind=ABSENT),
     ]
     return found

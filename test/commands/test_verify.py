@@ -42,7 +42,7 @@ def keep(folder: Path, scenario: Scenario, *logs: MissionLog) -> Path:
     run.keep_scenario(scenario.to_yaml())
     for log in logs:
         run.begin(log.header)
-        run.append(log.events)
+        run.append(log.events, log.faults)
     run.end()
     return folder
 
@@ -94,6 +94,7 @@ def test_what_was_found_is_written_as_json(
             'verdict': 'proved',
             'events': len(log.events),
             'failsafes': 0,
+            'injected_faults': 0,
             'cut_off': False,
             'findings': [],
         }
@@ -255,3 +256,15 @@ def test_it_says_where_there_is_no_mission(
     (tmp_path / 'empty').mkdir()
     assert main(['verify', str(tmp_path / name)]) == 2
     assert words in capsys.readouterr().err
+
+
+def test_a_mission_of_lost_messages_and_faults_is_proved_with_what_was_injected(
+    tmp_path: Path, verified: Verified
+) -> None:
+    rough = load('rough_10x10', {'faults.0.share': 1.0})
+    folder = keep(tmp_path / 'run', rough, *fly(build_site(rough), [1, 2], 'sweep'))
+    *_, last = verified(folder, status=0)
+    assert last == '2 missions: 2 proved'
+    changed('"fault": "gone"', '"fault": "slow"')(folder / 'mission_1.jsonl')
+    [first, *_] = verified(folder, status=1)
+    assert 'differs: event ' in first

@@ -26,7 +26,7 @@ _NAMES = {
     'radio_rx': 'RadioMessage',
 }
 _NUMBERS = {'radio_tx': 'sequence', 'radio_rx': 'delivery', 'epoch': 'event'}
-_BYTES = ('complete', 'seen', 'uav_complete', 'true_complete', 'uav_phase')
+_BYTES = ('fault', 'fault_uav', 'complete', 'seen', 'uav_complete', 'true_complete', 'uav_phase')
 _TYPES = {'sensor': np.uint32, 'legal': np.bool_, 'observation': np.float32, 'heard': np.uint8}
 
 Values = dict[str, Any]
@@ -39,7 +39,7 @@ def messages_of(site: Site, log: MissionLog) -> dict[MessagePlace, Values]:
         policy = policy_named(uav.policy)
         guard_after = guard_for(policy, uav.guard_after)
         crew.append(FlownBy(policy=policy, allocator=uav.allocator, guard_after=guard_after))
-    flown = fly_again(site, log.header, crew, (), [LAYOUT])
+    flown = fly_again(site, log.header, crew, layouts=[LAYOUT])
     assert flown.log.to_jsonl() == log.to_jsonl()
     said = {place: dict(values) for place, values in flown.messages.items()}
     for place, values in said.items():

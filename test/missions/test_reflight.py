@@ -5,10 +5,14 @@ from tiny_world import tiny, uav
 from uav_collect.errors import AllocationError
 from uav_collect.missions.reflight import FlownBy, fly_again
 from uav_collect.missions.rollout import fly
-from uav_collect.recording.mission_log import MissionLog
+from uav_collect.missions.simulation import fly_agents, Simulation
+from uav_collect.recording.mission_log import FaultRecord, MissionLog
 from uav_collect.recording.mission_messages import MessagePlace
+from uav_collect.scenario.load import load
+from uav_collect.scenario.model import FAULT_KINDS
 from uav_collect.scenario.site import build_site, Site
 from uav_collect.uav.action_codes import FAILSAFE, NONE
+from uav_collect.uav.agent import Agent, allocator_named
 from uav_collect.uav.policy import policy_named
 
 
@@ -30,13 +34,13 @@ def crew(allocator: str = 'exact') -> list[FlownBy]:
 
 
 def test_the_log_is_the_recorded_one(site: Site, log: MissionLog) -> None:
-    flown = fly_again(site, log.header, crew(), ())
+    flown = fly_again(site, log.header, crew())
     assert flown.log.to_jsonl() == log.to_jsonl()
     assert flown.failure is None
 
 
 def test_it_stops_after_as_many_events_as_are_wanted(site: Site, log: MissionLog) -> None:
-    flown = fly_again(site, log.header, crew(), (), n_events=5)
+    flown = fly_again(site, log.header, crew(), n_events=5)
     assert len(flown.log.events) == 5
     assert flown.log.events[:4].tobytes() == log.events[:4].tobytes()
     assert MessagePlace('epoch', 0, 4) in flown.messages
@@ -48,7 +52,7 @@ def test_where_the_failsafe_took_over_the_uav_says_nothing_more(
 ) -> None:
     events = log.events
     lost = int(events['event'][events['uav'] == 2][1])
-    flown = fly_again(site, log.header, crew(), [lost])
+    flown = fly_again(site, log.header, crew(), failsafes=[lost])
     assert flown.log.events['reason'][lost] == FAILSAFE
     assert flown.log.events[:lost].tobytes() == events[:lost].tobytes()
     assert MessagePlace('command', 2, 0) in flown.messages
@@ -57,4 +61,50 @@ def test_where_the_failsafe_took_over_the_uav_says_nothing_more(
 
 def test_an_allocator_that_there_is_not_is_refused(site: Site, log: MissionLog) -> None:
     with pytest.raises(AllocationError, match="'none' is unknown"):
-        fly_again(site, log.header, crew('none'), ())
+        fly_again(site, log.header, crew('none'))
+
+
+def flown_with_injected(site: Site, kind: str, uav: int, before: int) -> MissionLog:
+    """A mission in which a fault was injected before an event."""
+    simulation = Simulation(site, 0)
+    agents = [
+        Agent(simulation.briefing, index, each.policy, allocator_named(each.allocator))
+        for index, each in enumerate(crew())
+    ]
+    flight = fly_agents(simulation, agents)
+    for _ in range(before):
+        next(flight)
+    simulation.inject(kind, uav)
+    assert len([*flight]) > 2
+    [plain] = fly(site, [0], 'hert')
+    return simulation.log(plain.header)
+
+
+@pytest.mark.parametrize('kind', FAULT_KINDS)
+@pytest.mark.parametrize('before', [0, 3])
+def test_a_fault_that_was_injected_is_taken_from_the_record(
+    site: Site, kind: str, before: int
+) -> None:
+    log = flown_with_injected(site, kind, 1, before)
+    [fault] = log.faults
+    assert fault.event == before
+    flown = fly_again(site, log.header, crew(), faults=log.faults)
+    assert flown.log.to_jsonl() == log.to_jsonl()
+    assert [*flown.injected] == [fault]
+
+
+def test_a_fault_of_the_scenario_comes_by_itself() -> None:
+    site = build_site(load('rough_10x10', {'faults.0.share': 1.0}))
+    [log] = fly(site, [0], 'hert')
+    assert log.faults != ()
+    flown = fly_again(site, log.header, crew(), faults=log.faults)
+    assert flown.log.to_jsonl() == log.to_jsonl()
+    assert flown.injected == []
+
+
+def test_a_fault_that_cannot_have_been_injected_so_stays_missing(
+    site: Site, log: MissionLog
+) -> None:
+    impossible = FaultRecord(event=3, time_s=log.events['time_s'][2] + 0.5, uav=1, fault='silent')
+    flown = fly_again(site, log.header, crew(), faults=[impossible])
+    assert impossible not in flown.log.faults

@@ -15,7 +15,7 @@ from uav_collect.recording.mission_messages import (
     MissionMessages,
     STARTED,
 )
-from uav_collect.uav.action_codes import FAILSAFE
+from uav_collect.uav.action_codes import FAILSAFE, FAULT
 
 _FROM_WORLD = ('epoch', 'observation', 'radio_rx')  # kinds that agents do not send
 _STAMP_NS = 2  # what two roundings may make of a stamp
@@ -31,8 +31,8 @@ def message_differences(
         n_events: of the mission that are recorded.
         ignored: fields that are known to differ.
     """
-    lost = _failsafe_uavs(flown)
-    limits = _heard_before_failsafes(lost, flown)
+    lost = _uavs_by(flown, (FAILSAFE, FAULT))
+    limits = _heard_before_failsafes(_uavs_by(flown, (FAILSAFE,)), flown)
     start = mission.phases.get(STARTED)
     start_ns = None if start is None else _nanoseconds(start)
     for place in sorted(mission.placed, key=lambda it: (it.kind != 'epoch', it)):
@@ -40,7 +40,7 @@ def message_differences(
             continue
         values = flown.messages.get(place)
         if values is None:
-            # An agent that the failsafe took over from was asked, but did not answer in time.
+            # An agent that is lost was asked but did not answer in time, or is told that it is.
             is_unanswered = place.kind == 'observation' and place.uav in lost
             if place.kind in _FROM_WORLD and not is_unanswered:
                 yield f'{_name(place)}: there is none such in the mission'
@@ -107,10 +107,10 @@ def _nanoseconds(message: Any) -> int:  # noqa: ANN401 - a message
     return int(message.stamp.sec) * _NANOSECONDS + int(message.stamp.nanosec)
 
 
-def _failsafe_uavs(flown: Reflight) -> set[int]:
-    """The ids of the UAVs that the failsafe took over."""
+def _uavs_by(flown: Reflight, reasons: Sequence[int]) -> set[int]:
+    """The ids of the UAVs that flew home for some reasons."""
     events = flown.log.events
-    return {int(uav) for uav in events['uav'][events['reason'] == FAILSAFE]}
+    return {int(uav) for uav in events['uav'][np.isin(events['reason'], reasons)]}
 
 
 def _heard_before_failsafes(lost: Iterable[int], flown: Reflight) -> dict[int, int]:

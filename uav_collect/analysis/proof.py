@@ -6,17 +6,19 @@ from enum import Enum
 import json
 from typing import Any
 
+import numpy as np
 from uav_collect.analysis.message_proof import message_differences
 from uav_collect.errors import AllocationError, ConfigError, MissionLogError, PolicyMismatchError
 from uav_collect.lockstep.published_policy import PolicyKey
 from uav_collect.missions.recorded_policies import Crew, RecordedPolicies
 from uav_collect.missions.reflight import FAILSAFE_VERSION, fly_again, Reflight
-from uav_collect.recording.bag_reader import event_of
+from uav_collect.recording.bag_reader import event_of, faults_of
 from uav_collect.recording.mission_log import (
-    event_line,
+    FaultRecord,
     header_from_line,
     header_line,
     MissionHeader,
+    record_lines,
 )
 from uav_collect.recording.mission_messages import ENDED, MissionMessages
 from uav_collect.scenario.load import fingerprint
@@ -47,6 +49,7 @@ class Proof:
     verdict: Verdict
     n_events: int = 0  # recorded
     n_failsafes: int = 0  # of them decided by the world, and taken as recorded
+    n_injected: int = 0  # faults that were injected in flight, and are taken as recorded
     is_cut_off: bool = False  # before the mission's end
     lacks_checksums: bool = False  # only what its bag's messages say of the mission is proved
     findings: tuple[str, ...] = ()  # what differs, or what is missing; one line each
@@ -58,9 +61,9 @@ class Proof:
 
     def _facts(self) -> Iterator[str]:
         yield f'{self.n_events} events'
-        if self.n_failsafes:
-            word = 'failsafe' if self.n_failsafes == 1 else 'failsafes'
-            yield f'{self.n_failsafes} {word} taken as recorded'
+        for count, word in ((self.n_failsafes, 'failsafe'), (self.n_injected, 'injected fault')):
+            if count:
+                yield f'{count} {word}{"s" if count > 1 else ""} taken as recorded'
         if self.is_cut_off:
             yield 'cut off before its end'
         if self.lacks_checksums:
@@ -74,7 +77,7 @@ class Account:
     source: str  # its name
     header: MissionHeader | None  # None: what stands in its place is none
     header_line: str
-    lines: Mapping[int, str]  # of the mission log, by event
+    lines: Mapping[int, tuple[str, ...]]  # by event: of the log, that of the event itself last
     tail: str = ''  # what is there of the line after them
     is_over: bool  # its end was recorded
     messages: MissionMessages | None = None  # of a bag
@@ -86,16 +89,29 @@ class Account:
     @property
     def failsafes(self) -> set[int]:
         """Events that the world decided."""
-        return {event for event, line in self.lines.items() if _value(line, 'reason') in _BY_WORLD}
+        lines = self.lines.items()
+        return {event for event, (*_, line) in lines if _value(line, 'reason') in _BY_WORLD}
+
+    @property
+    def faults(self) -> list[FaultRecord]:
+        """The faults that have befallen UAVs."""
+        lines = [line for _, (*before, _) in sorted(self.lines.items()) for line in before]
+        return [fault for line in lines if (fault := _fault(line)) is not None]
 
 
 def log_account(source: str, content: bytes) -> Account:
     """What a mission log holds, as far as it goes."""
     first, *rest = content.decode(errors='replace').split('\n')
     *whole, tail = rest or ['']
-    lines = dict(enumerate(whole))
-    homes = [line for line in whole if _value(line, 'action') == ACTION_NAMES[HOME]]
-    header = _header(first)
+    lines: dict[int, tuple[str, ...]] = {}
+    waiting: list[str] = []  # faults, before the event that is the first with them
+    for line in whole:
+        waiting.append(line)
+        if _fault(line) is None:
+            lines[len(lines)] = tuple(waiting)
+            waiting.clear()
+    homes = [line for *_, line in lines.values() if _value(line, 'action') == ACTION_NAMES[HOME]]
+    header, tail = _header(first), ''.join([*(f'{line}\n' for line in waiting), tail])
     return Account(
         source=source,
         header=header,
@@ -123,7 +139,7 @@ def bag_account(source: str, mission: MissionMessages) -> Account:
         source=source,
         header=_header(mission.start.log_header),
         header_line=mission.start.log_header,
-        lines={event: _line(epoch) for event, epoch in sorted(epochs.items())},
+        lines={event: _lines(epoch) for event, epoch in sorted(epochs.items())},
         is_over=ENDED in mission.phases,
         messages=mission,
         last_event=max([*epochs, *_asked(mission)], default=-1),
@@ -160,8 +176,13 @@ def prove(
     try:
         crew = policies.crew(header, site, first.versions, first.policy_key)
         flown = fly_again(
-            site, header, crew.members, failsafes, _layouts(first), _n_needed(accounts)
+            *(site, header, crew.members),
+            failsafes=failsafes,
+            layouts=_layouts(first),
+            n_events=_n_needed(accounts),
+            faults=first.faults,
         )
+        known['n_injected'] = len(flown.injected)
     except (AllocationError, ConfigError, PolicyMismatchError) as error:
         clashes = tuple(_clashes(accounts))
         verdict = Verdict.DIFFERS if clashes else Verdict.UNPROVABLE
@@ -248,15 +269,23 @@ def _line_differences(account: Account, flown: Reflight) -> Iterator[str]:
         if event >= n_flown:
             yield flown.failure or f'event {event}: the mission was over'
             return
-        if recorded != (line := flown.line(event)):
-            yield f'event {event}: {line_difference(recorded, line)}'
+        if recorded != (lines := flown.lines(event)):
+            yield f'event {event}: {_lines_difference(recorded, lines)}'
             return
     n_recorded = max(account.lines, default=-1) + 1
-    following = '' if n_recorded >= n_flown else flown.line(n_recorded)
+    following = '' if n_recorded >= n_flown else '\n'.join(flown.lines(n_recorded))
     if not following.startswith(account.tail):
         yield f'event {n_recorded}: {line_difference(account.tail, following)}'
     elif account.is_over and following:
         yield f'event {n_recorded}: not recorded, flown {n_flown} events'
+
+
+def _lines_difference(recorded: Sequence[str], flown: Sequence[str]) -> str:
+    """The first difference of the lines about one event."""
+    if len(recorded) == len(flown):
+        pairs = zip(recorded, flown, strict=True)
+        return next(line_difference(mine, again) for mine, again in pairs if mine != again)
+    return f'{len(recorded) - 1} faults are recorded, flown {len(flown) - 1}'
 
 
 def line_difference(recorded: str, flown: str) -> str:
@@ -290,15 +319,16 @@ def _clashes(accounts: Sequence[Account]) -> Iterator[str]:
     """Where accounts of the same mission contradict each other."""
     first, *others = accounts
     for other in others:
-        pairs = [('header', first.header_line, other.header_line)]
+        headers = ('header', (first.header_line,), (other.header_line,))
+        pairs: list[tuple[str, tuple[str, ...], tuple[str, ...]]] = [headers]
         pairs += [
-            (f'event {event}', line, other.lines[event])
-            for event, line in first.lines.items()
+            (f'event {event}', lines, other.lines[event])
+            for event, lines in first.lines.items()
             if event in other.lines
         ]
         for what, mine, its in pairs:
             if mine != its:
-                yield f'{what}: {first.source} and {other.source}: {line_difference(mine, its)}'
+                yield f'{what}: {first.source} and {other.source}: {_lines_difference(mine, its)}'
                 break
 
 
@@ -333,12 +363,22 @@ def _header(line: str) -> MissionHeader | None:
         return None
 
 
-def _line(epoch: Any) -> str:  # noqa: ANN401 - a message
-    """The line of the mission log that an Epoch message stands for."""
+def _lines(epoch: Any) -> tuple[str, ...]:  # noqa: ANN401 - a message
+    """The lines of the mission log that an Epoch message stands for."""
     try:
-        return event_line(event_of(epoch))
+        return tuple(record_lines(np.array([event_of(epoch)]), faults_of([epoch])))
     except (IndexError, OverflowError, ValueError) as error:  # a code that there is not, say
-        return f'{type(error).__name__}: {error}'
+        return (f'{type(error).__name__}: {error}',)
+
+
+def _fault(line: str) -> FaultRecord | None:
+    """The fault that a line of a mission log tells of; None if it tells of none."""
+    if _value(line, 'fault') is None:
+        return None
+    try:
+        return FaultRecord(**json.loads(line))
+    except TypeError:
+        return None
 
 
 def _value(line: str, name: str) -> object:

@@ -18,8 +18,9 @@ Flies each recorded mission again, from what the recording itself holds, and pro
 byte; or names the first event that differs, its field, the recorded and the flown value, and what
 is no longer as it was: a policy's version, the code, the scenario. PATH is a run folder, a bag or
 a mission log. Of a bag, the messages are compared, too, and the checksums of its file. What the
-world decided because an agent was silent is taken as recorded, and counted. The exit status is 0
-if all is proved, 1 if something differs or is damaged, 2 if something cannot be read or flown.
+world decided because an agent was silent, and faults that were injected, are taken as recorded and
+counted. The exit status is 0 if all is proved, 1 if something differs or is damaged, 2 if
+something cannot be read or flown.
 """
 _PROVED, _DIFFERS, _UNPROVABLE = 0, 1, 2
 
@@ -101,6 +102,7 @@ def _values(proof: 'Proof') -> dict[str, object]:
         'verdict': proof.verdict.value,
         'events': proof.n_events,
         'failsafes': proof.n_failsafes,
+        'injected_faults': proof.n_injected,
         'cut_off': proof.is_cut_off,
         'findings': list(proof.findings),
     }

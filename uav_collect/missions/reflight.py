@@ -1,7 +1,7 @@
 """A recorded mission flown again, with all that its messages must have said.
 
-The record gives what no flight can bring forth: who flew each UAV, and where the failsafe took
-over. All the rest follows.
+The record gives what no flight can bring forth: who flew each UAV, where the failsafe took over,
+and which faults were injected. All the rest follows.
 """
 
 from collections.abc import Container, Mapping, Sequence
@@ -11,8 +11,14 @@ from uav_collect.errors import PolicyMismatchError
 from uav_collect.kernels.arrays import new_row, Row
 from uav_collect.missions.event_log import mission_header
 from uav_collect.missions.simulation import Event, fly_agents, Simulation
-from uav_collect.recording.mission_log import event_line, Events, MissionHeader, MissionLog
+from uav_collect.recording.mission_log import (
+    FaultRecord,
+    MissionHeader,
+    MissionLog,
+    record_lines,
+)
 from uav_collect.recording.mission_messages import MessagePlace
+from uav_collect.scenario.model import FAULT_KINDS
 from uav_collect.scenario.site import Site
 from uav_collect.uav.action_codes import HOVER
 from uav_collect.uav.agent import Agent, allocator_named
@@ -44,20 +50,24 @@ class Reflight:
     messages: Mapping[
         MessagePlace, Values
     ]  # what each of its messages must say, as far as that is known
+    injected: Sequence[FaultRecord] = ()  # faults that were taken from the record
     failure: str | None = None  # why it could not go on
 
-    def line(self, event: int) -> str:
-        """The line of the mission log about an event."""
-        return event_line(self.log.events[event])
+    def lines(self, event: int) -> tuple[str, ...]:
+        """The lines of the mission log about an event, faults that it is the first with before."""
+        faults = [fault for fault in self.log.faults if fault.event == event]
+        return tuple(record_lines(self.log.events[event : event + 1], faults))
 
 
 def fly_again(
     site: Site,
     header: MissionHeader,
     crew: Sequence[FlownBy | None],
-    failsafes: Container[int],
+    *,
+    failsafes: Container[int] = (),
     layouts: Sequence[Layout] = (),
     n_events: int | None = None,
+    faults: Sequence[FaultRecord] = (),
 ) -> Reflight:
     """Fly a recorded mission again.
 
@@ -67,12 +77,38 @@ def fly_again(
         failsafes: events at which the failsafe took over from an agent.
         layouts: in which its transitions show what agents saw.
         n_events: after which to stop, the last one's interval still open; None: fly to the end.
+        faults: that were recorded; those that do not come by themselves are injected.
 
     Raises:
         AllocationError: there is no such allocator.
         ConfigError: no UAV has the energy to start, or a layout has no room for the fleet.
         PolicyMismatchError: a policy does not fit.
     """
+    injected: list[FaultRecord] = []
+    while True:
+        flown = _fly(
+            *(site, header, crew, injected),
+            failsafes=failsafes,
+            layouts=layouts,
+            n_events=n_events,
+        )
+        known = {*flown.log.faults, *injected}
+        missing = next((fault for fault in faults if fault not in known), None)
+        if missing is None or missing.fault not in FAULT_KINDS:
+            return flown
+        injected.append(missing)
+
+
+def _fly(
+    site: Site,
+    header: MissionHeader,
+    crew: Sequence[FlownBy | None],
+    injected: Sequence[FaultRecord],
+    *,
+    failsafes: Container[int],
+    layouts: Sequence[Layout],
+    n_events: int | None,
+) -> Reflight:
     simulation = Simulation(site, header.mission_seed)
     agents = [
         None if each is None else _WatchedAgent(simulation.briefing, uav, each, layouts)
@@ -80,22 +116,33 @@ def fly_again(
     ]
     epochs: list[dict[str, object]] = []
     failure = None
+    _inject(simulation, injected, 0)
     try:
         for event in fly_agents(simulation, agents, failsafes):
             by = agents[event.uav]
-            is_answered = by is not None and event.index not in failsafes
-            version = by.policy.version if by is not None and is_answered else FAILSAFE_VERSION
+            is_lost = by is None or event.is_gone or event.index in failsafes
+            version = FAILSAFE_VERSION if is_lost or by is None else by.policy.version
             epochs.append(_fleet_state(simulation, event) | {'policy_version': version})
             if len(epochs) == n_events:
                 break
+            _inject(simulation, injected, event.index + 1)
     except PolicyMismatchError as error:
         failure = str(error)
+    log = simulation.log(_header_again(site, header, simulation))
     return Reflight(
-        log=simulation.log(_header_again(site, header, simulation)),
+        log=log,
         demand_bit=simulation.demand_bit,
-        messages=_messages(agents, epochs, simulation.events(), header),
+        messages=_messages(agents, epochs, log, header),
+        injected=injected,
         failure=failure,
     )
+
+
+def _inject(simulation: Simulation, faults: Sequence[FaultRecord], event: int) -> None:
+    """Inject the faults that an event is the first with, before it is known."""
+    for fault in faults:
+        if fault.event == event and 1 <= fault.uav <= simulation.briefing.n_uavs:
+            simulation.inject(fault.fault, fault.uav - 1)
 
 
 def _header_again(site: Site, header: MissionHeader, simulation: Simulation) -> MissionHeader:
@@ -109,16 +156,17 @@ def _header_again(site: Site, header: MissionHeader, simulation: Simulation) -> 
 def _messages(
     agents: 'Sequence[_WatchedAgent | None]',
     epochs: Sequence[dict[str, object]],
-    events: Events,
+    log: MissionLog,
     header: MissionHeader,
 ) -> dict[MessagePlace, Values]:
     """What all messages of the mission say."""
+    events = log.events
     messages: dict[MessagePlace, Values] = {}
     for uav, agent in enumerate(agents, start=1):
         if agent is not None:
             messages.update(agent.messages(uav, header))
     for number, state in enumerate(epochs):
-        messages[MessagePlace('epoch', 0, number)] = state | _logged(events, number)
+        messages[MessagePlace('epoch', 0, number)] = state | _logged(log, number)
         for kind in ('observation', 'transition'):
             place = MessagePlace(kind, int(events['uav'][number]), int(events['decision'][number]))
             if place in messages:
@@ -155,12 +203,12 @@ class _WatchedAgent(Agent):
 
     def hear(self, message: RadioMessage) -> None:
         super().hear(message)
-        self._exchange.heard.append(_radio(message))
+        self._exchange.heard.append(_radio(message) | {'sequence': message.decision})
 
     def observe(self, view: LocalView) -> None:
         super().observe(view)
         exchange = self._exchange
-        exchange.sent.append(_radio(self.message(view)))
+        exchange.sent.append(_radio(self.message(view)))  # numbered by the decision
         exchange.observations.append(_view(view) | {'n_radio_delivered': len(exchange.heard)})
 
     def decide(self, view: LocalView) -> Decision:
@@ -267,6 +315,7 @@ def _fleet_state(simulation: Simulation, event: Event) -> dict[str, object]:
     served = [int(bit <= 0.0) for bit in simulation.waiting_bit()]
     return {
         'terminal': simulation.is_over,
+        'heard_back': simulation.is_radio_ideal,
         'uav_x_m': [x_m for x_m, _ in places_m],
         'uav_y_m': [y_m for _, y_m in places_m],
         'uav_energy_left_j': [simulation.energy_left_j(uav) for uav in uavs],
@@ -276,9 +325,15 @@ def _fleet_state(simulation: Simulation, event: Event) -> dict[str, object]:
     }
 
 
-def _logged(events: Events, number: int) -> dict[str, object]:
-    """What an epoch says of its event, but for who was heard."""
-    names = events.dtype.names or ()
-    values = dict(zip(names, events[number].item(), strict=True))
+def _logged(log: MissionLog, number: int) -> dict[str, object]:
+    """What an epoch says of its event, but for who was heard; and of faults."""
+    names = log.events.dtype.names or ()
+    values = dict(zip(names, log.events[number].item(), strict=True))
     del values['heard']  # as bits; lines of the log have the ids
-    return values
+    faults = [fault for fault in log.faults if fault.event == number]
+    return {
+        **values,
+        'fault': [FAULT_KINDS.index(fault.fault) for fault in faults],
+        'fault_uav': [fault.uav for fault in faults],
+        'fault_s': [fault.time_s for fault in faults],
+    }

@@ -1,6 +1,6 @@
 """Reads the missions of a recording: the same logs, to the byte, that the world has written."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -178,7 +178,7 @@ def _mission(path: Path, parts: _Parts, sites: dict[tuple[str, str], Site]) -> R
     except MissionLogError as error:
         raise BagError(f'{path}: mission {start.mission_id}: {error}') from error
     return RecordedMission(
-        log=MissionLog(header=header, events=_events(epochs), faults=_faults(epochs)),
+        log=MissionLog(header=header, events=_events(epochs), faults=faults_of(epochs)),
         site=sites[flown],
         demand_bit=np.array(start.demand_bit, dtype=np.float64),
         n_radio_messages=parts.n_radio_messages,
@@ -206,7 +206,8 @@ def event_of(epoch: Any) -> np.void:  # noqa: ANN401 - a message
     return event
 
 
-def _faults(epochs: list[Any]) -> tuple[FaultRecord, ...]:
+def faults_of(epochs: Iterable[Any]) -> tuple[FaultRecord, ...]:
+    """The faults that Epoch messages tell of."""
     return tuple(
         FaultRecord(
             event=int(epoch.event), time_s=float(begin_s), uav=int(uav), fault=FAULT_KINDS[kind]
