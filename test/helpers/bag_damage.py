@@ -1,7 +1,12 @@
 """Changes files as faulty disks and liars do."""
 
+from collections.abc import Callable
 from pathlib import Path
 import struct
+from typing import Any
+
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import StoragePlugin, Writer
 
 _RECORD = struct.Struct('<BQ')
 _SUMS_AT = {
@@ -38,3 +43,25 @@ def without_checksums(path: Path) -> None:
             content[start : start + 4] = bytes(4)
         at += _RECORD.size + length
     path.write_bytes(content)
+
+
+def copied_without_checksums(bag: Path, folder: Path, change: Callable[[str, Any], None]) -> None:
+    """Write a bag anew, as recorders did before bags had checksums.
+
+    Args:
+        change: may change the messages of missions; gets the topic, and the message.
+    """
+    with (
+        AnyReader([bag]) as reader,
+        Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer,
+    ):
+        topics = {
+            each.topic: writer.add_connection(each.topic, each.msgtype, typestore=reader.typestore)
+            for each in reader.connections
+        }
+        for connection, time_ns, content in reader.messages():
+            if 'uav_collect_msgs' in connection.msgtype:
+                message = reader.deserialize(content, connection.msgtype)
+                change(connection.topic, message)
+                content = reader.typestore.serialize_cdr(message, connection.msgtype)
+            writer.write(topics[connection.topic], time_ns, content)
