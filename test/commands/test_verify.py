@@ -14,7 +14,7 @@ from uav_collect.missions.rollout import fly
 from uav_collect.recording.mission_folder import MissionFolder
 from uav_collect.recording.mission_log import MissionLog
 from uav_collect.recording.origin import ORIGIN_FILE
-from uav_collect.scenario.load import load
+from uav_collect.scenario.load import fingerprint, load
 from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site, Site
 
@@ -39,7 +39,7 @@ def log(site: Site) -> MissionLog:
 def keep(folder: Path, scenario: Scenario, *logs: MissionLog) -> Path:
     """Write a run folder as a world does."""
     run = MissionFolder(str(folder))
-    run.keep_scenario(scenario.to_yaml())
+    run.keep_scenario(scenario.to_yaml(), fingerprint(scenario))
     for log in logs:
         run.begin(log.header)
         run.append(log.events, log.faults)

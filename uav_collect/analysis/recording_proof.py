@@ -20,7 +20,7 @@ from uav_collect.errors import BagError, ConfigError, MissionLogError, UavCollec
 from uav_collect.missions.recorded_policies import RecordedPolicies
 from uav_collect.recording.bag_checksums import check_file
 from uav_collect.recording.bag_reader import recorded_site
-from uav_collect.recording.mission_folder import SCENARIO_FILE, scenario_file, take_log
+from uav_collect.recording.mission_folder import scenario_file, take_log
 from uav_collect.recording.mission_messages import MissionMessages, MissionReader
 from uav_collect.recording.origin import changed_since, ORIGIN_KEY, parsed_origin, read_origin
 from uav_collect.scenario.load import fingerprint, from_yaml, load, scenario_names
@@ -30,6 +30,7 @@ import yaml
 
 LOG_SUFFIX = '.jsonl'
 BAG_SUFFIX = '.mcap'
+_SCENARIO_FILES = 'scenario*.yaml'
 _METADATA = 'metadata.yaml'
 _METADATA_TOP = 'rosbag2_bagfile_information'
 # What reading a damaged bag may raise: it has no checksums if it comes that far.
@@ -55,7 +56,7 @@ def prove_recording(path: Path, given: Given) -> Iterator[Proof]:
     if not path.exists():
         raise MissionLogError(f'{path}: no such file or folder')
     if _bag_files(path):
-        yield from _Bag(path, given.policy_files).proofs({}, None)
+        yield from _Bag(path, given.policy_files).proofs({}, ())
     elif path.is_file():
         yield from _proofs_of_logs([path], path.parent, given)
     else:
@@ -70,7 +71,7 @@ def _proofs_of_run(folder: Path, given: Given) -> Iterator[Proof]:
         raise MissionLogError(f'{folder}: holds no mission log ({LOG_SUFFIX}) and no bag')
     policies = _policy_files(folder, given)
     for bag in bags:
-        yield from _Bag(bag, policies).proofs(logs, folder / SCENARIO_FILE)
+        yield from _Bag(bag, policies).proofs(logs, sorted(folder.glob(_SCENARIO_FILES)))
     yield from _proofs_of_logs([*logs.values()], folder, given)
 
 
@@ -134,12 +135,12 @@ class _Bag:
         self._policies = RecordedPolicies(policy_files, self._reader.policies)
         self._sites: dict[str, Site] = {}  # by text of the scenario
 
-    def proofs(self, logs: dict[str, Path], scenario_file: Path | None) -> Iterator[Proof]:
+    def proofs(self, logs: dict[str, Path], scenario_files: Sequence[Path]) -> Iterator[Proof]:
         """Those of all missions, after what is damaged.
 
         Args:
             logs: of the run, by name; those of missions in the bag are taken out.
-            scenario_file: of the run.
+            scenario_files: of the run.
         """
         damages = [*self._damages()]
         yield from damages
@@ -156,8 +157,8 @@ class _Bag:
             return
         if not n_missions and not damages:
             yield _unprovable(self._path.name, 'holds no mission')
-        if scenario_file is not None and scenario_file.is_file():
-            yield from self._scenario_file_damage(scenario_file)
+        for file in scenario_files:
+            yield from self._scenario_file_damage(file)
 
     def _proof(
         self, mission: MissionMessages, logs: dict[str, Path], code_change: str | None
@@ -198,7 +199,7 @@ class _Bag:
         return site
 
     def _scenario_file_damage(self, file: Path) -> Iterator[Proof]:
-        """What of the run folder's scenario no world has said."""
+        """What of a scenario in the run folder no world has said."""
         sent = [message for each in self._reader.scenarios.values() for message in each]
         texts, mine = [message.yaml.encode() for message in sent], file.read_bytes()
         if not texts or mine in texts:
