@@ -120,7 +120,7 @@ class _Flight:
         """Fly and forge; what services answered."""
         fleet, started = self.fleet, self.started
         started['recorder'] = fleet.start_recorder(stop_after_missions=2)
-        started['uav_agent'], _ = fleet.start_agents(observation_layout='egocentric')
+        started['uav_agent'], other = fleet.start_agents(observation_layout='egocentric')
         started['world_sim'] = fleet.start_world(missions=0, real_time_factor=LONG_S / FLOWN_S)
         control = self.processes.start('control', 'start', '--seed', str(SEED))
         with listener() as listening:
@@ -131,8 +131,13 @@ class _Flight:
             nodes = self._nodes(listening)
             self._forge(listening, [nodes['none'], nodes['other key']])
             self._play_again(listening)
+            other.kill()
+            fleet.start_agent(2, observation_layout='egocentric')
             self.graph = _graph(listening.node)
             answers = self._ask(listening, nodes)
+            inject = self.processes.start('control', 'inject', '--uav', '9', '--fault', 'gone')
+            started['inject'] = inject
+            assert inject.wait_for_exit() == 1
             listening.wait_until(lambda: 'ended after' in started['world_sim'].output)
             answers |= self._ask_again(listening, nodes['key'])
         assert started['recorder'].wait_for_exit() == 0
@@ -291,7 +296,9 @@ def test_sros2_lets_every_node_do_what_it_does_and_no_more(outcome: Outcome) -> 
     assert seen == 6
 
 
-def test_the_fleet_flies_as_if_nobody_had_sent_anything(outcome: Outcome) -> None:
+def test_the_fleet_flies_as_if_nobody_had_sent_anything_with_an_agent_that_was_restarted(
+    outcome: Outcome,
+) -> None:
     assert outcome.fleet.log(SEED) == logs(outcome.fleet.scenario, [SEED])[0]
 
 
@@ -340,6 +347,11 @@ def test_who_has_the_key_controls_the_world(outcome: Outcome) -> None:
     assert 'a mission starts when the fleet is complete' in outcome.processes['control'].output
     assert outcome.answers['key: start'].success
     assert outcome.answers['key: abort'].success
+
+
+def test_who_has_the_key_is_heard_when_it_injects_a_fault(outcome: Outcome) -> None:
+    answers = 'uav is 9: must be from 1 to 2', 'there is no mission in flight'
+    assert any(answer in outcome.processes['inject'].output for answer in answers)
 
 
 def test_no_parameter_is_changed(outcome: Outcome) -> None:

@@ -1,32 +1,33 @@
 """Asks a world to do something, with a seal: what no general tool of ROS can."""
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 import sys
 import time
 from typing import Any
 
 from rclpy.clock import Clock, ClockType
 from uav_collect.errors import ConfigError
-from uav_collect.limits import MAX_SEED
+from uav_collect.limits import MAX_SEED, MAX_UAVS
 from uav_collect.nodes.agent.world_choice import WorldChoice
 from uav_collect.nodes.parameters import add_world_option
 from uav_collect.nodes.process import FAILED, parse_arguments, ProcessNode, run_node
 from uav_collect.nodes.sealing import SealedClient
 from uav_collect.nodes.topics import world_of, world_topics
 from uav_collect.scenario.load import load
-from uav_collect_msgs.srv import ControlMission
+from uav_collect_msgs.srv import ControlMission, InjectFault
 
 _DESCRIPTION = """
-Asks a world to start or abort a mission, to pause, to resume, or to do one event more while it is
-paused, and says what it answers: exit status 0 if it does so, 1 if it does not or none answers.
-With UAV_COLLECT_KEY_FILE the request has the seal that the world wants then.
+Asks a world to start or abort a mission, to pause, to resume, to do one event more while it is
+paused, or to inject a fault, and says what it answers: exit status 0 if it does so, 1 if it does
+not or none answers. With UAV_COLLECT_KEY_FILE the request has the seal that the world wants then.
 """
 _ASKED = ControlMission.Request
 _COMMANDS = {
     **{'start': _ASKED.START, 'abort': _ASKED.ABORT},
     **{'pause': _ASKED.PAUSE, 'resume': _ASKED.RESUME, 'step': _ASKED.STEP},
 }
+_INJECT = 'inject'
 _TICK_S = 0.05
 _PATIENCE_S = 10.0  # until a world is found that answers
 _AGAIN_S = 2.0  # from a request that nobody has answered to the next one
@@ -40,12 +41,15 @@ class ControlNode(ProcessNode):
 
         Args:
             world: its name; empty for that without a name.
-            request: a ControlMission request.
+            request: of ControlMission or InjectFault.
         """
         super().__init__('control', namespace=world)
         names = world_topics(world_of(self.get_namespace()))
         self._request = request
-        self._client = SealedClient(self, ControlMission, names.control_service)
+        is_fault = isinstance(request, InjectFault.Request)
+        service_type = InjectFault if is_fault else ControlMission
+        service = names.inject_service if is_fault else names.control_service
+        self._client = SealedClient(self, service_type, service)
         self._choice = WorldChoice(self, names.scenario, lambda _: None)
         self._begun_s, self._asked_s = time.monotonic(), -_AGAIN_S
         self.create_timer(_TICK_S, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -75,9 +79,10 @@ class ControlNode(ProcessNode):
 def main(argv: Sequence[str]) -> int:
     """Ask, and wait for the answer; the exit status."""
     parser = argparse.ArgumentParser(prog='control', description=_DESCRIPTION)
-    parser.add_argument('command', choices=_COMMANDS, help='what the world is to do')
+    commands = [*_COMMANDS, _INJECT]
+    parser.add_argument('command', choices=commands, help='what the world is to do')
     parser.add_argument(
-        '--seed', type=_seed, default=0, metavar='N', help='mission seed of start (0)'
+        '--seed', type=_whole(MAX_SEED), default=0, metavar='N', help='mission seed of start (0)'
     )
     parser.add_argument(
         '--scenario',
@@ -85,11 +90,20 @@ def main(argv: Sequence[str]) -> int:
         metavar='NAME|FILE',
         help='scenario of start: one by its name, or a YAML file (that which the world has)',
     )
+    parser.add_argument(
+        '--uav', type=_whole(MAX_UAVS), default=0, metavar='N', help='id of the UAV of inject'
+    )
+    parser.add_argument('--fault', default='', metavar='KIND', help='gone, silent or slow')
     add_world_option(parser)
     given = parse_arguments(parser, argv)
+    return run_node(lambda: ControlNode(given.world, _request(given)), argv)
+
+
+def _request(given: argparse.Namespace) -> Any:
+    if given.command == _INJECT:
+        return InjectFault.Request(uav=given.uav, fault=given.fault)
     scenario = given.scenario or ''
-    request = _ASKED(command=_COMMANDS[given.command], seed=given.seed, scenario=scenario)
-    return run_node(lambda: ControlNode(given.world, request), argv)
+    return _ASKED(command=_COMMANDS[given.command], seed=given.seed, scenario=scenario)
 
 
 def _scenario_text(name: str) -> str:
@@ -100,7 +114,11 @@ def _scenario_text(name: str) -> str:
         raise argparse.ArgumentTypeError(' '.join(str(error).split())) from error
 
 
-def _seed(text: str) -> int:
-    if not text.isdecimal() or int(text) > MAX_SEED:
-        raise argparse.ArgumentTypeError(f'{text!r} must be a whole number from 0 to {MAX_SEED}')
-    return int(text)
+def _whole(high: int) -> Callable[[str], int]:
+    def parse(text: str) -> int:
+        if not text.isdecimal() or int(text) > high:
+            allowed = f'a whole number from 0 to {high}'
+            raise argparse.ArgumentTypeError(f'{text!r} must be {allowed}')
+        return int(text)
+
+    return parse
