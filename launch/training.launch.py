@@ -92,6 +92,7 @@ def _start(context: LaunchContext) -> list:
         'missions': -1,
         'max_decisions': config.max_decisions(scenario.n_cells),
         'viewer_rate_hz': 0.0,
+        'sample_rate_hz': 0.0,
         'recorders': int(recorded is not None),
     }
     agent = {'policy': 'topic', 'bandwidth': config.rollout.bandwidth}

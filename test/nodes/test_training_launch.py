@@ -81,7 +81,8 @@ def test_worlds_and_agents_fly_as_the_preset_trains(description: Made) -> None:
     scenario, config = load('paper_8x8'), load_preset('strong')
     (world,) = nodes(description, 'world_sim', scenario='paper_8x8', output_dir='run')
     values = world.options['parameters'][-1]
-    assert (values['missions'], values['viewer_rate_hz']) == (-1, 0.0)
+    shown = (values['viewer_rate_hz'], values['sample_rate_hz'])
+    assert (values['missions'], shown) == (-1, (0.0, 0.0))
     assert values['max_decisions'] == config.max_decisions(scenario.n_cells)
     for agent in nodes(description, 'uav_agent', scenario='paper_8x8', output_dir='run'):
         assert given(agent, 'policy') == ('topic', str)
