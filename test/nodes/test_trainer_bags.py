@@ -27,7 +27,8 @@ def recorded(processes: Processes, folder: Path, n_missions: int) -> tuple[Path,
     fleet, second = fleet_of(processes, folder), folder / 'later_bag'
     recorder = fleet.start_recorder()
     agents = fleet.start_agents('random', 'equal', observation_layout='egocentric')
-    world = fleet.start_world(missions=-1, decision_timeout_s=1000.0, sample_rate_hz=0.0)
+    unwatched = {'sample_rate_hz': 0.0, 'picture_period_s': 0.0}
+    world = fleet.start_world(missions=-1, decision_timeout_s=1000.0, **unwatched)
     world.wait_for(f'-{n_missions // 10} ended')
     recorder.send(signal.SIGINT)
     assert recorder.wait_for_exit() == 0

@@ -94,6 +94,7 @@ def test_a_message_is_logged_at_its_stamp_and_one_without_at_the_clock() -> None
 
 def test_what_a_second_world_tells_follows_what_the_first_one_did() -> None:
     times = LogTimes()
+    assert times.log_ns(EPOCH, 60) == 60  # it came before the first world was known
     times.begin_world()
     assert times.log_ns(CLOCK, 70) == 70
     times.begin_world()

@@ -69,11 +69,17 @@ class LogTimes:
         """Nothing has come yet: the clock shows 0."""
         self._clock_ns = 0  # the latest time that a world has told
         self._begun_ns = 0  # log time at which the clock of the world began
+        self._has_world = False
         self._has_news = True  # since the last message of the clock that is kept
 
     def begin_world(self) -> None:
-        """Let what comes follow what was there: a new world's clock begins at 0 again."""
-        self._begun_ns = self._clock_ns
+        """Let what comes follow what was there: a new world's clock begins at 0 again.
+
+        Of the first world something may have come already: topics are not ordered.
+        """
+        if self._has_world:
+            self._begun_ns = self._clock_ns
+        self._has_world = True
 
     def log_ns(self, type_name: str, stamp_ns: int | None) -> int:
         """When a message is logged.
