@@ -268,3 +268,17 @@ def test_a_mission_of_lost_messages_and_faults_is_proved_with_what_was_injected(
     changed('"fault": "gone"', '"fault": "slow"')(folder / 'mission_1.jsonl')
     [first, *_] = verified(folder, status=1)
     assert 'differs: event ' in first
+
+
+def test_a_policy_of_another_version_is_named_though_only_its_log_is_left(
+    small: Scenario, log: MissionLog, tmp_path: Path, verified: Verified
+) -> None:
+    run = MissionFolder(str(tmp_path / 'run'))
+    run.keep_scenario(small.to_yaml(), fingerprint(small))
+    run.begin(log.header, 0, {'sweep': 'older'})
+    run.append(log.events)
+    run.end()
+    [mission, _] = verified(tmp_path / 'run', status=1)
+    assert mission.endswith(
+        'flown to the same bytes; policy sweep is of version rule now, of older then'
+    )

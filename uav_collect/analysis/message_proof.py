@@ -18,6 +18,7 @@ from uav_collect.recording.mission_messages import (
 from uav_collect.uav.action_codes import FAILSAFE, FAULT
 
 _FROM_WORLD = ('epoch', 'observation', 'radio_rx')  # kinds that agents do not send
+NOT_RECORDED = 'not recorded'  # what lines about gaps end with
 _STAMP_NS = 2  # what two roundings may make of a stamp
 _NANOSECONDS = 1_000_000_000
 
@@ -141,7 +142,7 @@ def _lacking(
         ]
         if lacking:
             more = f' and {len(lacking) - 1} more' if len(lacking) > 1 else ''
-            yield f'{_name(min(lacking))}{more}: not recorded'
+            yield f'{_name(min(lacking))}{more}: {NOT_RECORDED}'
 
 
 def _is_expected(

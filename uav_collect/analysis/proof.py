@@ -1,13 +1,13 @@
 """Proves recorded missions: each is flown again, and compared with its account byte for byte."""
 
 from collections.abc import Container, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 import json
 from typing import Any
 
 import numpy as np
-from uav_collect.analysis.message_proof import message_differences
+from uav_collect.analysis.message_proof import message_differences, NOT_RECORDED
 from uav_collect.errors import AllocationError, ConfigError, MissionLogError, PolicyMismatchError
 from uav_collect.lockstep.published_policy import PolicyKey
 from uav_collect.missions.recorded_policies import Crew, RecordedPolicies
@@ -164,30 +164,37 @@ def prove(
     """
     first = accounts[0]
     failsafes = {event for account in accounts for event in account.failsafes}
-    known: dict[str, Any] = {
-        'mission': name,
-        'n_events': max(len(account.lines) for account in accounts),
-        'n_failsafes': len(failsafes),
-        'is_cut_off': not any(account.is_over for account in accounts),
-    }
-    header = first.header
-    if (wrong := _header_problem(header, site)) is not None or header is None:
-        return Proof(verdict=Verdict.DIFFERS, findings=(f'header: {wrong}',), **known)
+    proof = Proof(
+        mission=name,
+        verdict=Verdict.PROVED,
+        n_events=max(len(account.lines) for account in accounts),
+        n_failsafes=len(failsafes),
+        is_cut_off=not any(account.is_over for account in accounts),
+    )
+    if (wrong := _header_problem(first.header, site)) is not None or first.header is None:
+        return replace(proof, verdict=Verdict.DIFFERS, findings=(f'header: {wrong}',))
     try:
-        crew = policies.crew(header, site, first.versions, first.policy_key)
+        crew = policies.crew(first.header, site, first.versions, first.policy_key)
         flown = fly_again(
-            *(site, header, crew.members),
+            *(site, first.header, crew.members),
             failsafes=failsafes,
             layouts=_layouts(first),
             n_events=_n_needed(accounts),
             faults=first.faults,
         )
-        known['n_injected'] = len(flown.injected)
     except (AllocationError, ConfigError, PolicyMismatchError) as error:
         clashes = tuple(_clashes(accounts))
         verdict = Verdict.DIFFERS if clashes else Verdict.UNPROVABLE
-        findings = (*clashes, ' '.join(str(error).split()))
-        return Proof(verdict=verdict, findings=findings, **known)
+        return replace(proof, verdict=verdict, findings=(*clashes, ' '.join(str(error).split())))
+    proof = replace(proof, n_injected=len(flown.injected))
+    findings = _findings(accounts, flown, crew, code_change)
+    return replace(proof, verdict=Verdict.DIFFERS, findings=findings) if findings else proof
+
+
+def _findings(
+    accounts: Sequence[Account], flown: Reflight, crew: Crew, code_change: str | None
+) -> tuple[str, ...]:
+    """What differs, and why; nothing if nothing does."""
     ignored = {'policy_version'} if crew.changes else set()
     by_account = [tuple(_differences(account, flown, ignored)) for account in accounts]
     differences = [
@@ -195,11 +202,12 @@ def prove(
         for account, texts in zip(accounts, by_account, strict=True)
         for text in texts
     ]
-    if not differences and not crew.changes:
-        return Proof(verdict=Verdict.PROVED, **known)
-    causes = crew.changes if not differences else _causes(crew, code_change, by_account)
-    findings = (*_first_ones(differences), *causes)
-    return Proof(verdict=Verdict.DIFFERS, findings=findings, **known)
+    if not differences:
+        return ('flown to the same bytes', *crew.changes) if crew.changes else ()
+    n_more = len(differences) - _MOST_DIFFERENCES
+    more = [f'{n_more} more differences'] if n_more > 0 else []
+    causes = _causes(crew, code_change, by_account)
+    return (*differences[:_MOST_DIFFERENCES], *more, *causes)
 
 
 def _n_needed(accounts: Sequence[Account]) -> int | None:
@@ -213,17 +221,13 @@ def _causes(
     crew: Crew, code_change: str | None, by_account: Sequence[Sequence[str]]
 ) -> Sequence[str]:
     """What is no longer as it was when the mission was recorded, if that explains differences."""
+    if all(text.endswith(NOT_RECORDED) for texts in by_account for text in texts):
+        return []
     causes = [*crew.changes, *([f'other code: {code_change}'] if code_change else [])]
     if causes and all(by_account):
         return causes
     # Another account of the mission is as flown, or all that flies it is as it was.
     return ['the recording itself was changed']
-
-
-def _first_ones(differences: Sequence[str]) -> Sequence[str]:
-    n_more = len(differences) - _MOST_DIFFERENCES
-    more = [f'{n_more} more differences'] if n_more > 0 else []
-    return [*differences[:_MOST_DIFFERENCES], *more] or ['flown to the same bytes']
 
 
 def _header_problem(header: MissionHeader | None, site: Site) -> str | None:
@@ -251,7 +255,7 @@ def _header_problem(header: MissionHeader | None, site: Site) -> str | None:
 
 
 def _differences(account: Account, flown: Reflight, ignored: Container[str]) -> Iterator[str]:
-    """What a account has otherwise than the flight, in the order of events where that is known."""
+    """What an account has otherwise than the flight, events first."""
     yield from _line_differences(account, flown)
     yield from account.flaws
     if account.messages is not None:

@@ -22,7 +22,13 @@ from uav_collect.recording.bag_checksums import check_file
 from uav_collect.recording.bag_reader import recorded_site
 from uav_collect.recording.mission_folder import scenario_file, take_log
 from uav_collect.recording.mission_messages import MissionMessages, MissionReader
-from uav_collect.recording.origin import changed_since, ORIGIN_KEY, parsed_origin, read_origin
+from uav_collect.recording.origin import (
+    changed_since,
+    ORIGIN_KEY,
+    parsed_origin,
+    read_origin,
+    read_versions,
+)
 from uav_collect.scenario.load import fingerprint, from_yaml, load, scenario_names
 from uav_collect.scenario.site import build_site, Site
 from uav_collect.uav.policy_file import SUFFIX as POLICY_SUFFIX
@@ -82,7 +88,7 @@ def _policy_files(folder: Path, given: Given) -> list[Path]:
 def _proofs_of_logs(logs: Sequence[Path], folder: Path, given: Given) -> Iterator[Proof]:
     """Those of logs alone."""
     policies = RecordedPolicies(_policy_files(folder, given))
-    code_change = _code_change(read_origin(folder))
+    code_change, versions = _code_change(read_origin(folder)), read_versions(folder)
     for log in logs:
         account = log_account(log.name, log.read_bytes())
         try:
@@ -90,8 +96,15 @@ def _proofs_of_logs(logs: Sequence[Path], folder: Path, given: Given) -> Iterato
         except UavCollectError as error:
             yield _unprovable(log.name, str(error))
             continue
+        account = replace(account, versions=_by_uav(account, versions))
         proof = prove(log.name, [account], site, policies, code_change)
         yield _with_name_checked(proof, account)
+
+
+def _by_uav(account: Account, versions: Mapping[str, str]) -> dict[int, str]:
+    """Versions of policies by the ids of the UAVs that they flew."""
+    uavs = [] if account.header is None else account.header.uavs
+    return {uav.id: versions[uav.policy] for uav in uavs if uav.policy in versions}
 
 
 def _site_of(account: Account, folder: Path) -> Site:

@@ -1,6 +1,6 @@
 """The files that a world writes: the resolved scenario, and a log per mission."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 import os
 from pathlib import Path
@@ -48,6 +48,7 @@ class MissionFolder:
         self._log: LogWriter | None = None
         self._flown: set[int] = set()  # mission seeds
         self._has_scenario = False
+        self._versions: dict[str, list[str]] = {}  # of the policies that flew, by name
         if self._folder is not None:
             self._folder.mkdir(parents=True, exist_ok=True)
             if not os.access(self._folder, os.W_OK):
@@ -62,13 +63,20 @@ class MissionFolder:
         self._has_scenario = True
         try:
             (self._folder / name).write_text(text, encoding='utf-8')
-            (self._folder / ORIGIN_FILE).write_text(f'{origin_text()}\n', encoding='utf-8')
+            self._keep_origin(self._folder)
         except OSError as error:
             return f'the scenario cannot be written: {error}'
         return None
 
-    def begin(self, header: MissionHeader, index: int = 0) -> str | None:
-        """Start the log of a mission, by its running number in its world."""
+    def begin(
+        self, header: MissionHeader, index: int = 0, versions: Mapping[str, str] | None = None
+    ) -> str | None:
+        """Start the log of a mission.
+
+        Args:
+            index: running number of the mission in its world.
+            versions: of the policies that fly it, by name.
+        """
         self.end()
         if self._folder is None:
             return None
@@ -77,6 +85,7 @@ class MissionFolder:
             path = self._folder / log_name(seed, index if seed in self._flown else None)
             self._flown.add(seed)
             self._log = LogWriter(path, header)
+            self._note_versions(self._folder, versions or {})
         except OSError as error:
             return f'the mission log cannot be written: {error}'
         return None
@@ -91,6 +100,18 @@ class MissionFolder:
             self.end()
             return f'the mission log cannot be written: {error}'
         return None
+
+    def _note_versions(self, folder: Path, versions: Mapping[str, str]) -> None:
+        """Keep versions of policies that have not flown before."""
+        new = [it for it in versions.items() if it[1] not in self._versions.get(it[0], ())]
+        for name, version in new:
+            self._versions.setdefault(name, []).append(version)
+        if new:
+            self._keep_origin(folder)
+
+    def _keep_origin(self, folder: Path) -> None:
+        text = origin_text(self._versions)
+        (folder / ORIGIN_FILE).write_text(f'{text}\n', encoding='utf-8')
 
     def end(self) -> None:
         """Close the mission's log."""

@@ -1,6 +1,6 @@
 """Which code recorded something: kept beside a recording, never in a mission log."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 import json
 from pathlib import Path
 
@@ -10,6 +10,7 @@ from uav_collect.revision import git_revision, package_versions
 ORIGIN_FILE = 'origin.json'  # of a run folder
 ORIGIN_KEY = 'origin'  # of the remarks in a bag's metadata
 _FLOWN_BY = ('uav_collect', 'python', 'numpy')
+_POLICIES = 'policies'
 _SOURCES = 'sources'  # a digest: equal ones are the same code, whatever the revision is called
 
 
@@ -23,9 +24,14 @@ def origin() -> dict[str, str]:
     }
 
 
-def origin_text() -> str:
-    """The same as JSON."""
-    return json.dumps(origin())
+def origin_text(policies: Mapping[str, Sequence[str]] | None = None) -> str:
+    """The same as JSON.
+
+    Args:
+        policies: versions by name, of those that flew; None: they are not known.
+    """
+    flown = {} if policies is None else {_POLICIES: {name: [*it] for name, it in policies.items()}}
+    return json.dumps({**origin(), **flown})
 
 
 def parsed_origin(text: str) -> dict[str, str] | None:
@@ -36,7 +42,7 @@ def parsed_origin(text: str) -> dict[str, str] | None:
         return None
     if not isinstance(values, dict) or _SOURCES not in values:
         return None
-    return {str(name): str(value) for name, value in values.items()}
+    return {name: value for name, value in values.items() if isinstance(value, str)}
 
 
 def read_origin(folder: Path) -> dict[str, str] | None:
@@ -45,6 +51,15 @@ def read_origin(folder: Path) -> dict[str, str] | None:
         return parsed_origin((folder / ORIGIN_FILE).read_text(encoding='utf-8'))
     except (OSError, UnicodeDecodeError):
         return None
+
+
+def read_versions(folder: Path) -> dict[str, str]:
+    """The versions of the policies that flew, by name, where a run folder tells a single one."""
+    try:
+        policies = json.loads((folder / ORIGIN_FILE).read_text(encoding='utf-8'))[_POLICIES]
+        return {name: versions[0] for name, versions in policies.items() if len(versions) == 1}
+    except (OSError, AttributeError, KeyError, TypeError, ValueError):
+        return {}
 
 
 def changed_since(then: Mapping[str, str]) -> str | None:

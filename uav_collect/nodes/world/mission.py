@@ -86,6 +86,8 @@ class MissionInFlight:
             [pilots[uav].allocator if uav in pilots else _NO_AGENT for uav in ids],
             [pilots[uav].guard_after if uav in pilots else action_codes.NONE for uav in ids],
         )
+        flown = [pilot for pilot in pilots.values() if pilot.policy_version]  # not what it follows
+        self.policy_versions = {pilot.policy: pilot.policy_version for pilot in flown}  # by name
         self.unflown = {uav for uav in ids if uav not in pilots}  # ids the failsafe flies home
         self.pending: PendingDecision | None = None
         self.n_radio_messages = 0

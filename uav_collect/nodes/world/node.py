@@ -304,9 +304,8 @@ class WorldNode(ProcessNode):
         self.mission = mission
         self._pacer.restart()
         self._control.goals.begin()
-        self._diagnostics.warn_if_lost(
-            self._folder.begin(mission.header, self._schedule.n_started - 1)
-        )
+        index, versions = self._schedule.n_started - 1, mission.policy_versions
+        self._diagnostics.warn_if_lost(self._folder.begin(mission.header, index, versions))
         self._publish_mission(mission, Mission.STARTED)
         self.get_logger().info(f'mission {mission.mission_id} starts, seed {seed}')
         self._viewers.begin(mission.simulation, mission.clock_start_s)
