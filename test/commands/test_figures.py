@@ -187,6 +187,19 @@ def test_the_rows_of_a_line_are_the_values_that_were_tested(smoke: Smoke) -> Non
     assert {int(row['n_missions']) for row in rows} == {scale.tests.missions}
 
 
+@pytest.mark.parametrize('name', ['loss', 'delay'])
+def test_messages_that_are_lost_or_late_keep_nobody_from_coming_home(
+    smoke: Smoke, name: str
+) -> None:
+    rows = [row for row in smoke.rows(name) if row['measure'] == 'complete_safe_share']
+    lines = {row['line'] for row in rows}
+    assert lines == {
+        f'{it}{fleet}' for it in ('strong', 'HERT', 'sweep') for fleet in ('', ', 4 UAVs')
+    }
+    assert {row['unit'] for row in rows} == {'%'}
+    assert all(float(row['mean']) == 100.0 for row in rows if not row['line'].startswith('strong'))
+
+
 def test_figures_come_back_as_they_were_without_any_work(smoke: Smoke, copy: Smoke) -> None:
     names = ('topology', 'learning-uavs', 'density', 'trajectories')
     files = [f'{name}.{kind}' for name in names for kind in ('png', 'pdf', 'csv')]
@@ -216,7 +229,7 @@ def test_what_is_not_asked_for_is_not_judged(
     asked = ('--only', 'csi', '--output', str(copy.output), '--results', str(results))
     assert main(['figures', '--scale', 'smoke', *asked]) == 0
     text = results.read_text()
-    assert re.search(r'^- Not run: .*topology.*trajectories\.$', text, re.MULTILINE)
+    assert re.search(r'^- Not run: .*topology.*trajectories.*\.$', text, re.MULTILINE)
     assert f'{len(CLAIMS) - 2} {ClaimStatus.NOT_RUN}' in text
     assert str(results) in capsys.readouterr().out
 

@@ -57,6 +57,9 @@ def test_what_a_scenario_teaches_is_kept_in_plain_numbers() -> None:
             {'fleet__default__home': {'cell': [0, 9]}},
             'homes (9.5, 0.5) cells east and north (learned: (0.5, 0.5) cells east and north)',
         ),
+        ({'radio__loss_share': 0.3}, 'messages lost 0.3 (learned: 0)'),
+        ({'radio__delay_s': [2.0, 1.0]}, 'messages late by 1 to 3 s (learned: 0 s)'),
+        ({'radio__rate_bps': 1200.0}, 'messages sent at 1200 bit/s (learned: inf bit/s)'),
         ({'sensors__dense_mean': 20.0}, 'sensors per cell 6.7 (learned: 3.7)'),
         ({'demand__cell_share': 0.5}, 'cells with data 0.5 (learned: 0.3)'),
         (
@@ -79,6 +82,7 @@ def test_each_difference_is_named_with_what_is_flown_and_what_was_learned(
         {'demand__data_mbit': [0.2, 0.9]},  # within what it learned on
         {'fleet__default__energy_budget_kj': 50.0},
         {'radio__csi_error_variance': 0.1},
+        {'radio__loss_share': 0.0, 'radio__delay_s': [0.0, 0.0], 'radio__beacon_period_s': 5.0},
     ],
 )
 def test_what_it_generalises_over_is_not_mentioned(overrides: dict[str, object]) -> None:

@@ -52,7 +52,7 @@ class FiguresPlan:
         for name, study in self.studies.items():
             needs = self.needs[name]
             counts = str(len(needs)), str(len(needs & self.missing))
-            table.add_row(name, str(study.figure), f'{study.title}: {study.about}', *counts)
+            table.add_row(name, str(study.figure or ''), f'{study.title}: {study.about}', *counts)
         console.print(table)
         for line in self._lines():
             console.print(line, soft_wrap=True)

@@ -1,10 +1,11 @@
-"""The paper's figures 3 to 13 (Sec. VII): what each one needs."""
+"""The paper's figures 3 to 13 (Sec. VII) and two of lost and late messages: what each needs."""
 
 from collections.abc import Callable, Mapping
 import math
 
 from uav_collect.studies.comparisons import (
     compare_bandwidths,
+    compare_links,
     compare_trained_each,
     compare_trained_once,
     field_of,
@@ -28,6 +29,7 @@ from uav_collect.studies.study import (
     CurvesPanel,
     CurvesStudy,
     EFFICIENCY,
+    FINISHED,
     LinesStudy,
     Study,
     TopologyStudy,
@@ -36,10 +38,14 @@ from uav_collect.studies.study import (
 )
 
 _Make = Callable[[Requests], Study]
+_LINKS_ABOUT = (
+    'nothing is trained: strong is the shipped policy, which learned where no message is lost or'
+    ' late; thin lines: twice as many UAVs, for which nothing is planned'
+)
 
 
 def study_names() -> tuple[str, ...]:
-    """The studies' names, in the order of the paper's figures."""
+    """The studies' names, in the order of the paper's figures, then those that it has not."""
     return tuple(_MAKERS)
 
 
@@ -48,6 +54,7 @@ def make_study(name: str, requests: Requests) -> Study:
 
     Raises:
         ConfigError: a scenario or a setting of the scale does not fit.
+        PolicyMismatchError: no policy is shipped for a scenario that takes one.
     """
     return _MAKERS[name](requests)
 
@@ -253,6 +260,37 @@ def _trajectories(requests: Requests) -> Study:
     )
 
 
+def _loss(requests: Requests) -> Study:
+    shares = requests.scale.radio.loss_shares
+    return LinesStudy(
+        name='loss',
+        figure=None,
+        title='Messages between UAVs that are lost',
+        about=_LINKS_ABOUT,
+        over='share of messages between UAVs that is lost [1]',
+        column='loss_share',
+        values=shares,
+        measures=(COMPLETION, EFFICIENCY, FINISHED),
+        lines=compare_links(requests, [(share, 0.0) for share in shares]),
+    )
+
+
+def _delay(requests: Requests) -> Study:
+    delays_s = requests.scale.radio.delays_s
+    return LinesStudy(
+        name='delay',
+        figure=None,
+        title='Messages between UAVs that come late, each by half to one and a half of the mean',
+        about=_LINKS_ABOUT,
+        over='mean delay of messages between UAVs [s]',
+        column='delay_s',
+        values=delays_s,
+        names=tuple(f'{delay_s:g}' for delay_s in delays_s),
+        measures=(COMPLETION, EFFICIENCY, FINISHED),
+        lines=compare_links(requests, [(0.0, delay_s) for delay_s in delays_s]),
+    )
+
+
 _MAKERS: Mapping[str, _Make] = {
     'topology': _topology,
     'learning-areas': _learning_areas,
@@ -265,6 +303,8 @@ _MAKERS: Mapping[str, _Make] = {
     'csi': _csi,
     'bandwidth': _bandwidth,
     'trajectories': _trajectories,
+    'loss': _loss,
+    'delay': _delay,
 }
 
 

@@ -16,6 +16,7 @@ from uav_collect.studies.study import (
     PLAN,
     RULES,
     TrainedPolicies,
+    UNTRAINED,
 )
 
 
@@ -47,6 +48,14 @@ def with_range(scenario: Scenario, range_m: float) -> Scenario:
 def with_csi_error(scenario: Scenario, variance: float) -> Scenario:
     """The scenario with another channel estimation error, relative to the path gain."""
     return _checked(replace(scenario, radio=replace(scenario.radio, csi_error_variance=variance)))
+
+
+def with_link(scenario: Scenario, loss_share: float, delay_s: float) -> Scenario:
+    """The scenario with messages between UAVs lost and late, by half the mean more or less."""
+    late_s = (delay_s, 0.5 * delay_s)
+    return _checked(
+        replace(scenario, radio=replace(scenario.radio, loss_share=loss_share, delay_s=late_s))
+    )
 
 
 def _checked(scenario: Scenario) -> Scenario:
@@ -155,3 +164,22 @@ def compare_bandwidths(requests: Requests, scenarios: Sequence[Scenario]) -> tup
     plans = [requests.plan(scenario) for scenario in scenarios]
     lines.append(Line(label=PLAN, policy=PLAN, tests=tuple(plans)))
     return tuple(lines)
+
+
+def compare_links(requests: Requests, links: Sequence[tuple[float, float]]) -> tuple[Line, ...]:
+    """What needs no training with each loss and delay [s]: the scenario's fleet, and one twice it.
+
+    Raises:
+        PolicyMismatchError: no policy is shipped for one of the fleets.
+    """
+    field = load(requests.scale.radio.scenario)
+    lines = []
+    for fleet in (field, with_uavs(field, 2 * field.n_uavs)):
+        scenarios = [with_link(fleet, *link) for link in links]
+        for label in UNTRAINED:
+            tests = [requests.fly_untrained(label, scenario) for scenario in scenarios]
+            is_larger = fleet is not field
+            name = f'{label}, {fleet.n_uavs} UAVs' if is_larger else label
+            lines.append(Line(label=name, policy=label, tests=tuple(tests), is_thin=is_larger))
+    plans = [requests.plan(field)] * len(links)  # whoever knows all needs no radio
+    return (*lines, Line(label=PLAN, policy=PLAN, tests=tuple(plans)))

@@ -37,13 +37,18 @@ class Findings:
         Raises:
             StoreError: a job is not done.
         """
-        key = measure.plan_key if tested.is_planned else measure.key
-        if not key:
+        keys = measure.factors or (measure.key,)
+        if tested.is_planned:
+            keys = (measure.plan_key,)
+        if not all(keys):
             return None
         tables = [self._table(digest, MISSIONS) for digest in tested.digests]
         return Column(
             seed=np.concatenate([table['mission_seed'] for table in tables]),
-            value=np.concatenate([table[key] for table in tables]) * measure.scale,
+            value=np.concatenate(
+                [np.prod([table[key] for key in keys], axis=0) for table in tables]
+            )
+            * measure.scale,
         )
 
     def numbers(self, tested: MissionSet, key: str) -> Floats:

@@ -8,6 +8,7 @@ from uav_collect.studies.jobs.jobs import digest_of, FlightsJob, Job, PlansJob, 
 from uav_collect.studies.scale import ScaleConfig
 from uav_collect.studies.study import LEARNED, MissionSet, PLAN, RULES, TrainedPolicies
 from uav_collect.training.config import load_preset
+from uav_collect.uav.policy import policy_for, STRONG
 
 
 @dataclass
@@ -66,6 +67,17 @@ class Requests:
     def fly_rule(self, label: str, scenario: Scenario, bandwidth: str = 'exact') -> MissionSet:
         """Ask for test missions of a rule."""
         return self._tested(RULES[label], (), scenario, bandwidth)
+
+    def fly_untrained(self, label: str, scenario: Scenario) -> MissionSet:
+        """Ask for test missions of a rule, or of the policy that is shipped for a scenario.
+
+        Raises:
+            PolicyMismatchError: none is shipped for it.
+        """
+        if label != STRONG:
+            return self.fly_rule(label, scenario)
+        shipped = policy_for(STRONG, scenario)
+        return self._tested(f'{shipped.name} {shipped.version}', (), scenario, 'exact')
 
     def plan(self, scenario: Scenario, bandwidth: str = 'exact') -> MissionSet:
         """Ask for plans of the test missions."""

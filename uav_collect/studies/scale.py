@@ -70,6 +70,14 @@ class TestsConfig(Section):
     plan_rounds: Annotated[int, whole(0, 10**9)]
 
 
+class LinksConfig(Section):
+    """Links between UAVs that shipped policies and rules are tested with."""
+
+    scenario: Annotated[str, text(4096)]
+    loss_shares: Annotated[tuple[Annotated[float, number(0, 1)], ...], _Several]
+    delays_s: Annotated[tuple[Annotated[float, number(0, 3600, 's')], ...], _Several]
+
+
 class ScaleConfig(Section):
     """Everything that makes studies large or small."""
 
@@ -85,6 +93,7 @@ class ScaleConfig(Section):
     kernels: Annotated[tuple[Annotated[int, whole(1, 64)], ...], _Several]
     csi_errors: Annotated[tuple[Annotated[float, number(0, 1)], ...], _Several]
     bandwidth_csi_error: Annotated[float, number(0, 1)]
+    radio: LinksConfig
     measured_s: Annotated[float, number(0, 3600, 's')]
 
 
@@ -107,8 +116,12 @@ def scale_names() -> tuple[str, ...]:
 
 def _check_rising(scale: ScaleConfig, path: str) -> None:
     """Every line of a figure runs from the smallest value to the largest."""
-    for key in ('budgets_kj', 'densities', 'ranges_m', 'kernels', 'csi_errors'):
-        values = getattr(scale, key)
+    keys = ('budgets_kj', 'densities', 'ranges_m', 'kernels', 'csi_errors')
+    varied = {key: getattr(scale, key) for key in keys} | {
+        'radio.loss_shares': scale.radio.loss_shares,
+        'radio.delays_s': scale.radio.delays_s,
+    }
+    for key, values in varied.items():
         if list(values) != sorted(set(values)):
             raise ConfigError(f'{path}: {key} is {list(values)}: must rise')
     n_uavs = [fleet.n_uavs for fleet in scale.fleets]

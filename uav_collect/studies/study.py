@@ -4,10 +4,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from uav_collect.scenario.model import Scenario
+from uav_collect.uav.policy import STRONG
 
 AQMIX, QMIX, AIQL, HERT, SWEEP, PLAN = 'AQMIX', 'QMIX', 'AIQL', 'HERT', 'sweep', 'plan'
 LEARNED = {AQMIX: 'aqmix', QMIX: 'qmix', AIQL: 'aiql'}  # the paper's order
 RULES = {HERT: 'hert', SWEEP: 'sweep'}
+UNTRAINED = (STRONG, *RULES)  # what flies without a training of its own
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,6 +37,7 @@ class PanelMeasure:
     unit: str
     plan_key: str = ''  # the column of the plans that goes with it; '' where none does
     scale: float = 1.0  # from the column to what is shown
+    factors: tuple[str, ...] = ()  # the columns whose product it is; none: the one of the key
 
 
 EFFICIENCY = PanelMeasure(
@@ -47,6 +50,10 @@ COMPLETION = PanelMeasure(
     key='completion_s', title='completion time', unit='s', plan_key='shortest_completion_s'
 )
 COLLECTED = PanelMeasure(key='collected_share', title='data collected', unit='%', scale=100.0)
+FINISHED = PanelMeasure(
+    key='complete_safe_share', title='complete missions, all UAVs home',
+    unit='%', scale=100.0, factors=('is_complete', 'is_safe'),
+)  # fmt: skip
 COLLECTING = PanelMeasure(key='collecting_s', title='time spent collecting, all UAVs', unit='s')
 REWARD = PanelMeasure(key='training_reward', title='reward of a mission in training', unit='1')
 
@@ -66,7 +73,7 @@ class LinesStudy:
     """Tests over what is varied: a figure with a panel for each measure."""
 
     name: str
-    figure: int  # of the paper
+    figure: int | None  # of the paper; None: it has none
     title: str
     about: str  # what is trained for it, what only tested
     over: str  # what is varied, with its unit

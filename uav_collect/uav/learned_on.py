@@ -26,6 +26,10 @@ class LearnedOn:
     sensors_per_cell: float  # on average
     cell_share: float  # of the cells with sensors, those that have data on average
     data_mbit: Span  # of a sensor that has any
+    # Of messages between UAVs; files of before there were such radios say nothing of them.
+    loss_share: float = 0.0
+    delay_s: Span = (0.0, 0.0)
+    rate_bps: float = math.inf  # of a UAV's radio; inf: sending takes no time
 
 
 def learned_on(scenario: Scenario) -> LearnedOn:
@@ -38,16 +42,20 @@ def learned_on(scenario: Scenario) -> LearnedOn:
     else:
         per_cell = len(sensors.entries) / scenario.n_cells
         listed_mbit = [each.data_mbit or 0.0 for each in sensors.entries]
-    data_mbit = demand.data_mbit
+    data_mbit, radio = demand.data_mbit, scenario.radio
+    mean_s, jitter_s = radio.delay_s or (0.0, 0.0)
     return LearnedOn(
         cells_per_side=scenario.area.cells_per_side,
         cell_size_m=size_m,
         speeds_mps=tuple(uav.speed_mps for uav in scenario.uavs),
-        contact_range_m=scenario.radio.contact_range_m,
+        contact_range_m=radio.contact_range_m,
         homes=tuple((uav.home_m[0] / size_m, uav.home_m[1] / size_m) for uav in scenario.uavs),
         sensors_per_cell=per_cell,
         cell_share=1.0 if demand.cell_share == 'all' else demand.cell_share,
         data_mbit=(min(listed_mbit), max(listed_mbit)) if data_mbit == 'csv' else data_mbit,
+        loss_share=radio.loss_share or 0.0,
+        delay_s=(mean_s - jitter_s, mean_s + jitter_s),
+        rate_bps=radio.rate_bps or math.inf,
     )
 
 
@@ -74,14 +82,19 @@ def _strange(known: Sequence[LearnedOn], flown: LearnedOn) -> Iterator[str]:
         yield from _unlike('speeds', _speeds, alike, flown)
         yield from _unlike('homes', _homes, alike, flown)
     if len(flown.speeds_mps) > 1:  # else there is nobody to be in contact with
-        yield from _beyond(
-            'contact range', 'm', lambda it: _point(it.contact_range_m), known, flown
-        )
+        yield from _strange_radio(known, flown)
     yield from _beyond(
         'sensors per cell', '', lambda it: _point(it.sensors_per_cell), known, flown
     )
     yield from _beyond('cells with data', '', lambda it: _point(it.cell_share), known, flown)
     yield from _beyond('data of a sensor', 'Mbit', lambda it: it.data_mbit, known, flown)
+
+
+def _strange_radio(known: Sequence[LearnedOn], flown: LearnedOn) -> Iterator[str]:
+    yield from _beyond('contact range', 'm', lambda it: _point(it.contact_range_m), known, flown)
+    yield from _beyond('messages lost', '', lambda it: _point(it.loss_share), known, flown)
+    yield from _beyond('messages late by', 's', lambda it: it.delay_s, known, flown)
+    yield from _beyond('messages sent at', 'bit/s', lambda it: _point(it.rate_bps), known, flown)
 
 
 def _unlike(

@@ -80,13 +80,22 @@ def run_plans(job: PlansJob, is_stopping: Callable[[], bool]) -> Iterator[Flight
 
 def _policy(job: FlightsJob, policies: Mapping[str, bytes]) -> RulePolicy | LearnedPolicy:
     if not job.trainings:
-        rule = policy_named(job.policy)
-        if not isinstance(rule, RulePolicy):
-            raise PolicyMismatchError(f'policy {job.policy} is no rule: must come from trainings')
-        return rule
+        return _untrained(job)
     learned = [policy_from_bytes(policies[digest]) for digest in job.trainings]
     best = max(learned, key=lambda it: it.header.validation.rank)
     return LearnedPolicy(name=job.policy, frozen=best)
+
+
+def _untrained(job: FlightsJob) -> RulePolicy | LearnedPolicy:
+    name, _, version = job.policy.partition(' ')
+    match policy_named(name):
+        case RulePolicy() as rule:
+            return rule
+        case LearnedPolicy() as shipped if shipped.version == version:
+            return shipped
+        case other:
+            wanted = version or 'a rule, or come from trainings'
+            raise PolicyMismatchError(f'policy {name} is {other.version}: must be {wanted}')
 
 
 def _row(log: MissionLog, mission: MissionMetrics) -> list[float]:

@@ -48,11 +48,11 @@ class TrainingJob:
 
 @dataclass(frozen=True, kw_only=True)
 class FlightsJob:
-    """Missions flown by one policy: a rule, or the best of those that trainings gave."""
+    """Missions flown by one policy: a rule, a shipped one, or the best that trainings gave."""
 
     scenario: str
-    policy: str  # a rule's name, or what the learned one is called in logs
-    trainings: tuple[str, ...]  # digests; none for a rule
+    policy: str  # a rule's name, a shipped one's name and version, or what logs call the learned
+    trainings: tuple[str, ...]  # digests; none for a rule and a shipped policy
     bandwidth: str
     first_seed: int
     n_missions: int

@@ -11,10 +11,11 @@ from matplotlib.figure import Figure
 from uav_collect.analysis.trajectories import COLOURS, DPI, GRID
 from uav_collect.studies.study import AIQL, AQMIX, HERT, PLAN, QMIX, SWEEP
 from uav_collect.training.curves import REFERENCE_STYLES
+from uav_collect.uav.policy import STRONG
 
 COLOUR = {
     AQMIX: COLOURS[0], QMIX: COLOURS[1], AIQL: COLOURS[2], HERT: '#555555', SWEEP: '#009E73',
-    PLAN: '#111111',
+    PLAN: '#111111', STRONG: COLOURS[0],
 }  # fmt: skip
 STYLE = dict(zip((HERT, SWEEP, PLAN), REFERENCE_STYLES, strict=True))
 SOLID = (0.0, ())

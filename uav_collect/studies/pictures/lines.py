@@ -34,7 +34,8 @@ def draw(study: LinesStudy, findings: Findings) -> Drawing:
         StoreError: a job of it is not done.
     """
     interval = f'mean and {CONFIDENCE_LEVEL:.0%} interval'
-    note = f'Fig. {study.figure} of the paper; {study.about}; {interval}'
+    paper = f'Fig. {study.figure} of the paper; ' if study.figure else ''
+    note = f'{paper}{study.about}; {interval}'
     figure, [row] = panels(1, len(study.measures), study.title, note, size_in=_SIZE_IN)
     rows: list[list[object]] = []
     for axes, measure in zip(row, study.measures, strict=True):
