@@ -160,7 +160,7 @@ def story(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Story]:
         fleet = Fleet(processes=processes, scenario=scenario_of(), folder=folder / 'run')
         try:
             recorder = fleet.start_recorder()
-            world = fleet.start_world(missions=0, real_time_factor=300)  # time for feedback
+            world = fleet.start_world(missions=0, real_time_factor=600)  # time for feedback
             happened = Story(fleet=fleet, others=others, world=world)
             with client() as here:
                 fly_all(happened, here)
