@@ -29,7 +29,6 @@ class MinimalAgent(Node):
         super().__init__('minimal_agent', namespace=f'uav_{uav}')
         self.uav, self.instance = uav, str(uuid.uuid4())
         self.complete = defaultdict(set)  # cells without data, by mission
-        self.observations = None  # subscription
         self.commands = self.create_publisher(Command, 'command', ALIVE)
         self.radio = self.create_publisher(RadioMessage, 'radio_tx', ALIVE)
         self.client = self.create_client(Join, '/world/join')
@@ -52,9 +51,8 @@ class MinimalAgent(Node):
         self.side = values['area']['cells_per_side']
         self.hz = values['radio']['system_bandwidth_mhz'] * 1e6 / scenario.n_uavs
         self.commands.publish(Command(agent_instance=self.instance, action=Command.ACTION_NONE))
-        self.observations = self.observations or self.create_subscription(
-            Observation, 'observation', self.decide, LATCHED
-        )
+        if not hasattr(self, 'seen'):
+            self.seen = self.create_subscription(Observation, 'observation', self.decide, LATCHED)
 
     def hear(self, said):
         bits = int.from_bytes(bytes(said.complete), 'little')

@@ -254,7 +254,7 @@ def test_logs_and_recording_are_proved_each_by_its_scenario(story: Story) -> Non
     whole = [it for it in prove_recording(story.fleet.bag, Given()) if 'seed' in it.mission]
     logs_alone = [*prove_recording(story.fleet.folder, Given())]
     assert len(whole) == len(logs_alone) == 6
-    assert {it.verdict for it in (*whole, *logs_alone)} == {Verdict.PROVED}
+    assert [it for it in (*whole, *logs_alone) if it.verdict != Verdict.PROVED] == []
 
 
 def test_a_world_that_is_interrupted_aborts_its_goal(story: Story) -> None:
