@@ -121,8 +121,13 @@ def test_a_paused_world_does_what_it_is_asked_for_and_flies_the_same_mission(
 
 
 def test_pace_and_patience_change_in_flight(fleet: Fleet, pilot: ScriptedAgents) -> None:
-    world = fleet.start_world(seed=SEED, real_time_factor=0.5)
+    world = fleet.start_world(seed=SEED - 1, missions=2, real_time_factor=0.5)
+    missions = pilot.heard[topics.MISSION.name]
     pilot.join(1)
+    answer_next(pilot, 0)
+    assert pilot.control(ASKED.ABORT).success  # long before the next event
+    pilot.wait_until(lambda: len(missions) == 3)
+    assert fleet.n_events(SEED - 1) == missions[1].n_decisions
     answer_next(pilot, 0)
     assert refusal_of(pilot, 'real_time_factor', -1) == (
         'real_time_factor is -1: must be a number from 0.0 to 1,000.0'
@@ -140,8 +145,7 @@ def test_pace_and_patience_change_in_flight(fleet: Fleet, pilot: ScriptedAgents)
         turn = pilot.next_turn()
     assert refusal_of(pilot, 'decision_timeout_s', 0.1) == ''
     world.wait_for('no answer to decision 5 within 0.1 s; the failsafe flies it home')
-    missions = pilot.heard[topics.MISSION.name]
-    pilot.wait_until(lambda: len(missions) == 2)
+    pilot.wait_until(lambda: len(missions) == 4)
     (whole,) = logs(fleet.scenario, [SEED])
     assert fleet.log(SEED).splitlines()[:6] == whole.splitlines()[:6]
     assert world.wait_for_exit() == 0

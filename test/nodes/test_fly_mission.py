@@ -31,6 +31,7 @@ from uav_collect_msgs.msg import Mission
 pytestmark = pytest.mark.ros
 
 SEED = 6
+N_RECORDED = 5  # missions, one of them aborted; the last one is not recorded
 PHASES = FlyMission.Feedback
 
 
@@ -104,6 +105,7 @@ class Story:
     fleet: Fleet
     others: dict[str, Scenario]  # scenarios that missions were flown over later
     world: RunningProcess
+    recorder: RunningProcess
     goals: dict[str, Goal | None] = field(default_factory=dict)
     missions: list[Any] = field(default_factory=list)
     scenarios: list[Any] = field(default_factory=list)
@@ -138,6 +140,7 @@ def fly_all(story: Story, here: Client) -> None:
     fleet.start_agent(3)
     goals['larger'] = here.fly(SEED + 3, story.others['larger'].to_yaml())
 
+    assert story.recorder.wait_for_exit() == 0
     last = here.send(SEED + 4)
     assert last is not None
     here.wait_until(lambda: any(it.n_decisions for it in last.feedback))
@@ -159,16 +162,14 @@ def story(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Story]:
         processes = Processes(folder, {'ROS_DOMAIN_ID': str(domain)})
         fleet = Fleet(processes=processes, scenario=scenario_of(), folder=folder / 'run')
         try:
-            recorder = fleet.start_recorder()
+            recorder = fleet.start_recorder(stop_after_missions=N_RECORDED)
             world = fleet.start_world(missions=0, real_time_factor=600)  # time for feedback
-            happened = Story(fleet=fleet, others=others, world=world)
+            happened = Story(fleet=fleet, others=others, world=world, recorder=recorder)
             with client() as here:
                 fly_all(happened, here)
                 happened.missions = here.listening.heard[topics.MISSION.name]
                 happened.scenarios = here.listening.heard[topics.SCENARIO.name]
                 assert world.wait_for_exit() == 0
-                recorder.send(signal.SIGINT)
-                recorder.wait_for_exit()
             yield happened
         except AssertionError as error:
             raise AssertionError(f'{error}\n{processes.outputs()}') from None
@@ -253,7 +254,7 @@ def test_a_recording_holds_the_missions_of_all_scenarios(story: Story) -> None:
 def test_logs_and_recording_are_proved_each_by_its_scenario(story: Story) -> None:
     whole = [it for it in prove_recording(story.fleet.bag, Given()) if 'seed' in it.mission]
     logs_alone = [*prove_recording(story.fleet.folder, Given())]
-    assert len(whole) == len(logs_alone) == 6
+    assert (len(whole), len(logs_alone)) == (N_RECORDED, N_RECORDED + 1)
     assert [it for it in (*whole, *logs_alone) if it.verdict != Verdict.PROVED] == []
 
 

@@ -416,6 +416,7 @@ class WorldNode(ProcessNode):
         mission, self.mission = self.mission, None
         if mission is None:
             return
+        self._close_event(mission)  # the figures count it
         self.roster.end_mission()
         self._folder.end()
         message = self._publish_mission(mission, phase, note)
