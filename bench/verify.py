@@ -79,9 +79,12 @@ class Case:
             if self.kind == PUBLISHED:
                 publish_in_turn(frozen_content(self.scenario), folder, n_missions)
             if self.kind == KILLED:
-                wait_until(lambda: n_lines(folder / log_name(0)) > 5)
+                log = folder / log_name(0)
+                wait_until(lambda: n_lines(log) > 5)
                 agents[1].popen.kill()
-                fleet.start('uav_agent', 'uav_2_again', self._flags(2)) if n_missions > 1 else None
+                wait_until(lambda: b'"failsafe"' in log.read_bytes())
+                if n_missions > 1:
+                    fleet.start('uav_agent', 'uav_2_again', self._flags(2))
             wait_until(lambda: recorder.popen.poll() is not None, recorder)
         finally:
             fleet.stop()
