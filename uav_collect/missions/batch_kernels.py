@@ -52,7 +52,14 @@ from uav_collect.world.exchange import (
     new_airwaves,
     speak,
 )
-from uav_collect.world.faults import draw_faults, Faults, faults_of, note_faults, slow_down
+from uav_collect.world.faults import (
+    draw_all_faults,
+    draw_faults,
+    Faults,
+    faults_of,
+    note_faults,
+    slow_down,
+)
 from uav_collect.world.reward import (
     earn,
     earn_interval,
@@ -141,8 +148,8 @@ def new_batch(
     max_sensors, is_news_wanted = most_sensors(sensor_field), settings.reward == _ENERGY
     link, faults = link_of(site.scenario), faults_of(site.scenario)
     missions = new_missions(briefing, sensor_field, mission_seeds)
-    for world in range(n_worlds):
-        draw_faults(faults, mission_of(missions, world))
+    if len(faults.kind) > 0:
+        draw_all_faults(faults, missions, n_worlds)
     return Batch(
         settings=settings,
         briefing=briefing,

@@ -21,7 +21,14 @@ from uav_collect.scenario.model import FAULT_KINDS, Scenario
 from uav_collect.uav.action_codes import HOME, NONE
 from uav_collect.uav.actions import home_energy_j
 from uav_collect.uav.briefing import Briefing
-from uav_collect.world.dynamics import has_fault, Mission, N_FAULT_KINDS, SLOW
+from uav_collect.world.dynamics import (
+    has_fault,
+    Mission,
+    mission_of,
+    Missions,
+    N_FAULT_KINDS,
+    SLOW,
+)
 
 _MOST_SLOWED = 1.0  # times its duration that an action of a slow UAV takes longer
 
@@ -77,6 +84,13 @@ def draw_faults(faults: Faults, mission: Mission) -> None:
         decision = faults.first_decision[index] + int(n_decisions * when)
         earlier = mission.fault_decision[place]
         mission.fault_decision[place] = decision if earlier == NONE else min(earlier, decision)
+
+
+@kernel
+def draw_all_faults(faults: Faults, missions: Missions, n_worlds: int) -> None:
+    """Draw the faults of the first missions of a batch, all at their start."""
+    for world in range(n_worlds):
+        draw_faults(faults, mission_of(missions, world))
 
 
 @kernel
