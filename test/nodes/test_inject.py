@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from pathlib import Path
-import signal
 from typing import Any
 
 from fleets import Fleet, Listener, listener, Pilots, scenario_of
@@ -35,40 +34,44 @@ def flown_with(scenario: Scenario, recorded: MissionLog) -> bytes:
     return simulation.log(header).to_jsonl()
 
 
-def injector(heard: Listener) -> Callable[[int, str], Any]:
-    """What asks the world to inject a fault, and gives its answer."""
-    from uav_collect.nodes.topics import INJECT_SERVICE
+def asker(heard: Listener, service: Any) -> Callable[..., Any]:  # noqa: ANN401 - a service
+    """What asks the world, and gives its answer."""
+    from uav_collect.nodes import topics
     from uav_collect_msgs.srv import InjectFault
 
-    client = heard.node.create_client(InjectFault, INJECT_SERVICE)
+    name = topics.INJECT_SERVICE if service is InjectFault else topics.CONTROL_SERVICE
+    client = heard.node.create_client(service, name)
     heard.wait_until(client.service_is_ready)
 
-    def inject(uav: int, fault: str) -> Any:  # noqa: ANN401 - a message
-        call = client.call_async(InjectFault.Request(uav=uav, fault=fault))
+    def ask(**values: object) -> Any:  # noqa: ANN401 - a message
+        call = client.call_async(service.Request(**values))
         heard.wait_until(call.done)
         return call.result()
 
-    return inject
+    return ask
 
 
 def test_injected_faults_are_logged_and_give_the_same_mission_again(
     processes: Processes, tmp_path: Path
 ) -> None:
+    from uav_collect_msgs.srv import ControlMission, InjectFault
+
     scenario = scenario_of(3, radio__loss_share=0.2, radio__delay_s=[2.0, 1.0])
     fleet = Fleet(processes=processes, scenario=scenario, folder=tmp_path / 'run')
-    world = fleet.start_world(seed=SEED, missions=1, decision_timeout_s=600.0)
-    held = fleet.start_agent(1)
-    world.wait_for('UAV 1: .* joined')
-    held.send(signal.SIGSTOP)  # the mission will wait for its first answer
+    world = fleet.start_world(seed=SEED, missions=1)
     with listener() as heard:
-        inject = injector(heard)
-        assert inject(1, 'slow').message == 'there is no mission in flight'
-        for uav in (2, 3):
-            fleet.start_agent(uav)
+        inject, control = asker(heard, InjectFault), asker(heard, ControlMission)
+        assert inject(uav=1, fault='slow').message == 'there is no mission in flight'
+        assert control(command=ControlMission.Request.PAUSE).success
+        fleet.start_agents()
         world.wait_for('mission .* starts')
-        answers = [inject(uav, kind) for uav, kind in ((1, 'slow'), (2, 'gone'), (3, 'silent'))]
-        wrong = [inject(4, 'slow'), inject(1, 'dead')]
-    held.send(signal.SIGCONT)
+        for _ in range(3):
+            assert control(command=ControlMission.Request.STEP).success
+        fleet.wait_for_events(SEED, 2)
+        faults = (1, 'slow'), (2, 'gone'), (3, 'silent')
+        answers = [inject(uav=uav, fault=kind) for uav, kind in faults]
+        wrong = [inject(uav=4, fault='slow'), inject(uav=1, fault='dead')]
+        assert control(command=ControlMission.Request.RESUME).success
     assert world.wait_for_exit() == 0
     assert all(answer.success for answer in answers)
     assert [answer.message for answer in wrong] == [

@@ -26,6 +26,7 @@ from uav_collect.uav.briefing import brief, Briefing
 from uav_collect.uav.heuristics import choose, MEMORY_SIZE
 from uav_collect.uav.observation import encode, Layout, observation_size
 from uav_collect.uav.view import LocalView, new_view_rows, ViewRows
+from uav_collect.world import exchange
 from uav_collect.world.dynamics import (
     contacts,
     end_s,
@@ -41,16 +42,6 @@ from uav_collect.world.dynamics import (
     wait_for_the_slowest,
     x_m_at,
     y_m_at,
-)
-from uav_collect.world.exchange import (
-    airwaves_of,
-    clear,
-    FleetAirwaves,
-    Link,
-    link_of,
-    meet,
-    new_airwaves,
-    speak,
 )
 from uav_collect.world.faults import (
     draw_all_faults,
@@ -114,8 +105,8 @@ class Batch(NamedTuple):
     sensor_field: SensorField
     terms: RewardTerms  # of rewards
     missions: Missions
-    link: Link  # between UAVs
-    airwaves: FleetAirwaves  # where that is not ideal
+    link: exchange.Link  # between UAVs
+    airwaves: exchange.FleetAirwaves  # where that is not ideal
     faults: Faults
     may_fail: int  # 1: there are some, or some have been injected
     beliefs: Beliefs  # by mission, then UAV: (W * U, ...)
@@ -146,7 +137,7 @@ def new_batch(
     n_worlds, n_uavs = len(mission_seeds), briefing.n_uavs
     n_cells = briefing.cells_per_side * briefing.cells_per_side
     max_sensors, is_news_wanted = most_sensors(sensor_field), settings.reward == _ENERGY
-    link, faults = link_of(site.scenario), faults_of(site.scenario)
+    link, faults = exchange.link_of(site.scenario), faults_of(site.scenario)
     missions = new_missions(briefing, sensor_field, mission_seeds)
     if len(faults.kind) > 0:
         draw_all_faults(faults, missions, n_worlds)
@@ -157,7 +148,7 @@ def new_batch(
         terms=reward_terms(site),
         missions=missions,
         link=link,
-        airwaves=new_airwaves(link, briefing, n_worlds),
+        airwaves=exchange.new_airwaves(link, briefing, n_worlds),
         faults=faults,
         may_fail=int(len(faults.kind) > 0),
         beliefs=new_beliefs(briefing, n_worlds * n_uavs),
@@ -197,7 +188,7 @@ def restart(batch: Batch, world: int) -> None:
     restart_mission(batch.briefing, batch.sensor_field, mission_of(batch.missions, world))
     draw_faults(batch.faults, mission_of(batch.missions, world))
     if batch.link.is_ideal == 0:
-        clear(airwaves_of(batch.airwaves, world))
+        exchange.clear(exchange.airwaves_of(batch.airwaves, world))
     for place in range(world * n_uavs, (world + 1) * n_uavs):
         forget(belief_of(batch.beliefs, place))
         for index in range(MEMORY_SIZE):
@@ -317,8 +308,10 @@ def listen(batch: Batch, world: int, uav: int, time_s: float) -> int:
     briefing, mission = batch.briefing, mission_of(batch.missions, world)
     if batch.link.is_ideal == 1:
         return contacts(briefing, mission, uav, time_s)
-    airwaves, first = airwaves_of(batch.airwaves, world), world * briefing.n_uavs
-    return meet(batch.link, briefing, mission, airwaves, batch.beliefs, first, uav, time_s)
+    airwaves, first = exchange.airwaves_of(batch.airwaves, world), world * briefing.n_uavs
+    return exchange.meet(
+        batch.link, briefing, mission, airwaves, batch.beliefs, first, uav, time_s
+    )
 
 
 @kernel
@@ -340,10 +333,10 @@ def be_heard(batch: Batch, world: int, uav: int, heard: int, time_s: float) -> N
     mission, first = mission_of(batch.missions, world), world * batch.briefing.n_uavs
     if batch.link.is_ideal == 0:
         airwaves, belief = (
-            airwaves_of(batch.airwaves, world),
+            exchange.airwaves_of(batch.airwaves, world),
             belief_of(batch.beliefs, first + uav),
         )
-        speak(batch.link, batch.briefing, mission, airwaves, belief, uav, time_s)
+        exchange.speak(batch.link, batch.briefing, mission, airwaves, belief, uav, time_s)
         return
     complete = batch.beliefs.complete[first + uav]
     x_m, y_m = x_m_at(mission, uav, time_s), y_m_at(mission, uav, time_s)
