@@ -35,10 +35,7 @@ def brief(scenario: Scenario) -> Briefing:
         cells_per_side=scenario.area.cells_per_side,
         cell_size_m=scenario.area.cell_size_m,
         n_uavs=len(uavs),
-        # A message that never arrives is one that is never in range: UAVs can know that, too.
-        contact_range_m=0.0
-        if scenario.radio.loss_share == 1.0
-        else scenario.radio.contact_range_m,
+        contact_range_m=_contact_range_m(scenario.radio),
         bandwidth_hz=scenario.bandwidth_hz,
         noise_w_per_hz=scenario.radio.noise_w_per_hz,
         tx_power_w=scenario.radio.tx_power_w,
