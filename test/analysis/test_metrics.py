@@ -95,7 +95,7 @@ def test_a_mission_without_data_is_complete() -> None:
 def test_contacts_count_the_uavs_heard_at_every_event(flown: MissionLog) -> None:
     events = flown.events.copy()
     events['heard'][:3] = [0b10, 0b01, 1 << 63]
-    assert metrics.mission_metrics(replace(flown, events=events)).n_contacts == 3
+    assert metrics.mission_metrics(replace(flown, events=events)).n_heard == 3
 
 
 def test_check_log_accepts_missions_whole_and_cut_short(flown: MissionLog) -> None:

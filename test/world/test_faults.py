@@ -52,6 +52,21 @@ def test_a_silent_uav_neither_hears_nor_is_heard_from_then_on() -> None:
     assert [heard[time_s] != 0 for time_s in (0.0, 5.0, 10.0)] == [True, False, False]
 
 
+def test_a_silent_uav_does_not_hear_what_was_under_way_to_it() -> None:
+    # The second UAV's message of 0 s reaches the first at 7 s, which is silent by then, or is not.
+    def heard(*faults: dict[str, object]) -> int:
+        flight = Flight(tiny(radio__delay_s=[7.0, 0.0], faults=[*faults]))
+        for action in (RIGHT, FORWARD, FORWARD):
+            flight.step(action)
+        event = flight.look()
+        assert (event.uav, event.view.time_s) == (0, 10.0)
+        return len(event.heard)
+
+    assert heard({'uav': 1, 'kind': 'silent', 'at_s': 6.0}) == 0
+    assert heard({'uav': 1, 'kind': 'silent', 'at_s': 8.0}) == 1
+    assert heard() == 1
+
+
 def test_what_a_slow_uav_does_takes_twice_as_long_at_the_same_power_but_its_way_home() -> None:
     log = flown({'uav': 1, 'kind': 'slow', 'at_s': 10.0})
     *moves, home = own(log, 1).events

@@ -67,7 +67,7 @@ class MissionMetrics:
     completion_s: float  # when the last UAV landed; nan if one has not
     n_decisions: int
     n_guarded: int  # of them by guards
-    n_contacts: int  # over all events, how many other UAVs the deciding one was in contact with
+    n_heard: int  # over all events, how many other UAVs the deciding one heard
     uavs: tuple[UavMetrics, ...]
 
     @property
@@ -128,7 +128,7 @@ def mission_metrics(log: MissionLog) -> MissionMetrics:
         completion_s=max((uav.landed_s for uav in uavs), key=_nan_is_last, default=math.nan),
         n_decisions=sum(uav.n_decisions for uav in uavs),
         n_guarded=sum(uav.n_guarded for uav in uavs),
-        n_contacts=sum(int(heard).bit_count() for heard in events['heard']),
+        n_heard=sum(int(heard).bit_count() for heard in events['heard']),
         uavs=uavs,
     )
 

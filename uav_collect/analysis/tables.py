@@ -115,7 +115,7 @@ def _fleet_table(
     by_guard = f'{mission.n_guarded} by the guard' if mission.n_guarded else ''
     table.add_row('decisions', str(mission.n_decisions), by_guard)
     if n_radio_messages is None:
-        table.add_row('radio contacts', str(mission.n_contacts))
+        table.add_row('UAVs heard', str(mission.n_heard), 'over all decisions')
     else:
         table.add_row('radio messages', str(n_radio_messages), 'delivered between UAVs')
     return table

@@ -93,7 +93,7 @@ class Waiting(NamedTuple):
     reward: Row[float]  # (W,) the same
     legal: Row[Row[int]]  # (W, N_ACTIONS)
     observation: Row[Row[float]]  # (W, observation_size)
-    heard: Row[int]  # (W,) UAVs in contact, as bits
+    heard: Row[int]  # (W,) UAVs that the deciding one heard, as bits
     n_records: Row[int]  # (W,)
 
 

@@ -21,7 +21,7 @@ from uav_collect.scenario.model import Scenario
 from uav_collect.uav.action_codes import NONE
 from uav_collect.uav.belief import Belief, belief_of, Beliefs
 from uav_collect.uav.briefing import Briefing
-from uav_collect.world.dynamics import contacts, has_landed, Mission, x_m_at, y_m_at
+from uav_collect.world.dynamics import contacts, has_landed, Mission, SILENT, x_m_at, y_m_at
 
 MOST_UNDER_WAY = 64  # messages from one UAV to another; what is sent meanwhile is lost
 _HEADER_BITS = 232  # sender 8, sequence 32, time and place 64 each; the map adds one for each cell
@@ -178,9 +178,9 @@ def meet(
     in_touch = contacts(briefing, mission, uav, time_s)
     for other in range(briefing.n_uavs):
         if in_touch >> other & 1:
-            hear_until(airwaves, beliefs, first, other, time_s)
+            hear_until(mission, airwaves, beliefs, first, other, time_s)
             send(link, mission, airwaves, other, 1 << uav, time_s)
-    hear_until(airwaves, beliefs, first, uav, time_s)
+    hear_until(mission, airwaves, beliefs, first, uav, time_s)
     heard = 0
     for other in range(briefing.n_uavs):
         pair = uav * briefing.n_uavs + other
@@ -231,7 +231,7 @@ def beacon_until(
         beacon_s = airwaves.n_beacons[0] * link.beacon_period_s
         for uav in range(briefing.n_uavs):
             if not has_landed(mission, uav, beacon_s):
-                hear_until(airwaves, beliefs, first, uav, beacon_s)
+                hear_until(mission, airwaves, beliefs, first, uav, beacon_s)
                 in_touch = contacts(briefing, mission, uav, beacon_s)
                 send(link, mission, airwaves, uav, in_touch, beacon_s)
 
@@ -274,24 +274,27 @@ def _send_to(
 
 
 @kernel
-def hear_until(airwaves: Airwaves, beliefs: Beliefs, first: int, uav: int, time_s: float) -> None:
-    """Let a UAV's radio take in what has arrived by a time."""
+def hear_until(
+    mission: Mission, airwaves: Airwaves, beliefs: Beliefs, first: int, uav: int, time_s: float
+) -> None:
+    """Let a UAV's radio take in what has arrived by a time; a silent one hears no more."""
     n_uavs = len(airwaves.busy_until_s)
     belief = belief_of(beliefs, first + uav)
+    deaf_from_s = mission.fault_s[SILENT * n_uavs + uav]
     for sender in range(n_uavs):
         pair = uav * n_uavs + sender
-        if airwaves.n_under_way[pair] > 0 and _take_arrived(airwaves, pair, time_s):
+        if airwaves.n_under_way[pair] > 0 and _take_arrived(airwaves, pair, time_s, deaf_from_s):
             _learn(airwaves, belief, uav, sender)
 
 
 @kernel
-def _take_arrived(airwaves: Airwaves, pair: int, time_s: float) -> bool:
+def _take_arrived(airwaves: Airwaves, pair: int, time_s: float, deaf_from_s: float) -> bool:
     """Take what has arrived off the air; whether it is newer than all before."""
     is_newer = False
     place = pair * MOST_UNDER_WAY
     last = place + airwaves.n_under_way[pair] - 1
     while place <= last:
-        if airwaves.arrives_s[place] > time_s:
+        if airwaves.arrives_s[place] > time_s or airwaves.arrives_s[place] >= deaf_from_s:
             place += 1
             continue
         if airwaves.number[place] > airwaves.heard_number[pair]:

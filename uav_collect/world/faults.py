@@ -7,7 +7,7 @@
   could then not fly home any more. The way home takes no longer.
 
 The others are told of none of it. What a scenario says is drawn by the mission's seed; an
-injected fault begins with the next event.
+injected fault begins with the next event that is not drawn yet.
 """
 
 from collections.abc import Iterator

@@ -95,19 +95,12 @@ class WorldControl:
         return response
 
     def _on_inject(self, request: Any, response: Any) -> Any:
-        mission = self._world.mission
-        if mission is None:
-            refusal: str | None = 'there is no mission in flight'
-        else:
-            refusal = mission.inject(request.fault, request.uav)
-        response.success = refusal is None
-        response.message = (
-            refusal or f'UAV {request.uav} is {request.fault} from the next event on'
-        )
-        if refusal is None:
-            self._node.get_logger().warning(
-                f'fault injected: UAV {request.uav} is {request.fault}'
-            )
+        mission, answer = self._world.mission, (False, 'there is no mission in flight')
+        if mission is not None:
+            answer = mission.inject(request.fault, request.uav)
+        response.success, response.message = answer
+        if response.success:
+            self._node.get_logger().warning(f'fault injected: {response.message}')
         return response
 
     def _start(self, seed: int, scenario: str) -> Answer:

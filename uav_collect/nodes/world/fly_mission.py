@@ -155,10 +155,10 @@ def _feedback(
         return FlyMission.Feedback(phase=FlyMission.Feedback.GATHERING, waiting_for=missing)
     simulation, awaited = mission.simulation, mission.awaited_uav
     return FlyMission.Feedback(
-        stamp=mission.stamp(simulation.time_s),
+        stamp=mission.stamp(mission.time_s),
         phase=FlyMission.Feedback.PAUSED if is_paused else FlyMission.Feedback.FLYING,
         waiting_for=[] if awaited is None else [awaited],
-        time_s=simulation.time_s,
+        time_s=mission.time_s,
         collected_share=simulation.collected_share,
         energy_j=simulation.energy_used_j,
         n_decisions=mission.n_decisions,

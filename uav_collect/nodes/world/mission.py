@@ -12,6 +12,7 @@ from uav_collect.analysis.metrics import mission_metrics, MissionMetrics
 from uav_collect.kernels.arrays import Row, row_of
 from uav_collect.lockstep.published_policy import PublishedPolicy
 from uav_collect.lockstep.roster import Pilot
+from uav_collect.lockstep.steering import Answer
 from uav_collect.missions.event_log import mission_header
 from uav_collect.missions.simulation import Event, FAILSAFE_DECISION, FAULT_DECISION, Simulation
 from uav_collect.nodes import convert
@@ -89,9 +90,11 @@ class MissionInFlight:
         flown = [pilot for pilot in pilots.values() if pilot.policy_version]  # not what it follows
         self.policy_versions = {pilot.policy: pilot.policy_version for pilot in flown}  # by name
         self.unflown = {uav for uav in ids if uav not in pilots}  # ids the failsafe flies home
+        self._gone: set[int] = set()  # of them, those whose agents a fault took
         self.pending: PendingDecision | None = None
         self.n_radio_messages = 0
         self.n_decisions = 0
+        self.time_s = 0.0  # of the latest event that has happened: the next one may be held back
         self._n_cells = scenario.n_cells
         self._histories: dict[int, _UavHistory] = defaultdict(_UavHistory)  # by id
         self._injected: list[tuple[str, int]] = []  # kinds and indices, for the next event
@@ -108,15 +111,17 @@ class MissionInFlight:
             self._event = self.simulation.next_event()
         return self._event
 
-    def inject(self, kind: str, uav: int) -> str | None:
-        """Let a fault befall a UAV, by id, from the next event on; why not, or None."""
+    def inject(self, kind: str, uav: int) -> Answer:
+        """Let a fault befall a UAV, by id; whether it will, and from when on or why not."""
         n_uavs = self.simulation.briefing.n_uavs
         if kind not in FAULT_KINDS:
-            return f'fault is {kind!r}: must be one of {", ".join(FAULT_KINDS)}'
+            return False, f'fault is {kind!r}: must be one of {", ".join(FAULT_KINDS)}'
         if not 1 <= uav <= n_uavs:
-            return f'uav is {uav}: must be from 1 to {n_uavs}'
+            return False, f'uav is {uav}: must be from 1 to {n_uavs}'
         self._injected.append((kind, uav - 1))
-        return None
+        # An event that is held back is drawn already.
+        first = self.simulation.n_events + (self._event is not None)
+        return True, f'UAV {uav} is {kind} from event {first} on'
 
     @property
     def next_time_s(self) -> float:
@@ -154,6 +159,7 @@ class MissionInFlight:
             observation.policy_trainer, observation.policy_sequence = self.policy.key
         history.observations.append(observation)
         self.pending = PendingDecision(event=event, observation=observation)
+        self.time_s = event.view.time_s
         return observation
 
     def accept_command(self, uav: int, msg: Any) -> str | None:
@@ -183,7 +189,7 @@ class MissionInFlight:
         return None
 
     def carry_out(self) -> None:
-        """Do what the answered decision says; the UAVs in contact hear the deciding one."""
+        """Do what the answered decision says; others hear the deciding UAV, at once or later."""
         pending = self.pending
         if pending is None or pending.decision is None or pending.complete is None:
             raise RuntimeError('there is no answered decision to carry out')
@@ -194,11 +200,15 @@ class MissionInFlight:
             self._send(hearer + 1, self._radio_msg(heard))
         self._start(event, pending.decision, pending.policy_version)
 
-    def fly_home(self, event: Event) -> None:
-        """Let the failsafe fly the deciding UAV home."""
+    def fly_home(self, event: Event) -> Decision:
+        """Let the failsafe fly the deciding UAV home; the decision that this is."""
         self.unflown.add(event.uav + 1)
+        if event.is_gone:
+            self._gone.add(event.uav + 1)
+        self.time_s = event.view.time_s
         decision = FAULT_DECISION if event.is_gone else FAILSAFE_DECISION
         self._start(event, decision, 'failsafe')
+        return decision
 
     def closed_event(self) -> tuple[Epoch, Events, tuple[FaultRecord, ...]] | None:
         """The latest event's epoch and log, once the next one is known; each is returned once.
@@ -246,8 +256,15 @@ class MissionInFlight:
     @property
     def failsafe_note(self) -> str:
         """Which UAVs the failsafe flew home, for people; empty if none."""
-        names = ', '.join(f'UAV {uav}' for uav in sorted(self.unflown))
-        return f'the failsafe flew home: {names}' if names else ''
+        notes = (
+            ('the failsafe flew home', self.unflown - self._gone),
+            ('a fault took the agents of', self._gone),
+        )
+        return '; '.join(
+            f'{what}: {", ".join(f"UAV {uav}" for uav in sorted(uavs))}'
+            for what, uavs in notes
+            if uavs
+        )
 
     def _mismatch(self, uav: int, decision: int) -> str | None:
         if self.pending is None or self.pending.event.uav + 1 != uav:
@@ -304,7 +321,7 @@ def mission_msg(mission: MissionInFlight, world_instance: str, index: int, phase
     """What the world publishes of a mission at its start and at its end."""
     result = mission.metrics()
     message = Mission(
-        stamp=mission.stamp(mission.simulation.time_s),
+        stamp=mission.stamp(mission.time_s),
         mission_id=mission.mission_id,
         phase=phase,
         world_instance=world_instance,

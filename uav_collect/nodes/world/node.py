@@ -16,7 +16,7 @@ from uav_collect.lockstep.published_policy import PolicyStore
 from uav_collect.lockstep.roster import Pilot, Roster
 from uav_collect.lockstep.schedule import MissionSchedule, SimulationPacer
 from uav_collect.lockstep.steering import Steering
-from uav_collect.missions.simulation import Event, FAILSAFE_DECISION
+from uav_collect.missions.simulation import Event
 from uav_collect.nodes import convert, topics
 from uav_collect.nodes.identity import scenario_msg, WorldIdentity
 from uav_collect.nodes.parameters import add_world_option, help_text
@@ -42,7 +42,7 @@ from uav_collect_msgs.srv import Join, Vouch
 
 _DESCRIPTION = """
 Simulates sensors, radio, flight and energy of a mission, hands each UAV's agent what it observes,
-waits for its command, and relays messages between UAVs in range. Waits for the whole fleet, flies
+waits for its command, and relays the messages between UAVs. Waits for the whole fleet, flies
 its missions, writes their logs and exits.
 """
 _TICK_S = 0.005
@@ -362,18 +362,18 @@ class WorldNode(ProcessNode):
         mission = self.mission
         if mission is None:
             return convert.stamp(self._clock_s)
-        return mission.stamp(mission.simulation.time_s)
+        return mission.stamp(mission.time_s)
 
     def _fly_home(self, mission: MissionInFlight, event: Event) -> None:
         has_agent = event.uav + 1 not in mission.unflown
-        mission.fly_home(event)
+        decision = mission.fly_home(event)
         if has_agent:
             self._pubs.publish_observation(event.uav + 1, mission.final_observation(event))
-        self._viewers.note_event(event, FAILSAFE_DECISION)
+        self._viewers.note_event(event, decision)
 
     def _keep_time(self, mission: MissionInFlight, now_s: float) -> None:
         """See to what is due: the clock, viewers, an agent that has not answered in time."""
-        time_s = mission.simulation.time_s
+        time_s = mission.time_s
         if not self._pacer.is_unlimited:
             time_s = self._pacer.pass_until(mission.next_time_s)
             self._pubs.publish_time(mission.clock_start_s + time_s)
