@@ -90,6 +90,21 @@ def test_what_was_heard_is_judged_anew_for_another_fleet(briefing: Briefing) -> 
     assert (store.latest, store.get(('one', 2))) == (None, None)
 
 
+@pytest.mark.parametrize('n_after', [0, 1])
+def test_another_fleet_brings_no_trainer_back_that_is_gone(
+    n_after: int, briefing: Briefing
+) -> None:
+    store = PolicyStore(briefing)
+    store.add(message(7, 'one', sec=100))
+    store.mark_trainer_gone()
+    for sequence in range(1, 2 + n_after):
+        if sequence > 1 - n_after:
+            store.add(message(sequence, 'two', sec=50))
+    store.recheck(briefing)
+    store.add(message(3, 'two', sec=50))
+    assert latest(store) == ('two', 3)
+
+
 @pytest.mark.parametrize(
     ('values', 'complaint'),
     [

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 from uav_collect.errors import ConfigError
-from uav_collect.lockstep.requested_scenario import requested_site
+from uav_collect.lockstep.requested_scenario import requested_site, ScenariosOfWorld
 from uav_collect.scenario.load import fingerprint, load
 
 ALIASES = 'a0: &a0 [1, 1]\n' + ''.join(
@@ -47,3 +47,19 @@ def test_a_fleet_that_cannot_start_is_refused() -> None:
     text = load('paper_8x8', {'fleet.default.energy_budget_kj': 1.1}).to_yaml()
     with pytest.raises(ConfigError, match=r'1\.1 kJ'):
         requested_site(text)
+
+
+@pytest.mark.parametrize(
+    'change',
+    [
+        {'name': 'mine'},
+        {'area.reference': {'lat_deg': 1.0, 'lon_deg': 2.0, 'position_m': [0.0, 0.0]}},
+    ],
+    ids=['name', 'place'],
+)
+def test_a_world_has_one_scenario_of_each_fingerprint(change: dict[str, object]) -> None:
+    scenarios = ScenariosOfWorld()
+    for name in ('paper_8x8', 'paper_10x10', 'paper_8x8'):
+        scenarios.add(load(name))
+    with pytest.raises(ConfigError, match='differs from paper_8x8, which this world has had'):
+        scenarios.add(load('paper_8x8', change))

@@ -32,6 +32,20 @@ def test_one_mission_at_a_time() -> None:
     assert schedule.next_seed == 1
 
 
+def test_in_a_row_none_is_planned_on_request_for_no_abort_would_help() -> None:
+    schedule = MissionSchedule(n_missions=2, next_seed=5)
+    in_a_row = (False, 'this world flies its missions in a row: start it with missions:=0')
+    assert schedule.request(1, is_flying=False) == in_a_row
+    schedule.start_next()
+    assert schedule.request(1, is_flying=True) == in_a_row
+
+
+def test_none_is_planned_as_the_world_ends() -> None:
+    schedule = MissionSchedule(n_missions=0, next_seed=None, is_closed=True)
+    assert schedule.request(1, is_flying=False) == (False, 'the world is being stopped')
+    assert schedule.next_seed is None
+
+
 @pytest.mark.parametrize(('seed', 'fits'), [(0, True), (MAX_SEED, True), (MAX_SEED + 1, False)])
 def test_a_seed_on_request_stays_within_bounds(seed: int, fits: bool) -> None:
     assert MissionSchedule(n_missions=0, next_seed=None).request(seed, is_flying=False)[0] is fits

@@ -79,6 +79,15 @@ def test_neither_a_repetition_nor_anything_older_is_taken() -> None:
     assert checker.refusal(third) is None
 
 
+def test_numbers_begin_at_1_whoever_seals() -> None:
+    content = serialized(7, 0)[:-16]
+    parts = struct.pack('<I', len(NAME)) + NAME.encode() + bytes(4) + content
+    tag = hashlib.blake2b(parts, digest_size=16, key=b'k' * 32, person=b'uav_collect seal')
+    assert Checker(secret(), NAME).refusal(content + tag.digest()) == (
+        'its seal 0 is no newer than 0: a repetition'
+    )
+
+
 def test_what_is_refused_does_not_keep_out_what_follows() -> None:
     signer, checker = Signer(secret(), NAME), Checker(secret(), NAME)
     first = sealed(signer)

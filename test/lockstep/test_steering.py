@@ -38,15 +38,17 @@ def test_each_step_is_one_event_whatever_the_pace(n_steps: int) -> None:
     assert n_events(asked) == n_steps
 
 
-@pytest.mark.parametrize('then', ['pause', 'abort'])
+@pytest.mark.parametrize('then', ['pause', 'abort', 'end'])
 def test_steps_that_were_not_taken_are_forgotten(then: str) -> None:
     asked = steering()
     asked.pause(is_flying=True, awaited=None)
     asked.step(is_flying=True, awaited=None)
     if then == 'pause':
         asked.pause(is_flying=True, awaited=None)
-    else:
+    elif then == 'abort':
         asked.abort(is_flying=True)
+    else:
+        asked.begin()  # the next mission
     assert n_events(asked) == 0
 
 

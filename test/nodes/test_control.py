@@ -125,6 +125,8 @@ def test_pace_and_patience_change_in_flight(fleet: Fleet, pilot: ScriptedAgents)
     missions = pilot.heard[topics.MISSION.name]
     pilot.join(1)
     answer_next(pilot, 0)
+    in_a_row = 'this world flies its missions in a row: start it with missions:=0'
+    assert pilot.control(ASKED.START, SEED).message == in_a_row
     assert pilot.control(ASKED.ABORT).success  # long before the next event
     pilot.wait_until(lambda: len(missions) == 3)
     assert fleet.n_events(SEED - 1) == missions[1].n_decisions
@@ -144,7 +146,9 @@ def test_pace_and_patience_change_in_flight(fleet: Fleet, pilot: ScriptedAgents)
         pilot.answer(turn)
         turn = pilot.next_turn()
     assert refusal_of(pilot, 'decision_timeout_s', 0.1) == ''
-    world.wait_for('no answer to decision 5 within 0.1 s; the failsafe flies it home')
+    late = 'no answer to decision 5 within 0.1 s; the failsafe flies it home'
+    # To go on without a pause is no reason to wait for longer.
+    pilot.wait_until(lambda: pilot.control(ASKED.RESUME).success and late in world.output)
     pilot.wait_until(lambda: len(missions) == 4)
     (whole,) = logs(fleet.scenario, [SEED])
     assert fleet.log(SEED).splitlines()[:6] == whole.splitlines()[:6]

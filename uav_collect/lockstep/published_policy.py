@@ -88,7 +88,8 @@ class PolicyStore:
     def __init__(self, briefing: Briefing) -> None:
         """Keep policies for a fleet and its area."""
         self._briefing = briefing
-        self._received: deque[Any] = deque(maxlen=_N_KEPT)  # messages, those refused included
+        # Messages, those refused included, and None where a trainer was gone.
+        self._received: deque[Any] = deque(maxlen=2 * _N_KEPT)
         self._kept: dict[PolicyKey, PublishedPolicy] = {}  # in the order they came
         self._is_trainer_gone = False
         self.latest: PublishedPolicy | None = None
@@ -124,10 +125,19 @@ class PolicyStore:
         self._briefing, self.latest = briefing, None
         self._received.clear()
         self._kept.clear()
-        return [refusal for msg in received if (refusal := self.add(msg)) is not None]
+        self._is_trainer_gone = False
+        refusals = []
+        for msg in received:
+            if msg is None:
+                self.mark_trainer_gone()
+            elif (refusal := self.add(msg)) is not None:
+                refusals.append(refusal)
+        return refusals
 
     def mark_trainer_gone(self) -> None:
         """Let what the next trainer publishes count, whatever its clock says."""
+        if not self._is_trainer_gone:
+            self._received.append(None)
         self._is_trainer_gone = True
 
 

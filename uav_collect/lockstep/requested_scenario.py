@@ -1,7 +1,8 @@
 """The scenario that somebody asks a running world to fly, as they name it in a message."""
 
 from uav_collect.errors import ConfigError
-from uav_collect.scenario.load import from_yaml, load, scenario_names
+from uav_collect.scenario.load import fingerprint, from_yaml, load, scenario_names
+from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site, Site
 from uav_collect.uav.actions import check_can_start
 from uav_collect.uav.briefing import brief
@@ -33,3 +34,25 @@ def requested_site(scenario: str) -> Site:
     except ConfigError as error:
         raise ConfigError('; '.join(str(error).splitlines())) from error
     return site
+
+
+class ScenariosOfWorld:
+    """Those that one world has had, which its recordings tell apart by fingerprint alone."""
+
+    def __init__(self) -> None:
+        """Have had none yet."""
+        self._named: dict[str, tuple[str, object]] = {}  # name and place by fingerprint
+
+    def add(self, scenario: Scenario) -> None:
+        """Take note of one.
+
+        Raises:
+            ConfigError: another one had its fingerprint.
+        """
+        own = scenario.name, scenario.area.reference
+        known = self._named.setdefault(fingerprint(scenario), own)
+        if known != own:
+            raise ConfigError(
+                f'scenario {scenario.name} differs from {known[0]}, which this world has had, by'
+                ' its name or its place on Earth alone: start another world for it'
+            )

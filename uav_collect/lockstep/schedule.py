@@ -19,6 +19,7 @@ class MissionSchedule:
     n_missions: int  # to fly in a row; -1: without end; 0: only on request, without end
     next_seed: int | None  # of the mission that starts once the fleet is complete
     n_started: int = 0
+    is_closed: bool = False  # the world ends: nothing more is planned on request
 
     @property
     def is_over(self) -> bool:
@@ -40,6 +41,10 @@ class MissionSchedule:
 
     def refusal(self, seed: int, *, is_flying: bool) -> str | None:
         """Why a mission cannot be planned on request; None if it can."""
+        if self.is_closed:
+            return 'the world is being stopped'
+        if self.n_missions != 0:
+            return 'this world flies its missions in a row: start it with missions:=0'
         if is_flying or self.next_seed is not None:
             return 'a mission is in flight or about to start: abort it first'
         if seed > MAX_SEED:

@@ -144,8 +144,9 @@ class Checker:
         if not hmac.compare_digest(tag, self._tags.tag(content[:-TAG_BYTE], context)):
             return 'its seal is not of this key, place and content'
         sender, sequence = _NUMBERS.unpack_from(content, len(content) - SEAL_BYTE)
-        if sequence <= self._latest.get(sender, 0):
-            return f'its seal {sequence} is no newer than {self._latest[sender]}: a repetition'
+        latest = self._latest.get(sender, 0)
+        if sequence <= latest:
+            return f'its seal {sequence} is no newer than {latest}: a repetition'
         self._latest[sender] = sequence
         self._latest.move_to_end(sender)
         if len(self._latest) > _MOST_SENDERS:

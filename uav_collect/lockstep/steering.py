@@ -22,6 +22,11 @@ class Steering:
     is_paused: bool = False
     n_steps: int = 0  # events that may happen although the world is paused
 
+    def begin(self) -> None:
+        """A mission starts: its time counts from 0, and it takes no step of the one before."""
+        self.n_steps = 0
+        self.pacer.restart()
+
     def start(self, seed: int, *, is_flying: bool) -> Answer:
         """Plan a mission."""
         is_done, text = self.schedule.request(seed, is_flying=is_flying)

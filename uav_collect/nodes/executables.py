@@ -85,7 +85,7 @@ def trainer() -> Main:
 
 @_executable
 def control() -> Main:
-    """Ask a world to start or abort a mission."""
+    """Ask a world to start, abort, pause, resume or step a mission, or to inject a fault."""
     interpret_kernels()
     from uav_collect.nodes.control.node import main
 

@@ -1,6 +1,7 @@
 """What nodes send and take with a seal, once there is a secret: topics and services alike.
 
-Every message of uav_collect_msgs ends with a seal; those of other packages have none.
+Of uav_collect_msgs, what is sent on a topic and both parts of a service end with a seal; actions
+and parts of other messages have none, nor have messages of other packages.
 """
 
 from array import array
@@ -52,6 +53,7 @@ class SealedClient:
     def __init__(self, node: ProcessNode, service_type: Any, name: str) -> None:
         """Ask on behalf of a node, as Node.create_client does."""
         self._node, self._name = node, name
+        self.refusal = ''  # why the latest answer that was none is refused
         self.client = node.create_client(service_type, name)
         self._signer = self._checker = None
         if node.secret is not None:
@@ -78,7 +80,7 @@ class SealedClient:
             why = self._checker.refusal(_plain(answer), seal)
             if why is not None:
                 warn_of(self._node, f'{self._name}: an answer', why)
-                answer = None
+                self.refusal, answer = why, None
         on_answer(answer)
 
 

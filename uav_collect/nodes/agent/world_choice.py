@@ -9,6 +9,7 @@ from typing import Any
 
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.subscription import Subscription
+from uav_collect.lockstep.flown_scenario import FlownScenario
 from uav_collect.nodes.identity import identity_of, NO_WORLD, silent_world
 from uav_collect.nodes.process import ProcessNode
 from uav_collect.nodes.topics import subscription, Topic
@@ -32,7 +33,7 @@ class WorldChoice:
         self._topic = topic
         self._fly_for = fly_for
         self._world = NO_WORLD
-        self._scenario = ''  # fingerprint of that which is flown for the world
+        self._flown = FlownScenario()
         self._vouching = Vouching(node)
         self._look_at_s = math.inf
         self._again: Subscription | None = None
@@ -42,7 +43,7 @@ class WorldChoice:
     @property
     def scenario_fingerprint(self) -> str:
         """Of the scenario that the world has."""
-        return self._scenario
+        return self._flown.fingerprint
 
     @property
     def instance(self) -> str:
@@ -63,7 +64,7 @@ class WorldChoice:
         world, before = identity_of(msg), self._world
         if world.gives_way_to(before):
             self._look_within(_GIVES_WAY_S)
-        elif world != before or msg.fingerprint != self._scenario:
+        elif self._flown.is_news(world.instance, msg.fingerprint) or world != before:
             answered = partial(self._on_answer, msg)
             self._vouching.ask(
                 msg.vouch_service,
@@ -80,9 +81,8 @@ class WorldChoice:
             self._node.warn('no world', silent_world(msg))
             self._look_within(_GIVES_WAY_S)  # it may only have been too busy to answer
         elif not world.gives_way_to(before):
-            flown, self._scenario = self._scenario, msg.fingerprint
             self._world = world
-            if (world.instance, msg.fingerprint) != (before.instance, flown):
+            if self._flown.take(world.instance, msg.fingerprint):
                 self._fly_for(msg)
 
     def _on_liveliness(self, event: Any) -> None:

@@ -1,1 +1,1 @@
-"""The tool that asks a world to start or abort missions."""
+"""The tool that asks a world to start, abort, pause or step missions, or to inject a fault."""

@@ -9,6 +9,7 @@ from typing import Any
 from rclpy.clock import Clock, ClockType
 from uav_collect.errors import ConfigError
 from uav_collect.limits import MAX_SEED, MAX_UAVS
+from uav_collect.lockstep.asking import Asking
 from uav_collect.nodes.agent.world_choice import WorldChoice
 from uav_collect.nodes.parameters import add_world_option
 from uav_collect.nodes.process import FAILED, parse_arguments, ProcessNode, run_node
@@ -29,8 +30,7 @@ _COMMANDS = {
 }
 _INJECT = 'inject'
 _TICK_S = 0.05
-_PATIENCE_S = 10.0  # until a world is found that answers
-_AGAIN_S = 2.0  # from a request that nobody has answered to the next one
+_REPEATABLE = (_ASKED.PAUSE, _ASKED.RESUME)  # a second one changes nothing
 
 
 class ControlNode(ProcessNode):
@@ -51,26 +51,23 @@ class ControlNode(ProcessNode):
         service = names.inject_service if is_fault else names.control_service
         self._client = SealedClient(self, service_type, service)
         self._choice = WorldChoice(self, names.scenario, lambda _: None)
-        self._begun_s, self._asked_s = time.monotonic(), -_AGAIN_S
+        is_repeatable = not is_fault and request.command in _REPEATABLE
+        self._asking = Asking(is_repeatable=is_repeatable, begun_s=time.monotonic())
         self.create_timer(_TICK_S, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _tick(self) -> None:
         self._choice.tick()
-        now_s = time.monotonic()
-        if now_s - self._begun_s > _PATIENCE_S:
-            self.get_logger().error(f'no world has answered within {_PATIENCE_S:g} s')
+        now_s, world = time.monotonic(), self._choice.instance
+        complaint = self._asking.complaint(now_s)
+        if complaint is not None:
+            self.get_logger().error(complaint)
             self.end(FAILED)
-        elif (
-            self._choice.instance
-            and now_s - self._asked_s >= _AGAIN_S
-            and self._client.client.service_is_ready()
-        ):
-            self._asked_s = now_s
-            self._client.call(self._request, self._on_answer, self._choice.instance)
+        elif self._client.client.service_is_ready() and self._asking.asks(world, now_s):
+            self._client.call(self._request, self._on_answer, world)
 
     def _on_answer(self, answer: Any) -> None:
         if answer is None:  # of somebody else
-            self._asked_s = time.monotonic() - _AGAIN_S
+            self._asking.refusal = self._client.refusal
             return
         sys.stdout.write(f'{answer.message}\n')
         self.end(0 if answer.success else FAILED)

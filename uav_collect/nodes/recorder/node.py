@@ -194,23 +194,18 @@ class RecorderNode(ProcessNode):
         if topic == self._names.scenario:
             take = self._take_scenario
         stamps = StampReader(topic.type_name, self._types.fields)
-        on_message = self._on_clock if topic == self._names.clock else self._on_message
+        on_message = partial(self._on_message, stored, stamps, take, checker(self, topic))
+        if topic == self._names.clock:
+            on_message = partial(self._on_clock, stored, stamps)
         self._listeners[topic.name] = self.create_subscription(
             topic.message,
             topic.name,
-            partial(on_message, stored, stamps, take, checker(self, topic)),
+            on_message,
             patient_qos(topic.qos, _READER_DEPTH),
             raw=True,
         )
 
-    def _on_clock(
-        self,
-        stored: Connection,
-        stamps: StampReader,
-        take: Taker | None,
-        seals: Checker | None,
-        message: bytes,
-    ) -> None:
+    def _on_clock(self, stored: Connection, stamps: StampReader, message: bytes) -> None:
         """Keep the clock, but no more of it than of events: there may be thousands between two."""
         log_ns = self._log_times.log_ns(stored.msgtype, stamps.read_ns(message))
         if self.end_status is None and self._log_times.keeps_clock():

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import Any, Protocol
 
 from uav_collect.errors import ConfigError
-from uav_collect.lockstep.requested_scenario import requested_site
+from uav_collect.lockstep.requested_scenario import requested_site, ScenariosOfWorld
 from uav_collect.lockstep.roster import Roster
 from uav_collect.lockstep.steering import Answer, Steering
 from uav_collect.nodes.process import ProcessNode
@@ -17,6 +17,7 @@ from uav_collect.scenario.site import Site
 from uav_collect_msgs.srv import ControlMission, InjectFault
 
 _ASKED = ControlMission.Request
+_WHILE_PAUSED = (_ASKED.PAUSE, _ASKED.RESUME, _ASKED.STEP)
 _COMMANDS = ('START', 'ABORT', 'PAUSE', 'RESUME', 'STEP')
 
 
@@ -54,6 +55,8 @@ class WorldControl:
             instance: UUID of the world, which sealed requests are for.
         """
         self._node, self._world, self._steering = node, world, steering
+        self._scenarios = ScenariosOfWorld()
+        self._scenarios.add(world.site.scenario)
         serve(node, ControlMission, names.control_service, self._on_control, instance)
         serve(node, InjectFault, names.inject_service, self._on_inject, instance)
         node.add_post_set_parameters_callback(self._on_parameters)
@@ -66,7 +69,8 @@ class WorldControl:
         self.goals.inform(now_s, world.mission, world.roster.missing(), is_paused=is_paused)
 
     def close(self) -> None:
-        """Answer clients as the process ends."""
+        """Answer clients as the process ends, and plan nothing more."""
+        self._steering.schedule.is_closed = True
         self.goals.end_if_called_off(is_planned=False)
         self.goals.close()
 
@@ -74,6 +78,7 @@ class WorldControl:
         mission = self._world.mission
         is_flying = mission is not None
         awaited = None if mission is None else mission.awaited_uav
+        was_paused = self._steering.is_paused
         match request.command:
             case _ASKED.START:
                 answer = self._start(int(request.seed), request.scenario)
@@ -88,7 +93,8 @@ class WorldControl:
             case _:
                 known = ', '.join(_COMMANDS)
                 answer = False, f'command {request.command} is none of {known}'
-        if answer[0] and request.command in (_ASKED.PAUSE, _ASKED.RESUME, _ASKED.STEP):
+        is_steered = was_paused or self._steering.is_paused  # RESUME alone is no news
+        if answer[0] and is_steered and request.command in _WHILE_PAUSED:
             self._node.get_logger().info(answer[1])
             self._world.go_on()
         response.success, response.message = answer
@@ -111,6 +117,7 @@ class WorldControl:
             return False, refusal
         try:
             site = requested_site(scenario) if scenario else self._world.site
+            self._scenarios.add(site.scenario)
         except ConfigError as error:
             return False, str(error)
         if fingerprint(site.scenario) != fingerprint(self._world.site.scenario):

@@ -302,7 +302,7 @@ class WorldNode(ProcessNode):
             clock_start_s=self._clock_s,
         )
         self.mission = mission
-        self._pacer.restart()
+        self._steering.begin()
         self._control.goals.begin()
         index, versions = self._schedule.n_started - 1, mission.policy_versions
         self._diagnostics.warn_if_lost(self._folder.begin(mission.header, index, versions))

@@ -23,7 +23,7 @@ PARAMETERS = (
         name='missions',
         default=1,
         description='missions to fly in a row before the world exits; -1: one after another '
-        'without end; 0: only those that /world/control starts, without end',
+        'without end; 0: only those that /world/control or /world/fly_mission starts, without end',
         low=-1,
         high=1_000_000,
     ),
