@@ -145,8 +145,8 @@ def test_pace_and_patience_change_in_flight(fleet: Fleet, pilot: ScriptedAgents)
     while turn is not None and turn.observation.decision < 5:
         pilot.answer(turn)
         turn = pilot.next_turn()
-    assert refusal_of(pilot, 'decision_timeout_s', 0.1) == ''
-    late = 'no answer to decision 5 within 0.1 s; the failsafe flies it home'
+    assert refusal_of(pilot, 'decision_timeout_s', 0.5) == ''
+    late = 'no answer to decision 5 within 0.5 s; the failsafe flies it home'
     # To go on without a pause is no reason to wait for longer.
     pilot.wait_until(lambda: pilot.control(ASKED.RESUME).success and late in world.output)
     pilot.wait_until(lambda: len(missions) == 4)
