@@ -79,6 +79,13 @@ def test_neither_a_repetition_nor_anything_older_is_taken() -> None:
     assert checker.refusal(third) is None
 
 
+def test_out_of_a_bag_any_order_is_taken_and_a_repetition_still_is_none() -> None:
+    signer, checker = Signer(secret(), NAME), Checker(secret(), NAME, is_ordered=False)
+    first, second, third = (sealed(signer) for _ in range(3))
+    assert [checker.refusal(each) for each in (second, first, third)] == [None] * 3
+    assert 'a repetition' in str(checker.refusal(first))
+
+
 def test_numbers_begin_at_1_whoever_seals() -> None:
     content = serialized(7, 0)[:-16]
     parts = struct.pack('<I', len(NAME)) + NAME.encode() + bytes(4) + content

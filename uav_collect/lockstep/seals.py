@@ -131,10 +131,16 @@ class Signer:
 class Checker:
     """Checks the seals of what one receiver gets under one name."""
 
-    def __init__(self, secret: Secret, name: str) -> None:
-        """Know of no sender yet; the arguments are those of a Signer."""
+    def __init__(self, secret: Secret, name: str, *, is_ordered: bool = True) -> None:
+        """Know of no sender yet; the other arguments are those of a Signer.
+
+        Args:
+            is_ordered: False: messages of one sender may come in any order, as out of a bag.
+        """
         self._tags = _Tags(secret, name)
+        self._is_ordered = is_ordered
         self._latest: OrderedDict[int, int] = OrderedDict()  # sequence by sender, the latest last
+        self._taken: set[tuple[int, int]] = set()  # sender and sequence, where there is no order
 
     def refusal(self, content: bytes, context: bytes = b'') -> str | None:
         """Why a serialized message is refused, or None: then it is refused from now on."""
@@ -144,6 +150,8 @@ class Checker:
         if not hmac.compare_digest(tag, self._tags.tag(content[:-TAG_BYTE], context)):
             return 'its seal is not of this key, place and content'
         sender, sequence = _NUMBERS.unpack_from(content, len(content) - SEAL_BYTE)
+        if not self._is_ordered:
+            return self._repetition(sender, sequence)
         latest = self._latest.get(sender, 0)
         if sequence <= latest:
             return f'its seal {sequence} is no newer than {latest}: a repetition'
@@ -151,6 +159,12 @@ class Checker:
         self._latest.move_to_end(sender)
         if len(self._latest) > _MOST_SENDERS:
             self._latest.popitem(last=False)
+        return None
+
+    def _repetition(self, sender: int, sequence: int) -> str | None:
+        if (sender, sequence) in self._taken:
+            return f'its seal {sequence} was there before: a repetition'
+        self._taken.add((sender, sequence))
         return None
 
 

@@ -117,7 +117,7 @@ def seals_of_bag(node: ProcessNode, bag: Path) -> Callable[[str, bytes], bool]:
         if node.secret is None:
             return True
         if topic not in checkers:
-            checkers[topic] = Checker(node.secret, topic)
+            checkers[topic] = Checker(node.secret, topic, is_ordered=False)  # sorted by log time
         why = checkers[topic].refusal(content)
         if why is not None:
             warn_of(node, f'{bag}: {topic}: a message', why)
