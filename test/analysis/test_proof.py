@@ -7,8 +7,8 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from recordings import end_of, messages_of, start_of, Values, write_bag
-from uav_collect.analysis.proof import bag_account, Proof, Verdict
+from recordings import end_of, flown_with_injected, messages_of, start_of, Values, write_bag
+from uav_collect.analysis.proof import bag_account, log_account, Proof, Verdict
 from uav_collect.analysis.proof import prove as prove_accounts
 from uav_collect.analysis.recording_proof import Given, prove_recording
 from uav_collect.missions.recorded_policies import RecordedPolicies
@@ -156,11 +156,12 @@ def test_figures_that_do_not_follow_are_named(phase: int, field: str, prove: Pro
     assert any(f'message about its {word}: {field} is ' in each for each in proof.findings)
 
 
-def test_what_is_said_of_a_uav_in_the_end_follows_too(prove: Prove) -> None:
+@pytest.mark.parametrize('field', ['hover_s', 'outcome'])
+def test_what_is_said_of_a_uav_in_the_end_follows_too(field: str, prove: Prove) -> None:
     def change(phases: list[Values], said: Said) -> None:
-        phases[1]['uavs'][1]['hover_s'] += 1.0
+        phases[1]['uavs'][1][field] += 1
 
-    assert any('end: UAV 2: hover_s is ' in each for each in prove(change).findings)
+    assert any(f'end: UAV 2: {field} is ' in each for each in prove(change).findings)
 
 
 @pytest.mark.parametrize('kind', ['epoch', 'observation', 'command', 'radio_tx', 'radio_rx'])
@@ -193,6 +194,15 @@ def test_a_command_that_the_world_did_not_wait_for_is_passed_over(prove: Prove) 
         }
 
     assert prove(change).verdict is Verdict.PROVED
+
+
+def test_faults_that_only_the_second_account_tells_of_were_injected_too(site: Site) -> None:
+    log = flown_with_injected(site, 'sweep', 6, ('slow', 0), ('silent', 1), seed=SEED)
+    content = log.to_jsonl()
+    cut_off = content[: content.index(b'{"event": 5')]
+    accounts = [log_account('cut', cut_off), log_account('whole', content)]
+    proof = prove_accounts('m', accounts, site, RecordedPolicies(), None)
+    assert str(proof).endswith(f'{len(log.events)} events, 2 injected faults taken as recorded')
 
 
 def test_a_recording_cut_off_in_flight_is_proved_as_far_as_it_goes(prove: Prove) -> None:

@@ -9,6 +9,7 @@ from bag_damage import changed_byte
 from fleets import flown_without
 import pytest
 from random_policies import header, saved
+from recordings import flown_with_injected
 from uav_collect.__main__ import main
 from uav_collect.missions.rollout import fly
 from uav_collect.recording.mission_folder import MissionFolder
@@ -268,6 +269,33 @@ def test_a_mission_of_lost_messages_and_faults_is_proved_with_what_was_injected(
     changed('"fault": "gone"', '"fault": "slow"')(folder / 'mission_1.jsonl')
     [first, *_] = verified(folder, status=1)
     assert 'differs: event ' in first
+
+
+@pytest.fixture(scope='module')
+def faulty(site: Site) -> MissionLog:
+    return flown_with_injected(site, 'sweep', 6, ('slow', 1))
+
+
+@pytest.mark.parametrize(
+    ('field', 'other'),
+    [
+        ('"uav": 2', '"uav": "2"'),
+        ('"uav": 2', '"uav": [2]'),
+        ('"uav": 2', '"uav": true'),
+        ('"uav": 2', '"UAV": 2'),
+        ('"event": 6', '"event": 6.0'),
+        ('"fault": "slow"', '"fault": ["slow"]'),
+    ],
+)
+def test_a_fault_with_a_value_of_another_kind_differs(
+    field: str, other: str, faulty: MissionLog, small: Scenario, tmp_path: Path, verified: Verified
+) -> None:
+    folder = keep(tmp_path / 'run', small, faulty)
+    [line] = [it for it in faulty.to_jsonl().decode().splitlines() if '"fault": "slow"' in it]
+    assert field in line
+    changed(line, line.replace(field, other))(folder / 'mission_0.jsonl')
+    [mission, _] = verified(folder, status=1)
+    assert 'differs: event 6: 1 faults are recorded, flown 0' in mission
 
 
 def test_a_policy_of_another_version_is_named_though_only_its_log_is_left(

@@ -6,12 +6,15 @@ from typing import Any
 
 from bags import ENDED, HandMadeBag, STARTED
 import numpy as np
-from uav_collect.analysis.metrics import mission_metrics
+from uav_collect.analysis.metrics import mission_metrics, OUTCOME_CODES
 from uav_collect.missions.reflight import FlownBy, fly_again
+from uav_collect.missions.rollout import fly
+from uav_collect.missions.simulation import fly_agents, Simulation
 from uav_collect.recording.mission_log import header_line, MissionLog
 from uav_collect.recording.mission_messages import MessagePlace
 from uav_collect.scenario.load import fingerprint
 from uav_collect.scenario.site import Site
+from uav_collect.uav.agent import Agent, allocator_named
 from uav_collect.uav.observation import Layout
 from uav_collect.uav.policy import guard_for, policy_named
 
@@ -53,6 +56,25 @@ def messages_of(site: Site, log: MissionLog) -> dict[MessagePlace, Values]:
     return said
 
 
+def flown_with_injected(
+    site: Site, policy: str, before: int, *faults: tuple[str, int], seed: int = 0
+) -> MissionLog:
+    """A mission in which faults were injected before an event: kinds, and indices of UAVs."""
+    [plain] = fly(site, [seed], policy)
+    simulation = Simulation(site, seed)
+    agents = [
+        Agent(simulation.briefing, index, policy_named(policy), allocator_named(uav.allocator))
+        for index, uav in enumerate(plain.header.uavs)
+    ]
+    flight = fly_agents(simulation, agents)
+    for _ in range(before):
+        next(flight)
+    for kind, uav in faults:
+        simulation.inject(kind, uav)
+    assert len([*flight]) > 2
+    return simulation.log(plain.header)
+
+
 def start_of(site: Site, log: MissionLog, demand_bit: Sequence[float]) -> Values:
     """What is said of the mission at its start."""
     return {
@@ -74,6 +96,7 @@ def end_of(site: Site, log: MissionLog, demand_bit: Sequence[float]) -> Values:
     uavs = [
         {
             'uav': uav.id,
+            'outcome': OUTCOME_CODES[uav.outcome],
             'decisions': uav.n_decisions,
             'guarded': uav.n_guarded,
             **{

@@ -1,19 +1,21 @@
 """A recorded mission flown again gives the log, and what its messages must say."""
 
+from dataclasses import replace
+
 import pytest
+from recordings import flown_with_injected
 from tiny_world import tiny, uav
 from uav_collect.errors import AllocationError
 from uav_collect.missions.reflight import FlownBy, fly_again
 from uav_collect.missions.rollout import fly
-from uav_collect.missions.simulation import fly_agents, Simulation
 from uav_collect.recording.mission_log import FaultRecord, MissionLog
 from uav_collect.recording.mission_messages import MessagePlace
 from uav_collect.scenario.load import load
 from uav_collect.scenario.model import FAULT_KINDS
 from uav_collect.scenario.site import build_site, Site
 from uav_collect.uav.action_codes import FAILSAFE, NONE
-from uav_collect.uav.agent import Agent, allocator_named
-from uav_collect.uav.policy import policy_named
+from uav_collect.uav.briefing import Briefing
+from uav_collect.uav.policy import Policy, policy_named
 
 
 @pytest.fixture(scope='module')
@@ -64,20 +66,17 @@ def test_an_allocator_that_there_is_not_is_refused(site: Site, log: MissionLog) 
         fly_again(site, log.header, crew('none'))
 
 
-def flown_with_injected(site: Site, kind: str, uav: int, before: int) -> MissionLog:
-    """A mission in which a fault was injected before an event."""
-    simulation = Simulation(site, 0)
-    agents = [
-        Agent(simulation.briefing, index, each.policy, allocator_named(each.allocator))
-        for index, each in enumerate(crew())
-    ]
-    flight = fly_agents(simulation, agents)
-    for _ in range(before):
-        next(flight)
-    simulation.inject(kind, uav)
-    assert len([*flight]) > 2
-    [plain] = fly(site, [0], 'hert')
-    return simulation.log(plain.header)
+class CountedPolicy:
+    """A policy that counts the missions that it begins."""
+
+    def __init__(self, policy: Policy) -> None:
+        self._policy, self.n_begun = policy, 0
+        self.name, self.version = policy.name, policy.version
+        self.choose = policy.choose
+
+    def begin(self, briefing: Briefing, uav: int) -> None:
+        self.n_begun += 1
+        self._policy.begin(briefing, uav)
 
 
 @pytest.mark.parametrize('kind', FAULT_KINDS)
@@ -85,12 +84,35 @@ def flown_with_injected(site: Site, kind: str, uav: int, before: int) -> Mission
 def test_a_fault_that_was_injected_is_taken_from_the_record(
     site: Site, kind: str, before: int
 ) -> None:
-    log = flown_with_injected(site, kind, 1, before)
+    log = flown_with_injected(site, 'hert', before, (kind, 1))
     [fault] = log.faults
     assert fault.event == before
     flown = fly_again(site, log.header, crew(), faults=log.faults)
     assert flown.log.to_jsonl() == log.to_jsonl()
     assert [*flown.injected] == [fault]
+
+
+def test_faults_that_were_injected_together_are_taken_together(site: Site) -> None:
+    log = flown_with_injected(site, 'hert', 2, ('slow', 1), ('silent', 2), ('silent', 1))
+    flown = fly_again(site, log.header, crew(), faults=log.faults)
+    assert flown.log.to_jsonl() == log.to_jsonl()
+    assert [*flown.injected] == [*log.faults]
+    assert len(log.faults) == 3
+
+
+def test_a_mission_is_flown_once_more_for_each_event_with_faults_however_many(site: Site) -> None:
+    log = flown_with_injected(site, 'hert', 2, ('slow', 1), ('silent', 2), ('silent', 1))
+    first, second = crew()
+    counted = CountedPolicy(first.policy)
+    fly_again(site, log.header, [replace(first, policy=counted), second], faults=log.faults)
+    assert counted.n_begun == 2
+
+
+def test_a_fault_of_no_known_kind_keeps_no_other_one_out(site: Site) -> None:
+    log = flown_with_injected(site, 'hert', 3, ('silent', 1))
+    unknown = replace(log.faults[0], event=1, fault='bored')
+    flown = fly_again(site, log.header, crew(), faults=[unknown, *log.faults])
+    assert flown.log.to_jsonl() == log.to_jsonl()
 
 
 def test_a_fault_of_the_scenario_comes_by_itself() -> None:

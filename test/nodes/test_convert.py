@@ -14,6 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 from tiny_world import tiny, uav
+from uav_collect.analysis.metrics import OUTCOME_CODES, UNFINISHED
 from uav_collect.kernels.arrays import row_of
 from uav_collect.lockstep.inbox import Inbox
 from uav_collect.lockstep.roster import Pilot
@@ -27,7 +28,7 @@ from uav_collect.uav.briefing import brief
 from uav_collect.uav.messages import Decision, RadioMessage
 from uav_collect.uav.policy import policy_named
 from uav_collect.uav.view import LocalView
-from uav_collect_msgs.msg import Epoch
+from uav_collect_msgs.msg import Epoch, UavFigures
 from uav_collect_msgs.srv import Join
 
 REGION_BIT = [0.0, math.nan, 0.1, 1e6, 1.0 / 3.0, 0.0, 2.5, math.nan, 7.0]
@@ -231,3 +232,15 @@ def test_a_stamp_is_rounded_to_the_nanosecond(time_s: float, sec: int, nanosec: 
 
 def test_a_request_that_tells_of_no_guard_has_none() -> None:
     assert convert.pilot_from_request(sent(Join.Request(uav=1))).guard_after == action_codes.NONE
+
+
+def test_the_ends_of_uavs_have_the_codes_of_their_message() -> None:
+    names = action_codes.REASON_NAMES
+    assert {
+        names[action_codes.MAP_COMPLETE]: UavFigures.MAP_COMPLETE,
+        names[action_codes.ENERGY_RESERVE]: UavFigures.ENERGY_RESERVE,
+        names[action_codes.BY_POLICY]: UavFigures.CHOSEN,
+        names[action_codes.FAILSAFE]: UavFigures.FAILSAFE,
+        UNFINISHED: UavFigures.ABORTED,
+        names[action_codes.FAULT]: UavFigures.FAULT,
+    } == OUTCOME_CODES

@@ -17,6 +17,7 @@ from mcap.reader import make_reader
 from processes import own_domain, Processes, ros_environment
 from rclpy.serialization import deserialize_message
 from rosbags.highlevel import AnyReader
+from sensor_msgs.msg import NavSatStatus
 from uav_collect.nodes import topics
 from uav_collect.nodes.world.markers import FRAME
 from uav_collect.recording.bag_reader import read_missions
@@ -88,6 +89,19 @@ def place_m(log: MissionLog, uav: int, home_m: Any, time_s: float) -> Any:  # no
     times_s = np.append(own['time_s'], own['time_s'][-1] + own['duration_s'][-1])
     corners = [(own[axis], home_m[index]) for index, axis in enumerate(('x_m', 'y_m'))]
     return [np.interp(time_s, times_s, np.append(*corner)) for corner in corners]
+
+
+def turns(stops: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    """The stops of a way at which it does not go straight on."""
+    return [
+        here
+        for (before, here), (_, after) in itertools.pairwise(itertools.pairwise(stops))
+        if heading_rad(before, here) != heading_rad(here, after)
+    ]
+
+
+def heading_rad(start: tuple[float, float], end: tuple[float, float]) -> float:
+    return math.atan2(end[1] - start[1], end[0] - start[0])
 
 
 def energy_left_j(log: MissionLog, uav: int, time_s: float) -> float:
@@ -163,16 +177,18 @@ def test_odometry_tells_the_same_with_heading_and_speed(recorded: Recorded) -> N
         assert turn == transform.transform.rotation
         assert turn.z**2 + turn.w**2 == pytest.approx(1.0)
     speed_mps = recorded.scenario.uavs[1].speed_mps
+    headings_rad = []
     for before, after in itertools.pairwise(odometry[: len(recorded.of_first('/tf')) - 1]):
         here, then = before.pose.pose.position, after.pose.pose.position
         east_m, north_m = then.x - here.x, then.y - here.y
         if math.hypot(east_m, north_m) == pytest.approx(speed_mps / RATE_HZ):  # no turn between
             turn = after.pose.pose.orientation
-            heading_rad = 2.0 * math.atan2(turn.z, turn.w)
-            ahead = (math.cos(heading_rad), math.sin(heading_rad))
+            headings_rad.append(2.0 * math.atan2(turn.z, turn.w))
+            ahead = (math.cos(headings_rad[-1]), math.sin(headings_rad[-1]))
             along_m = east_m * ahead[0] + north_m * ahead[1]
             assert along_m == pytest.approx(speed_mps / RATE_HZ)
             assert after.twist.twist.linear.x == pytest.approx(speed_mps)
+    assert len({round(heading_rad, 6) for heading_rad in headings_rad}) > 1
 
 
 def test_the_battery_holds_what_the_log_says(recorded: Recorded) -> None:
@@ -188,11 +204,14 @@ def test_the_battery_holds_what_the_log_says(recorded: Recorded) -> None:
 def test_the_way_ends_at_home_and_turns_where_the_log_says(recorded: Recorded) -> None:
     for uav in (1, 2):
         *_, last = recorded.of_first(f'/uav_{uav}/path')
-        ways = [(pose.pose.position.x, pose.pose.position.y) for pose in last.message.poses]
+        way = [(pose.pose.position.x, pose.pose.position.y) for pose in last.message.poses]
         own = actions(recorded.logs[0], uav)
-        flown = {*zip(own['x_m'].tolist(), own['y_m'].tolist(), strict=True)}
-        assert set(ways[:-1]) <= flown
-        assert ways[-1] == pytest.approx(recorded.scenario.uavs[uav - 1].home_m)
+        home_m = recorded.scenario.uavs[uav - 1].home_m
+        places = [*zip(own['x_m'].tolist(), own['y_m'].tolist(), strict=True), tuple(home_m)]
+        stops = [place for place, _ in itertools.groupby(places)]  # hovering moves no UAV
+        corners = [stops[0], *turns(stops), stops[-1]]
+        assert len(corners) > 2
+        assert way == [pytest.approx(corner) for corner in corners]
 
 
 def test_a_fix_is_where_the_scenario_lies_on_earth(recorded: Recorded) -> None:
@@ -202,6 +221,7 @@ def test_a_fix_is_where_the_scenario_lies_on_earth(recorded: Recorded) -> None:
         expected = recorded.scenario.area.reference.lat_lon_deg(place.x, place.y)
         assert (kept.message.latitude, kept.message.longitude) == expected
         assert kept.message.altitude == recorded.scenario.area.altitude_m
+        assert kept.message.status.status == NavSatStatus.STATUS_FIX
 
 
 def test_stamped_messages_are_logged_at_their_stamps(recorded: Recorded) -> None:
@@ -213,8 +233,19 @@ def test_stamped_messages_are_logged_at_their_stamps(recorded: Recorded) -> None
                 message.transforms if topic == '/tf' else getattr(message, 'markers', [message])
             )
             about = getattr(inner[0], 'header', inner[0])
-            stamp = message.clock if topic == '/clock' else about.stamp
-            assert log_s == pytest.approx(stamp_s(stamp), abs=STAMP_S), topic
+            sent_s = stamp_s(message.clock if topic == '/clock' else about.stamp)
+            if topic.endswith('/radio_rx'):  # stamped by its sender, but logged as it is heard
+                assert log_s >= sent_s - STAMP_S
+            else:
+                assert log_s == pytest.approx(sent_s, abs=STAMP_S), topic
+
+
+def test_messages_of_other_uavs_are_logged_in_the_order_in_which_they_are_heard(
+    recorded: Recorded,
+) -> None:
+    heard = [kept.message for kept in recorded.of_first('/uav_1/radio_rx')]
+    assert [message.delivery for message in heard] == [*range(1, len(heard) + 1)]
+    assert heard
 
 
 def test_the_bag_spans_both_missions_and_nothing_else(recorded: Recorded) -> None:

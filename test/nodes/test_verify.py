@@ -86,7 +86,7 @@ def test_missions_by_published_policies_are_proved_with_their_exploration_and_fa
 ) -> None:
     *missions, last = verified(recorded / inside, capsys, 0)
     assert last == '3 missions: 3 proved'
-    assert [f'seed {SEED + number}: proved, ' in line for number, line in enumerate(missions)]
+    assert all(f'seed {SEED + number}: proved, ' in line for number, line in enumerate(missions))
     assert ['1 failsafe taken as recorded' in line for line in missions] == [False, False, True]
 
 

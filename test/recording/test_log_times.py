@@ -11,6 +11,7 @@ from uav_collect.recording.log_times import LogTimes, StampReader
 
 TYPES = get_typestore(Stores.ROS2_JAZZY)
 EPOCH, CLOCK = 'uav_collect_msgs/msg/Epoch', 'rosgraph_msgs/msg/Clock'
+RADIO = 'uav_collect_msgs/msg/RadioMessage'
 
 
 def fields_of(type_name: str):  # noqa: ANN201 - as rosbags has them
@@ -84,22 +85,31 @@ def test_a_stamp_of_wall_clock_time_is_none() -> None:
 
 def test_a_message_is_logged_at_its_stamp_and_one_without_at_the_clock() -> None:
     times = LogTimes()
-    assert times.log_ns('std_msgs/msg/String', None) == 0
-    assert times.log_ns(EPOCH, 5) == 5
-    assert times.log_ns('nav_msgs/msg/Odometry', 9) == 9
-    assert times.log_ns('std_msgs/msg/String', None) == 5
-    assert times.log_ns(EPOCH, 3) == 3  # it came late
-    assert times.log_ns('std_msgs/msg/String', None) == 5
+    assert times.log_ns('/note', 'std_msgs/msg/String', None) == 0
+    assert times.log_ns('/world/epoch', EPOCH, 5) == 5
+    assert times.log_ns('/uav_1/odometry', 'nav_msgs/msg/Odometry', 9) == 9
+    assert times.log_ns('/note', 'std_msgs/msg/String', None) == 5
+    assert times.log_ns('/world/epoch', EPOCH, 3) == 3  # it came late
+    assert times.log_ns('/note', 'std_msgs/msg/String', None) == 5
+
+
+def test_what_a_uav_hears_is_logged_at_the_clock_however_long_ago_it_was_sent() -> None:
+    times = LogTimes()
+    assert times.log_ns('/world/epoch', EPOCH, 20) == 20
+    assert times.log_ns('/uav_2/radio_tx', RADIO, 5) == 5
+    assert times.log_ns('/w/uav_1/radio_rx', RADIO, 5) == 20
+    assert times.log_ns('/uav_1/radio_rx', RADIO, 30) == 30  # topics are not ordered
+    assert times.log_ns('/uav_1/radio_rx', RADIO, 25) == 30
 
 
 def test_what_a_second_world_tells_follows_what_the_first_one_did() -> None:
     times = LogTimes()
-    assert times.log_ns(EPOCH, 60) == 60  # it came before the first world was known
+    assert times.log_ns('/world/epoch', EPOCH, 60) == 60  # before the first world was known
     times.begin_world()
-    assert times.log_ns(CLOCK, 70) == 70
+    assert times.log_ns('/clock', CLOCK, 70) == 70
     times.begin_world()
-    assert times.log_ns(CLOCK, 1) == 71
-    assert times.log_ns('std_msgs/msg/String', None) == 71
+    assert times.log_ns('/clock', CLOCK, 1) == 71
+    assert times.log_ns('/note', 'std_msgs/msg/String', None) == 71
 
 
 def test_of_the_clock_one_message_is_kept_after_each_event() -> None:

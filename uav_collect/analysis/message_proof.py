@@ -1,20 +1,19 @@
-"""Holds the messages of a recorded mission against those of the same mission flown again."""
+"""Holds the messages of a recorded mission against those of the same mission flown again.
+
+What does not follow from the mission is left out: how it is counted in its world and noted for
+people, how many messages were delivered in all, and what an aborted one had come to by then.
+"""
 
 from collections.abc import Container, Iterable, Iterator, Sequence
 import math
 from typing import Any
 
 import numpy as np
-from uav_collect.analysis.metrics import mission_metrics, MissionMetrics
+from uav_collect.analysis.metrics import mission_metrics, MissionMetrics, OUTCOME_CODES
 from uav_collect.missions.reflight import Reflight, Values
+from uav_collect.recording.completeness import ABORTED, ENDED, STARTED
 from uav_collect.recording.mission_log import header_line
-from uav_collect.recording.mission_messages import (
-    ABORTED,
-    ENDED,
-    MessagePlace,
-    MissionMessages,
-    STARTED,
-)
+from uav_collect.recording.mission_messages import MessagePlace, MissionMessages
 from uav_collect.uav.action_codes import FAILSAFE, FAULT
 
 _FROM_WORLD = ('epoch', 'observation', 'radio_rx')  # kinds that agents do not send
@@ -210,6 +209,7 @@ def _uav_difference(message: Any, metrics: MissionMetrics) -> str | None:  # noq
             'hover_s': uav.hover_s,
             'decisions': uav.n_decisions,
             'guarded': uav.n_guarded,
+            'outcome': OUTCOME_CODES[uav.outcome],
         }
         found = _difference(one, values, (), None)
         if found is not None:

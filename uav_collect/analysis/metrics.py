@@ -21,6 +21,15 @@ METRIC_COLUMNS = (
     'total_mbit', 'collected_share', 'decisions', 'is_safe', 'is_complete', 'guarded',
 )  # fmt: skip
 UNFINISHED = 'unfinished'  # how a UAV ended that the log leaves in the air
+# By how a UAV ended, what a UavFigures message says; a bag knows no constants.
+OUTCOME_CODES = {
+    REASON_NAMES[action_codes.MAP_COMPLETE]: 0,
+    REASON_NAMES[action_codes.ENERGY_RESERVE]: 1,
+    REASON_NAMES[action_codes.BY_POLICY]: 2,
+    FAILSAFE: 3,
+    UNFINISHED: 4,
+    FAULT: 5,
+}
 
 _TOLERANCE = 1e-9  # relative; what rounding may leave of an energy, a time or a position
 

@@ -11,16 +11,19 @@ from uav_collect.analysis.message_proof import message_differences, NOT_RECORDED
 from uav_collect.errors import AllocationError, ConfigError, MissionLogError, PolicyMismatchError
 from uav_collect.lockstep.published_policy import PolicyKey
 from uav_collect.missions.recorded_policies import Crew, RecordedPolicies
-from uav_collect.missions.reflight import FAILSAFE_VERSION, fly_again, Reflight
+from uav_collect.missions.reflight import fly_again, Reflight
+from uav_collect.missions.simulation import FAILSAFE_VERSION
 from uav_collect.recording.bag_reader import event_of, faults_of
+from uav_collect.recording.completeness import ENDED
 from uav_collect.recording.mission_log import (
+    fault_from,
     FaultRecord,
     header_from_line,
     header_line,
     MissionHeader,
     record_lines,
 )
-from uav_collect.recording.mission_messages import ENDED, MissionMessages
+from uav_collect.recording.mission_messages import MissionMessages
 from uav_collect.scenario.load import fingerprint
 from uav_collect.scenario.site import Site
 from uav_collect.uav.action_codes import ACTION_NAMES, FAILSAFE, HOME, REASON_NAMES
@@ -107,7 +110,7 @@ def log_account(source: str, content: bytes) -> Account:
     waiting: list[str] = []  # faults, before the event that is the first with them
     for line in whole:
         waiting.append(line)
-        if _fault(line) is None:
+        if _value(line, 'fault') is None:
             lines[len(lines)] = tuple(waiting)
             waiting.clear()
     homes = [line for *_, line in lines.values() if _value(line, 'action') == ACTION_NAMES[HOME]]
@@ -164,6 +167,7 @@ def prove(
     """
     first = accounts[0]
     failsafes = {event for account in accounts for event in account.failsafes}
+    faults = {fault for account in accounts for fault in account.faults}
     proof = Proof(
         mission=name,
         verdict=Verdict.PROVED,
@@ -180,7 +184,7 @@ def prove(
             failsafes=failsafes,
             layouts=_layouts(first),
             n_events=_n_needed(accounts),
-            faults=first.faults,
+            faults=sorted(faults, key=lambda it: (it.event, it.time_s, it.uav, it.fault)),
         )
     except (AllocationError, ConfigError, PolicyMismatchError) as error:
         clashes = tuple(_clashes(accounts))
@@ -380,7 +384,7 @@ def _fault(line: str) -> FaultRecord | None:
     if _value(line, 'fault') is None:
         return None
     try:
-        return FaultRecord(**json.loads(line))
+        return fault_from(json.loads(line))
     except TypeError:
         return None
 

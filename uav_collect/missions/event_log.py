@@ -7,9 +7,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from uav_collect.kernels.arrays import grow_table, new_table, Row
 from uav_collect.limits import GUARD_AFTER
-from uav_collect.recording.mission_log import EVENT_DTYPE, Events, MissionHeader, UavHeader
+from uav_collect.recording.mission_log import (
+    EVENT_DTYPE,
+    Events,
+    FaultRecord,
+    MissionHeader,
+    UavHeader,
+)
 from uav_collect.scenario.load import fingerprint
-from uav_collect.scenario.model import Scenario
+from uav_collect.scenario.model import FAULT_KINDS, Scenario
 from uav_collect.uav.action_codes import NONE
 
 _ALL_BITS = 2**64 - 1
@@ -99,3 +105,12 @@ def mission_header(
         total_bit=math.fsum(demand_bit),
         uavs=uavs,
     )
+
+
+def fault_fields(faults: Sequence[FaultRecord]) -> dict[str, list[Any]]:
+    """What an Epoch message says of faults, by field."""
+    return {
+        'fault': [FAULT_KINDS.index(fault.fault) for fault in faults],
+        'fault_uav': [fault.uav for fault in faults],
+        'fault_s': [fault.time_s for fault in faults],
+    }

@@ -8,7 +8,7 @@ from typing import Any
 from uav_collect.errors import PolicyMismatchError
 from uav_collect.lockstep.published_policy import checked_policy, PolicyKey, PublishedPolicy
 from uav_collect.missions.reflight import FlownBy
-from uav_collect.recording.mission_log import MissionHeader, UavHeader
+from uav_collect.recording.mission_log import MissionHeader, NO_AGENT, UavHeader
 from uav_collect.scenario.load import fingerprint
 from uav_collect.scenario.site import Site
 from uav_collect.uav.action_codes import NONE
@@ -16,8 +16,6 @@ from uav_collect.uav.briefing import brief
 from uav_collect.uav.policy import guard_for, NamedPolicy, policy_named
 from uav_collect.uav.policy_file import load_policy, SUFFIX
 from uav_collect.uav.policy_network import flown_version, LearnedPolicy
-
-NO_AGENT = 'none'  # stands for the policy of a UAV that had no agent
 
 
 @dataclass(frozen=True, kw_only=True)

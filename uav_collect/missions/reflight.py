@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 
 from uav_collect.errors import PolicyMismatchError
 from uav_collect.kernels.arrays import new_row, Row
-from uav_collect.missions.event_log import mission_header
-from uav_collect.missions.simulation import Event, fly_agents, Simulation
+from uav_collect.missions.event_log import fault_fields, mission_header
+from uav_collect.missions.simulation import Event, FAILSAFE_VERSION, fly_agents, Simulation
 from uav_collect.recording.mission_log import (
     FaultRecord,
     MissionHeader,
@@ -29,7 +29,6 @@ from uav_collect.uav.policy import Policy
 from uav_collect.uav.view import LocalView
 
 Values = Mapping[str, object]  # of the fields of a message
-FAILSAFE_VERSION = 'failsafe'  # stands for that of a policy where none has decided
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,10 +92,12 @@ def fly_again(
             n_events=n_events,
         )
         known = {*flown.log.faults, *injected}
-        missing = next((fault for fault in faults if fault not in known), None)
-        if missing is None or missing.fault not in FAULT_KINDS:
+        missing = [it for it in faults if it not in known and it.fault in FAULT_KINDS]
+        if not missing:
             return flown
-        injected.append(missing)
+        # Later ones may come by themselves once these are there.
+        first = min(fault.event for fault in missing)
+        injected += [fault for fault in missing if fault.event == first]
 
 
 def _fly(
@@ -331,9 +332,4 @@ def _logged(log: MissionLog, number: int) -> dict[str, object]:
     values = dict(zip(names, log.events[number].item(), strict=True))
     del values['heard']  # as bits; lines of the log have the ids
     faults = [fault for fault in log.faults if fault.event == number]
-    return {
-        **values,
-        'fault': [FAULT_KINDS.index(fault.fault) for fault in faults],
-        'fault_uav': [fault.uav for fault in faults],
-        'fault_s': [fault.time_s for fault in faults],
-    }
+    return {**values, **fault_fields(faults)}

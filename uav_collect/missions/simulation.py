@@ -53,6 +53,7 @@ from uav_collect.world.faults import fault_records, inject_fault, note_faults
 # What the world does with a UAV that has no agent, or whose agent does not answer.
 FAILSAFE_DECISION = Decision(action=HOME, reason=action_codes.FAILSAFE)
 FAULT_DECISION = Decision(action=HOME, reason=action_codes.FAULT)
+FAILSAFE_VERSION = 'failsafe'  # stands for that of a policy where none has decided
 
 _FIRST_CAPACITY = 512  # events that the log has room for before it must grow
 _REASONS_TO_GO_ON = (BY_POLICY, GUARD)

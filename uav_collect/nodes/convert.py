@@ -7,10 +7,10 @@ from typing import Any
 from builtin_interfaces.msg import Time
 from uav_collect.kernels.arrays import Row, row_of
 from uav_collect.lockstep.roster import Pilot
+from uav_collect.missions.event_log import fault_fields
 from uav_collect.missions.simulation import Event
 from uav_collect.nodes.incidents import in_one_line
 from uav_collect.recording.mission_log import Events, FaultRecord
-from uav_collect.scenario.model import FAULT_KINDS
 from uav_collect.uav.belief import Belief
 from uav_collect.uav.messages import Decision, packed_map, RadioMessage, unpacked_map
 from uav_collect.uav.view import LocalView
@@ -230,9 +230,8 @@ def fill_epoch(epoch: Epoch, events: Events, faults: Sequence[FaultRecord] = ())
     Args:
         faults: that the event is the first with.
     """
-    epoch.fault = array('B', [FAULT_KINDS.index(fault.fault) for fault in faults])
-    epoch.fault_uav = array('B', [fault.uav for fault in faults])
-    epoch.fault_s = array('d', [fault.time_s for fault in faults])
+    for name, values in fault_fields(faults).items():
+        setattr(epoch, name, values)
     for name, value in zip(events.dtype.names or (), events[0].tolist(), strict=True):
         setattr(epoch, name, array('B', uav_ids(value)) if name == 'heard' else value)
 

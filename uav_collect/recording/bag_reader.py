@@ -11,6 +11,7 @@ from rosbags.highlevel import AnyReader, AnyReaderError
 from uav_collect.errors import BagError, ConfigError, MissionLogError
 from uav_collect.kernels.arrays import Floats
 from uav_collect.recording.bag_checksums import READER_ERRORS
+from uav_collect.recording.completeness import ENDED
 from uav_collect.recording.mission_log import (
     EVENT_DTYPE,
     Events,
@@ -27,7 +28,6 @@ _SCENARIO = '/world/scenario'
 _MISSION = '/world/mission'
 _EPOCH = '/world/epoch'
 _DELIVERED = '/radio_rx'
-_ENDED = 1  # Mission.ENDED
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -183,7 +183,7 @@ def _mission(path: Path, parts: _Parts, sites: dict[tuple[str, str], Site]) -> R
         demand_bit=np.array(start.demand_bit, dtype=np.float64),
         n_radio_messages=parts.n_radio_messages,
         index=int(start.index),
-        is_complete=_ENDED in parts.phases
+        is_complete=ENDED in parts.phases
         and bool(epochs)
         and epochs[-1].terminal
         and len(epochs) == epochs[-1].event + 1,

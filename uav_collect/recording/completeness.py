@@ -17,7 +17,8 @@ from uav_collect.limits import MAX_UAVS
 from uav_collect.recording.message_heads import FieldsOf, HeadReader
 from uav_collect.uav.action_codes import FAILSAFE, FAULT
 
-STARTED, ENDED = 0, 1  # phases of a Mission message
+# Phases of a Mission message; a bag knows no constants.
+STARTED, ENDED, ABORTED = 0, 1, 2
 
 _UAVS = frozenset(range(1, MAX_UAVS + 1))
 _RECENT = 64  # missions whose last messages may still come

@@ -2,7 +2,8 @@
 
 A mission that is flown as fast as possible is over in a fraction of a second; by the times of
 reception nothing could be seen of it. So a message that has a stamp is logged at its stamp, any
-other one at what the clock shows. Whoever reads a bag sorts by these times; messages of one time
+other one at what the clock shows; and what a UAV hears, too, for its stamp is of the sender, who
+may have sent it long before. Whoever reads a bag sorts by these times; messages of one time
 stay in the order in which they came.
 """
 
@@ -27,6 +28,8 @@ _WALL_STAMPED = frozenset(
 _CLOCKS = frozenset(
     ('rosgraph_msgs/msg/Clock', 'uav_collect_msgs/msg/Epoch', 'uav_collect_msgs/msg/Mission')
 )
+
+_HEARD = '/radio_rx'  # what its topics end with
 
 
 class StampReader:
@@ -81,19 +84,21 @@ class LogTimes:
             self._begun_ns = self._clock_ns
         self._has_world = True
 
-    def log_ns(self, type_name: str, stamp_ns: int | None) -> int:
+    def log_ns(self, topic: str, type_name: str, stamp_ns: int | None) -> int:
         """When a message is logged.
 
         Args:
+            topic: its name.
             type_name: of the message.
             stamp_ns: what its StampReader has read.
         """
         if stamp_ns is None:
             return self._clock_ns
         at_ns = self._begun_ns + stamp_ns
-        if type_name in _CLOCKS:
+        is_heard = topic.endswith(_HEARD)
+        if is_heard or type_name in _CLOCKS:
             self._clock_ns = max(self._clock_ns, at_ns)
-        return at_ns
+        return self._clock_ns if is_heard else at_ns
 
     def note_event(self) -> None:
         """Take note that an event, or a mission's start or end, was recorded."""

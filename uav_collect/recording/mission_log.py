@@ -8,7 +8,7 @@ over ROS and the same mission in one process leave the same file.
 from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 import json
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ from uav_collect.uav.action_codes import ACTION_NAMES, HOME, REASON_NAMES
 
 FORMAT = 'uav_collect mission log'
 FORMAT_VERSION = 1
+NO_AGENT = 'none'  # stands for the policy of a UAV that had no agent as the mission began
 
 EVENT_DTYPE = np.dtype(
     [
@@ -181,6 +182,19 @@ def header_from_line(line: str) -> MissionHeader:
         raise MissionLogError(f'line 1: no header of a mission log ({error})') from error
 
 
+def fault_from(values: dict[str, Any]) -> FaultRecord:
+    """The fault that the values of a line tell of.
+
+    Raises:
+        TypeError: they are not those of a fault, by name or type.
+    """
+    fault = FaultRecord(**values)
+    for each in fields(fault):
+        if type(values[each.name]) is not each.type:
+            raise TypeError(f'{each.name} is {values[each.name]!r}')
+    return fault
+
+
 def from_jsonl(text: bytes) -> MissionLog:
     """Read a log back; the inverse of `MissionLog.to_jsonl`.
 
@@ -194,7 +208,7 @@ def from_jsonl(text: bytes) -> MissionLog:
         try:
             fields = json.loads(line)
             if 'fault' in fields:
-                faults.append(FaultRecord(**fields))
+                faults.append(fault_from(fields))
             else:
                 events[number - 2 - len(faults)] = _event_from(fields)
         except (json.JSONDecodeError, KeyError, TypeError, ValueError) as error:

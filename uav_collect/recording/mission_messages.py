@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 
 from uav_collect.recording.bag_reader import messages
 
-STARTED, ENDED, ABORTED = 0, 1, 2  # phases of Mission; a bag knows no constants
 _N_POLICIES = 64  # published ones kept; a mission may begin with one that is no longer the latest
 _N_LATE = 2  # missions of a world that must have begun before the one before them has all messages
 

@@ -207,7 +207,7 @@ class RecorderNode(ProcessNode):
 
     def _on_clock(self, stored: Connection, stamps: StampReader, message: bytes) -> None:
         """Keep the clock, but no more of it than of events: there may be thousands between two."""
-        log_ns = self._log_times.log_ns(stored.msgtype, stamps.read_ns(message))
+        log_ns = self._log_times.log_ns(stored.topic, stored.msgtype, stamps.read_ns(message))
         if self.end_status is None and self._log_times.keeps_clock():
             self._write(partial(self._bag.write, stored, log_ns, message))
 
@@ -232,7 +232,7 @@ class RecorderNode(ProcessNode):
             self._n_unreadable[stored.topic] += 1
             self.warn('no message', f'{stored.topic}: {error}')
             return
-        log_ns = self._log_times.log_ns(stored.msgtype, stamps.read_ns(message))
+        log_ns = self._log_times.log_ns(stored.topic, stored.msgtype, stamps.read_ns(message))
         if self.end_status is None:
             self._write(partial(self._bag.write, stored, log_ns, message))
         if stored.topic in (self._names.epoch.name, self._names.mission.name):

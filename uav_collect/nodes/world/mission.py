@@ -8,25 +8,34 @@ import math
 from typing import Any
 
 from builtin_interfaces.msg import Time
-from uav_collect.analysis.metrics import mission_metrics, MissionMetrics
+from uav_collect.analysis.metrics import mission_metrics, MissionMetrics, OUTCOME_CODES
 from uav_collect.kernels.arrays import Row, row_of
 from uav_collect.lockstep.published_policy import PublishedPolicy
 from uav_collect.lockstep.roster import Pilot
 from uav_collect.lockstep.steering import Answer
 from uav_collect.missions.event_log import mission_header
-from uav_collect.missions.simulation import Event, FAILSAFE_DECISION, FAULT_DECISION, Simulation
+from uav_collect.missions.simulation import (
+    Event,
+    FAILSAFE_DECISION,
+    FAILSAFE_VERSION,
+    FAULT_DECISION,
+    Simulation,
+)
 from uav_collect.nodes import convert
-from uav_collect.recording.mission_log import Events, FaultRecord, header_line, MissionHeader
+from uav_collect.recording.mission_log import (
+    Events,
+    FaultRecord,
+    header_line,
+    MissionHeader,
+    NO_AGENT,
+)
 from uav_collect.scenario.model import FAULT_KINDS
 from uav_collect.scenario.site import Site
 from uav_collect.uav import action_codes
-from uav_collect.uav.action_codes import REASON_NAMES
 from uav_collect.uav.messages import Decision, packed_maps, RadioMessage
 from uav_collect.uav.policy import TOPIC
 from uav_collect_msgs.msg import Epoch, Mission, Observation, UavFigures
 from uav_collect_msgs.msg import RadioMessage as RadioMessageMsg
-
-_NO_AGENT = 'none'  # stands for the policy of a UAV that had no agent when the mission began
 
 
 @dataclass
@@ -84,7 +93,7 @@ class MissionInFlight:
             seed,
             self.simulation.demand_bit,
             [_flown_by(pilots.get(uav), policy) for uav in ids],
-            [pilots[uav].allocator if uav in pilots else _NO_AGENT for uav in ids],
+            [pilots[uav].allocator if uav in pilots else NO_AGENT for uav in ids],
             [pilots[uav].guard_after if uav in pilots else action_codes.NONE for uav in ids],
         )
         flown = [pilot for pilot in pilots.values() if pilot.policy_version]  # not what it follows
@@ -207,7 +216,7 @@ class MissionInFlight:
             self._gone.add(event.uav + 1)
         self.time_s = event.view.time_s
         decision = FAULT_DECISION if event.is_gone else FAILSAFE_DECISION
-        self._start(event, decision, 'failsafe')
+        self._start(event, decision, FAILSAFE_VERSION)
         return decision
 
     def closed_event(self) -> tuple[Epoch, Events, tuple[FaultRecord, ...]] | None:
@@ -351,7 +360,7 @@ def mission_summary(message: Mission) -> str:
 def _flown_by(pilot: Pilot | None, policy: PublishedPolicy | None) -> str:
     """The policy that the log's header names for a UAV."""
     if pilot is None:
-        return _NO_AGENT
+        return NO_AGENT
     return policy.version if policy is not None and pilot.policy == TOPIC else pilot.policy
 
 
@@ -376,16 +385,7 @@ def _add_figures(message: Mission, mission: MissionInFlight, result: MissionMetr
             hover_s=uav.hover_s,
             decisions=uav.n_decisions,
             guarded=uav.n_guarded,
-            outcome=_OUTCOMES.get(uav.outcome, UavFigures.ABORTED),
+            outcome=OUTCOME_CODES[uav.outcome],
         )
         for uav in result.uavs
     ]
-
-
-_OUTCOMES = {
-    REASON_NAMES[action_codes.BY_POLICY]: UavFigures.CHOSEN,
-    REASON_NAMES[action_codes.MAP_COMPLETE]: UavFigures.MAP_COMPLETE,
-    REASON_NAMES[action_codes.ENERGY_RESERVE]: UavFigures.ENERGY_RESERVE,
-    REASON_NAMES[action_codes.FAILSAFE]: UavFigures.FAILSAFE,
-    REASON_NAMES[action_codes.FAULT]: UavFigures.FAULT,
-}

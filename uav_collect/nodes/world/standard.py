@@ -73,6 +73,7 @@ class UavMessages:
             **unknown,
         )
         self._fix = NavSatFix(header=Header(frame_id=own), altitude=altitude_m)
+        self._fix.status.status = NavSatStatus.STATUS_FIX  # by itself it is unknown
         self._fix.status.service = NavSatStatus.SERVICE_GPS
         self._places = (self.transform.transform.translation, place)
         self._turn = turn
