@@ -228,7 +228,7 @@ class Simulation:
     @property
     def time_s(self) -> float:
         """Time of the latest event."""
-        return self._mission.clock_s[0]
+        return float(self._mission.clock_s[0])  # compiled kernels' rows hold numpy's
 
     @property
     def is_over(self) -> bool:
