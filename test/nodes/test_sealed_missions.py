@@ -230,6 +230,10 @@ class _Flight:
         sent: list[Any] = []
         arguments = ControlMission, topics.CONTROL_SERVICE, START, self._world_instance
         first = _answer(listening, node, *arguments, sent=sent)
+        world = self.started[
+            'world_sim'
+        ]  # what was only about to start, the recorder never hears of
+        listening.wait_until(lambda: world.output.count(' starts, seed ') == 2)
         abort = ControlMission, topics.CONTROL_SERVICE, ABORT, self._world_instance
         second = _answer(listening, node, *abort)
         again = _answer(listening, listening.node, *arguments[:2], sent[0], '')
