@@ -206,7 +206,7 @@ def test_a_policy_file_is_looked_for_in_the_run_folder_and_where_it_is_given(
     verified(folder, status=0)
 
 
-def test_a_function_of_the_user_is_proved_if_it_can_be_imported(
+def test_a_function_of_the_user_is_run_and_proved_only_if_the_user_says_so(
     small: Scenario, site: Site, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     verified: Verified,
 ) -> None:  # fmt: skip
@@ -215,11 +215,28 @@ def test_a_function_of_the_user_is_proved_if_it_can_be_imported(
     monkeypatch.syspath_prepend(tmp_path)
     [log] = fly(site, [SEED], 'the_users_own:choose')
     folder = keep(tmp_path / 'run', small, log)
-    verified(folder, status=0)
+    [mission, _] = verified(folder, status=2)
+    assert 'is code that the recording names: run it with --policy the_users_own:choose' in mission
+    verified(folder, '--policy', 'the_users_own:choose', status=0)
     text = (folder / f'mission_{SEED}.jsonl').read_text()
     (folder / f'mission_{SEED}.jsonl').write_text(text.replace('the_users_own', 'not_there'))
-    [mission, _] = verified(folder, status=2)
+    [mission, _] = verified(folder, '--policy', 'not_there:choose', status=2)
     assert 'there is no module not_there' in mission
+
+
+def test_a_log_without_its_events_or_a_folder_without_its_bag_is_not_proved(
+    small: Scenario, log: MissionLog, tmp_path: Path, verified: Verified
+) -> None:
+    folder = keep(tmp_path / 'run', small, log)
+    (folder / 'bag').mkdir()
+    (folder / 'bag' / 'metadata.yaml').write_text('rosbag2_bagfile_information: {}\n')
+    assert 'bag: damaged: has metadata.yaml, but no .mcap file' in verified(folder, status=1)
+    (folder / 'bag' / 'metadata.yaml').unlink()
+    file = folder / f'mission_{SEED}.jsonl'
+    file.write_text(file.read_text().partition('\n')[0] + '\n')
+    assert verified(folder, status=2)[0] == f'{file.name}: cannot be proved: holds no event'
+    file.write_text('[' * 100_000)
+    verified(folder, status=2)
 
 
 def test_what_the_failsafe_did_is_taken_as_recorded_and_counted(

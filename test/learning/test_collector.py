@@ -34,9 +34,12 @@ def agent(seed: int = 0) -> Drqn:
 
 
 def collector_of(
-    algorithm: Algorithm = Algorithm.AQMIX, seed: int = 0, **overrides: object
+    algorithm: Algorithm = Algorithm.AQMIX,
+    seed: int = 0,
+    faults: Sequence[dict[str, object]] | None = None,
+    **overrides: object,
 ) -> Collector:
-    scenario = tiny(*FLEET)
+    scenario = tiny(*FLEET, **({} if faults is None else {'faults': faults}))
     return Collector(build_site(scenario), small(**overrides), algorithm, seed)
 
 
@@ -60,6 +63,14 @@ def whole_missions() -> list[Episode]:
     ended = collected(collector_of(rollout__max_decisions_per_cell=25.0), 6)
     assert all(it.is_whole for it in ended)
     return ended
+
+
+def test_a_mission_whose_uavs_are_gone_before_they_decide_teaches_nothing() -> None:
+    faults = [{'uav': uav, 'kind': 'gone', 'at_s': 0.0, 'share': 0.5} for uav in (1, 2)]
+    collector = collector_of(faults=faults)
+    episodes = collected(collector, 12)
+    assert all(episode.n_decisions for episode in episodes)
+    assert collector.n_missions > len(episodes)
 
 
 def test_its_missions_are_those_of_the_worlds_log() -> None:

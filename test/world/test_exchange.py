@@ -163,6 +163,12 @@ def test_a_radio_that_is_described_makes_another_scenario() -> None:
     assert from_yaml(described.to_yaml()) == described
 
 
+def test_null_takes_back_what_a_scenario_says_of_its_radio() -> None:
+    keys = ('radio.loss_share', 'radio.delay_s', 'radio.rate_bps', 'radio.beacon_period_s')
+    taken_back = load('rough_10x10', {**dict.fromkeys(keys), 'faults': None})
+    assert fingerprint(taken_back) == fingerprint(load('paper_10x10'))
+
+
 @pytest.mark.parametrize(
     ('key', 'value', 'words'),
     [

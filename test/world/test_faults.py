@@ -3,6 +3,7 @@
 import pytest
 from tiny_world import Flight, fly_scripts, MOVE_5_J, MOVE_10_J, tiny, uav
 from uav_collect.analysis.metrics import check_log, mission_metrics
+from uav_collect.analysis.tables import mission_warnings
 from uav_collect.errors import ConfigError
 from uav_collect.missions.rollout import fly
 from uav_collect.recording.mission_log import FaultRecord, from_jsonl, MissionLog
@@ -44,6 +45,11 @@ def test_the_way_home_of_a_gone_uav_is_none_of_its_agents_failures() -> None:
     metrics = mission_metrics(flown({'uav': 1, 'kind': 'gone', 'at_decision': 0}))
     assert metrics.uavs[0].outcome == 'fault'
     assert not metrics.failsafe_used
+
+
+def test_what_befell_a_uav_is_in_the_words_below_its_mission() -> None:
+    metrics = mission_metrics(flown({'uav': 1, 'kind': 'slow', 'at_s': 10.0}))
+    assert 'UAV 1 was slow from 10 s on, by a fault' in mission_warnings(metrics)
 
 
 def test_a_silent_uav_neither_hears_nor_is_heard_from_then_on() -> None:

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 from uav_collect.errors import MissionLogError
-from uav_collect.recording.mission_log import Events, MissionLog, UavHeader
+from uav_collect.recording.mission_log import Events, FaultRecord, MissionLog, UavHeader
 from uav_collect.uav import action_codes
 from uav_collect.uav.action_codes import COLUMN_STEP, GUARD, HOME, HOVER, REASON_NAMES, ROW_STEP
 
@@ -78,6 +78,7 @@ class MissionMetrics:
     n_guarded: int  # of them by guards
     n_heard: int  # over all events, how many other UAVs the deciding one heard
     uavs: tuple[UavMetrics, ...]
+    faults: tuple[FaultRecord, ...]  # that have befallen them on purpose
 
     @property
     def collected_share(self) -> float:
@@ -139,6 +140,7 @@ def mission_metrics(log: MissionLog) -> MissionMetrics:
         n_guarded=sum(uav.n_guarded for uav in uavs),
         n_heard=sum(int(heard).bit_count() for heard in events['heard']),
         uavs=uavs,
+        faults=log.faults,
     )
 
 

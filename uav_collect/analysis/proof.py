@@ -200,7 +200,8 @@ def _findings(
 ) -> tuple[str, ...]:
     """What differs, and why; nothing if nothing does."""
     ignored = {'policy_version'} if crew.changes else set()
-    by_account = [tuple(_differences(account, flown, ignored)) for account in accounts]
+    is_over = any(account.is_over for account in accounts)
+    by_account = [tuple(_differences(each, flown, ignored, is_over)) for each in accounts]
     differences = [
         f'{account.source}: {text}' if len(accounts) > 1 else text
         for account, texts in zip(accounts, by_account, strict=True)
@@ -258,16 +259,24 @@ def _header_problem(header: MissionHeader | None, site: Site) -> str | None:
     return None
 
 
-def _differences(account: Account, flown: Reflight, ignored: Container[str]) -> Iterator[str]:
-    """What an account has otherwise than the flight, events first."""
-    yield from _line_differences(account, flown)
+def _differences(
+    account: Account, flown: Reflight, ignored: Container[str], is_over: bool
+) -> Iterator[str]:
+    """What an account has otherwise than the flight, events first.
+
+    Args:
+        is_over: the mission's end was recorded: then a log has it, for worlds write it; a recorder
+            may have ended before.
+    """
+    must_be_whole = account.is_over or (is_over and account.messages is None)
+    yield from _line_differences(account, flown, must_be_whole)
     yield from account.flaws
     if account.messages is not None:
         n_events = max(account.lines, default=-1) + 1
         yield from message_differences(account.messages, flown, n_events, ignored)
 
 
-def _line_differences(account: Account, flown: Reflight) -> Iterator[str]:
+def _line_differences(account: Account, flown: Reflight, must_be_whole: bool) -> Iterator[str]:
     """How a account's lines differ from those of the flight, up to the first event that does."""
     line = header_line(flown.log.header)
     if account.header_line != line:
@@ -284,7 +293,7 @@ def _line_differences(account: Account, flown: Reflight) -> Iterator[str]:
     following = '' if n_recorded >= n_flown else '\n'.join(flown.lines(n_recorded))
     if not following.startswith(account.tail):
         yield f'event {n_recorded}: {line_difference(account.tail, following)}'
-    elif account.is_over and following:
+    elif must_be_whole and following:
         yield f'event {n_recorded}: not recorded, flown {n_flown} events'
 
 
@@ -300,7 +309,7 @@ def line_difference(recorded: str, flown: str) -> str:
     """In which field two lines of mission logs differ, and both values."""
     try:
         mine, again = json.loads(recorded), json.loads(flown)
-    except ValueError:
+    except (ValueError, RecursionError):
         return f'is no line of a mission log: {recorded[:60]!r}'
     found = _first_difference('', mine, again)
     return found or 'the same values are written otherwise'
@@ -393,6 +402,6 @@ def _value(line: str, name: str) -> object:
     """A field of a line of a mission log; None where it is no such line."""
     try:
         fields = json.loads(line)
-    except ValueError:
+    except (ValueError, RecursionError):
         return None
     return fields.get(name) if isinstance(fields, dict) else None

@@ -72,8 +72,13 @@ def prove_recording(path: Path, given: Given) -> Iterator[Proof]:
 def _proofs_of_run(folder: Path, given: Given) -> Iterator[Proof]:
     """Those of a run folder: of bags, with the logs of the same missions; then of other logs."""
     bags = [each for each in sorted(folder.iterdir()) if each.is_dir() and _bag_files(each)]
-    logs = {log.name: log for log in sorted(folder.glob(f'*{LOG_SUFFIX}'))}
-    if not bags and not logs:
+    found = sorted(folder.glob(f'*{LOG_SUFFIX}'))
+    logs = {log.name: log for log in found if log.is_file()}
+    lost = [each for each in sorted(folder.glob(f'*/{_METADATA}')) if each.parent not in bags]
+    for metadata in lost:
+        finding = f'has {_METADATA}, but no {BAG_SUFFIX} file'
+        yield Proof(mission=metadata.parent.name, verdict=Verdict.DAMAGED, findings=(finding,))
+    if not (bags or logs or lost):
         raise MissionLogError(f'{folder}: holds no mission log ({LOG_SUFFIX}) and no bag')
     policies = _policy_files(folder, given)
     for bag in bags:
@@ -97,6 +102,9 @@ def _proofs_of_logs(logs: Sequence[Path], folder: Path, given: Given) -> Iterato
             yield _unprovable(log.name, str(error))
             continue
         account = replace(account, versions=_by_uav(account, versions))
+        if not account.lines:
+            yield _unprovable(log.name, 'holds no event')
+            continue
         proof = prove(log.name, [account], site, policies, code_change)
         yield _with_name_checked(proof, account)
 
@@ -163,7 +171,7 @@ class _Bag:
             for mission in self._reader.missions():
                 if mission.start is not None:
                     n_missions += 1
-                    yield self._proof(mission, logs, code_change)
+                    yield self._proof(mission, logs, code_change, is_run=bool(scenario_files))
         except (BagError, *_DAMAGE) as error:
             if not damages:
                 yield _unprovable(self._path.name, f'cannot be read further: {error}')
@@ -174,7 +182,12 @@ class _Bag:
             yield from self._scenario_file_damage(file)
 
     def _proof(
-        self, mission: MissionMessages, logs: dict[str, Path], code_change: str | None
+        self,
+        mission: MissionMessages,
+        logs: dict[str, Path],
+        code_change: str | None,
+        *,
+        is_run: bool,
     ) -> Proof:
         account = bag_account(self._path.name, mission)
         seed = int(mission.start.seed) if account.header is None else account.header.mission_seed
@@ -187,6 +200,9 @@ class _Bag:
         except UavCollectError as error:
             return Proof(mission=name, verdict=Verdict.DIFFERS, findings=(str(error),))
         proof = prove(name, accounts, site, self._policies, code_change)
+        if is_run and log is None:
+            findings = (*proof.findings, f'the folder has no log of seed {seed}')
+            proof = replace(proof, verdict=Verdict.DIFFERS, findings=findings)
         is_sealed = all(check.has_checksums for check in self._checks.values())
         return replace(proof, lacks_checksums=not is_sealed)
 

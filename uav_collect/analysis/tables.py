@@ -73,6 +73,10 @@ def mission_warnings(mission: MissionMetrics) -> list[str]:
     """What a user must not overlook, one line each."""
     lines = [_ending_warning(uav) for uav in mission.uavs if uav.outcome in _BAD_ENDS]
     lines += [
+        f'UAV {fault.uav} was {fault.fault} from {fault.time_s:.0f} s on, by a fault'
+        for fault in mission.faults
+    ]
+    lines += [
         f'UAV {uav.id} landed with {uav.energy_left_j / 1e3:.3f} kJ,'
         f' less than its margin of {uav.energy_margin_j / 1e3:.3f} kJ'
         for uav in mission.uavs
@@ -87,7 +91,7 @@ def mission_warnings(mission: MissionMetrics) -> list[str]:
 def _ending_warning(uav: UavMetrics) -> str:
     if uav.outcome == UNFINISHED:
         return f'UAV {uav.id} has not landed: the mission was cut short'
-    why = 'a fault took its agent' if uav.outcome == FAULT else 'its agent did not answer'
+    why = 'its agent was gone' if uav.outcome == FAULT else 'its agent did not answer'
     return f'UAV {uav.id} was flown home by the failsafe: {why}'
 
 

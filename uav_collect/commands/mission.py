@@ -136,6 +136,10 @@ def _compare(log: Path, scenario: 'Scenario', bandwidth: str) -> None:
                 missions[rule] = mission_metrics(other)
         bound = report.mission_bound(flown.header, site)
         Console().print(comparison_table(missions, bound))
+        [as_planned] = fly(site, [seed], _RULES[0], bandwidth)
+        planned = {(fault.uav, fault.fault) for fault in as_planned.faults}
+        if any((fault.uav, fault.fault) not in planned for fault in flown.faults):
+            say('faults were injected; the rules and the clairvoyant plan are without them')
     # Whatever it is: the mission itself was flown, recorded and reported.
     except Exception as error:
         say(f'the mission could not be compared with rules: {error}')
@@ -207,7 +211,7 @@ def _progress(world: FleetProcess, log: Path) -> Iterator[tuple[float, str]]:
                 total_bit = record.get('total_bit', total_bit)
                 collected_bit += record.get('collected_bit', 0.0)
                 time_s = record.get('time_s', time_s)
-                n_events += 'time_s' in record
+                n_events += 'action' in record
             share = collected_bit / total_bit if total_bit else 0.0
             yield share, f'{share:.0%} of the data, {n_events} events, {time_s:.0f} s simulated'
             if has_ended:

@@ -41,8 +41,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         nargs='+',
         default=[],
-        metavar='FILE',
-        help='.safetensors files of policies that are neither in the recording nor shipped',
+        metavar='FILE|MODULE:NAME',
+        help='.safetensors files of policies that are neither in the recording nor shipped, and'
+        ' functions that may be run',
     )
     parser.add_argument('--json', type=Path, metavar='FILE', help='write all that was found')
 

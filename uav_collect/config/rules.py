@@ -229,7 +229,7 @@ class _Reader:
         annotations, values = section._annotations, {}
         for field in fields(section):
             below, annotation = (*keys, field.name), annotations[field.name]
-            if field.name in value:
+            if field.name in value and not (value[field.name] is None is field.default):
                 values[field.name] = self.read(annotation, below, value[field.name])
             elif field.default is MISSING:
                 self._note(below, f'is missing: must be {_allowed(annotation)}')

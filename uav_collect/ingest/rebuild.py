@@ -138,6 +138,8 @@ class EpisodeBuilder:
         events = parts.events
         decided = [event for event in events if event.is_decision]
         decisions = [parts.transitions[event.event] for event in decided]
+        if not decided:
+            raise RefusedError(f'{parts.mission.where}: no UAV has decided anything')
         _check_order(events)
         _check_agreement(decided, decisions, self._briefing.n_uavs)
         records = new_records(len(decided), self._briefing)

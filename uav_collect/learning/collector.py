@@ -74,7 +74,8 @@ class Collector:
             is_over = waiting.uav == NONE
             is_over |= self._env.n_recorded > self._max_decisions
             if is_over.any():
-                ended += [self._restart(int(world)) for world in np.flatnonzero(is_over)]
+                over = [self._restart(int(world)) for world in np.flatnonzero(is_over)]
+                ended += [episode for episode in over if episode.n_decisions]  # faults may end it
                 waiting = self._env.decisions
         return ended
 

@@ -33,10 +33,13 @@ class RecordedPolicies:
         """Look in these places.
 
         Args:
-            files: of learned policies, which count before shipped ones of the same name.
+            files: of learned policies, which count before shipped ones of the same name; and names
+                of functions, module:name, whose code may be run because a recording names it.
             published: Policy messages; more may come.
         """
-        self._files = [*files]
+        given = [*files]
+        self._functions = {str(each) for each in given if ':' in str(each)}
+        self._files = [each for each in given if str(each) not in self._functions]
         self._published = published
         self._named: dict[str, list[NamedPolicy]] = {}  # what was found before
         self._checked: dict[tuple[PolicyKey, str], PublishedPolicy] = {}  # by scenario, too
@@ -107,6 +110,10 @@ class RecordedPolicies:
 
     def _versions_of(self, name: str) -> list[NamedPolicy]:
         """The policies that a name may mean, at least one."""
+        if ':' in name and ' eps ' not in name and name not in self._functions:
+            raise PolicyMismatchError(
+                f'policy {name!r} is code that the recording names: run it with --policy {name}'
+            )
         found: list[NamedPolicy] = []
         for file in self._files:
             frozen = load_policy(file)

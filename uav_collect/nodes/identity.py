@@ -61,7 +61,7 @@ def silent_world(msg: Any) -> str:
     """What to log when nobody vouches for the world of a scenario."""
     return (
         f'a scenario {_name_in(msg)} is ignored, for its world does not answer: a recording that'
-        ' is played back, or a world that is gone'
+        ' is played back, a world that is gone, or one with another key (UAV_COLLECT_KEY_FILE)'
     )
 
 

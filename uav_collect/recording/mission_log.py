@@ -178,7 +178,7 @@ def header_from_line(line: str) -> MissionHeader:
             raise MissionLogError(f'line 1: not a {FORMAT} of version {FORMAT_VERSION}')
         uavs = tuple(UavHeader(**uav) for uav in fields.pop('uavs'))
         return MissionHeader(uavs=uavs, **fields)
-    except (json.JSONDecodeError, AttributeError, KeyError, TypeError) as error:
+    except (json.JSONDecodeError, RecursionError, AttributeError, KeyError, TypeError) as error:
         raise MissionLogError(f'line 1: no header of a mission log ({error})') from error
 
 
@@ -211,7 +211,7 @@ def from_jsonl(text: bytes) -> MissionLog:
                 faults.append(fault_from(fields))
             else:
                 events[number - 2 - len(faults)] = _event_from(fields)
-        except (json.JSONDecodeError, KeyError, TypeError, ValueError) as error:
+        except (json.JSONDecodeError, RecursionError, KeyError, TypeError, ValueError) as error:
             raise MissionLogError(f'line {number}: no event of a mission log ({error})') from error
     header = header_from_line(first)
     return MissionLog(

@@ -127,6 +127,9 @@ class MissionInFlight:
             return False, f'fault is {kind!r}: must be one of {", ".join(FAULT_KINDS)}'
         if not 1 <= uav <= n_uavs:
             return False, f'uav is {uav}: must be from 1 to {n_uavs}'
+        for fault in self.simulation.faults():
+            if (fault.fault, fault.uav) == (kind, uav):
+                return False, f'UAV {uav} is {kind} already, since event {fault.event}'
         self._injected.append((kind, uav - 1))
         # An event that is held back is drawn already.
         first = self.simulation.n_events + (self._event is not None)
