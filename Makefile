@@ -24,7 +24,8 @@ export ROS_LOG_DIR := $(CURDIR)/log/ros
 endif
 
 TESTS ?= test
-WORKERS ?= auto
+# Tests with ROS processes wait most of the time: one more than there are cores.
+WORKERS ?= $(shell expr $$(nproc) + 1)
 MESSAGES ?= 100000
 BENCHES ?= $(sort $(wildcard bench/*.py))
 
@@ -126,7 +127,7 @@ figures: $(INSTALLED) $(LEARNS) $(if $(filter ray,$(ENGINE)),$(CLUSTERS))  ## th
 	@$(VENV)/bin/python -m uav_collect figures $(FIGURES_OPTIONS)
 
 test: $(BUILT) $(DEVELOPED) $(LEARNS) $(CLUSTERS)  ## run all tests; TESTS=test/physics runs a part
-	@. install/setup.sh && $(VENV)/bin/python -m pytest -n $(WORKERS) $(TESTS) $(ARGS)
+	@. install/setup.sh && $(VENV)/bin/python -m pytest -n $(WORKERS) --dist worksteal $(TESTS) $(ARGS)
 
 test-ubuntu: $(BUILT) $(DEVELOPED) $(UBUNTU)/.built  ## fly and read settings with the packages of Ubuntu 24.04's apt
 	@. install/setup.sh && . $(UBUNTU)/install/local_setup.sh && \
