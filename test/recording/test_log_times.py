@@ -112,13 +112,6 @@ def test_what_a_second_world_tells_follows_what_the_first_one_did() -> None:
     assert times.log_ns('/note', 'std_msgs/msg/String', None) == 71
 
 
-def test_a_greeting_has_no_stamp_and_is_logged_at_what_the_clock_shows() -> None:
-    times = LogTimes()
-    times.log_ns('/world/epoch', EPOCH, 60)
-    assert times.log_ns('/uav_1/command', 'uav_collect_msgs/msg/Command', 0) == 60
-    assert times.log_ns('/uav_1/command', 'uav_collect_msgs/msg/Command', 50) == 50
-
-
 def test_of_the_clock_one_message_is_kept_after_each_event() -> None:
     times = LogTimes()
     assert [times.keeps_clock() for _ in range(3)] == [True, False, False]

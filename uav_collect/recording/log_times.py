@@ -30,7 +30,6 @@ _CLOCKS = frozenset(
 )
 
 _HEARD = '/radio_rx'  # what its topics end with
-_COMMAND = '/command'  # the same; a greeting has no stamp
 
 
 class StampReader:
@@ -93,7 +92,7 @@ class LogTimes:
             type_name: of the message.
             stamp_ns: what its StampReader has read.
         """
-        if stamp_ns is None or (stamp_ns == 0 and topic.endswith(_COMMAND)):
+        if stamp_ns is None:
             return self._clock_ns
         at_ns = self._begun_ns + stamp_ns
         is_heard = topic.endswith(_HEARD)
