@@ -26,7 +26,9 @@ EXECUTABLES = (
     *('world_sim', 'uav_agent', 'recorder', 'mission', 'evaluate', 'report', 'verify', 'doctor'),
     *('train', 'curves', 'bound', 'figures', 'trainer', 'train_fleet'),
 )
-INTERFACES = sorted((ROOT / 'msg_defs').glob('*/*.[ms][sr][gv]'))
+INTERFACES = sorted(
+    path for path in (ROOT / 'msg_defs').glob('*/*') if path.suffix in ('.msg', '.srv', '.action')
+)
 SOURCES = structure.read()
 LOCKSTEP_TESTS = structure.read(ROOT / 'test' / 'lockstep')
 LAUNCH_FILES = structure.read(ROOT / 'launch')

@@ -277,7 +277,7 @@ def _differences(
 
 
 def _line_differences(account: Account, flown: Reflight, must_be_whole: bool) -> Iterator[str]:
-    """How a account's lines differ from those of the flight, up to the first event that does."""
+    """How an account's lines differ from those of the flight, up to the first event that does."""
     line = header_line(flown.log.header)
     if account.header_line != line:
         yield f'header: {line_difference(account.header_line, line)}'
@@ -350,7 +350,7 @@ def _clashes(accounts: Sequence[Account]) -> Iterator[str]:
 
 
 def _layouts(account: Account) -> list[Layout]:
-    """The layouts in which the transitions of a account show what agents saw."""
+    """The layouts in which the transitions of an account show what agents saw."""
     if account.messages is None:
         return []
     placed = account.messages.placed.items()
