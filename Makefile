@@ -26,7 +26,6 @@ endif
 TESTS ?= test
 # Tests with ROS processes wait most of the time: one more than there are cores.
 WORKERS ?= $(shell expr $$(nproc) + 1)
-MESSAGES ?= 100000
 BENCHES ?= $(sort $(wildcard bench/*.py))
 
 # The variables of mission and train; "make help" prints these lines. Only what is set is passed on:
@@ -134,8 +133,8 @@ test-ubuntu: $(BUILT) $(DEVELOPED) $(UBUNTU)/.built  ## fly and read settings wi
 	  UAV_COLLECT_UBUNTU=$(CURDIR)/$(UBUNTU)/packages $(VENV)/bin/python -m pytest test/nodes/test_ubuntu.py
 	@PYTHONPATH=$(UBUNTU)/packages $(VENV)/bin/python -m pytest test/scenario test/training/test_config.py
 
-fuzz: $(BUILT) $(DEVELOPED) $(LEARNS)  ## 100,000 messages of nonsense on each topic, for a night; MESSAGES=N
-	@. install/setup.sh && UAV_COLLECT_FUZZ=$(MESSAGES) $(VENV)/bin/python -m pytest -k fuzz test/nodes $(ARGS)
+fuzz: $(BUILT) $(DEVELOPED) $(LEARNS)  ## try every surface by nonsense, as MINUTES=30 SURFACES='log bag'
+	@. install/setup.sh && $(VENV)/bin/python tools/fuzz.py $(if $(MINUTES),--minutes '$(MINUTES)') $(SURFACES)
 
 golden: $(INSTALLED)  ## write the digests of mission logs anew; their diff is a change of behaviour
 	@PYTHONPATH=.:test/helpers $(VENV)/bin/python test/helpers/golden_logs.py

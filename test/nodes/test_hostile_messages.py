@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-import os
 from pathlib import Path
 import random
 from typing import Any
@@ -14,6 +13,8 @@ for needed in ('rclpy', 'uav_collect_msgs'):
 
 from bag_player import BagPlayer
 from fleets import Fleet, Listener, listener, logs, scenario_of
+from fuzzing import N_TRIES, note_try
+from fuzzing import SEED as FUZZ_SEED
 from processes import Processes, RunningProcess
 from rclpy.duration import Duration
 from rclpy.serialization import deserialize_message, serialize_message
@@ -32,8 +33,7 @@ from uav_collect_msgs.srv import ControlMission, Join
 pytestmark = pytest.mark.ros
 
 SEED = 6
-N_FUZZED = int(os.environ.get('UAV_COLLECT_FUZZ', '2000'))  # messages on each topic
-FUZZED_S = 15.0 + N_FUZZED / 200.0  # of a mission; long enough to send them all meanwhile
+FUZZED_S = 15.0 + N_TRIES / 200.0  # of a mission; long enough to send them all meanwhile
 HOSTILE_S = 8.0
 LONG_S = 300.0  # of simulated time, about what the mission takes
 N_MOST_LINES = 1000  # that a node may write, whatever it gets
@@ -126,12 +126,13 @@ def test_fuzzed_messages_end_no_node_and_change_nothing(flight: Flight) -> None:
         for each in [getattr(topics.uav_topics(uav), name)]
     ]
     shared = (topics.SCENARIO, topics.POLICY, topics.RECORDER)
-    draw, heard_topics = random.Random(0), (*own, *shared)
+    draw, heard_topics = random.Random(int(FUZZ_SEED or 0)), (*own, *shared)
     samples = {topic.name: sample(flight, topic) for topic in heard_topics}
     publishers = {
         topic.name: topics.publisher(flight.listening.node, topic) for topic in heard_topics
     }
-    for number in range(N_FUZZED):
+    for number in range(N_TRIES):  # on each topic
+        note_try(number)
         for name, publisher in publishers.items():
             publisher.publish(mutated(draw, samples[name]))
         if number % 500 == 499:  # else histories overflow, and what nodes say would be lost
