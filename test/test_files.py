@@ -45,6 +45,32 @@ def test_a_pipe_is_written_not_replaced(tmp_path: Path) -> None:
     assert pipe.is_fifo()
 
 
+def test_a_file_is_read_up_to_a_size_and_none_of_a_larger_one(tmp_path: Path) -> None:
+    path, large = tmp_path / 'file', tmp_path / 'large'
+    path.write_bytes(b'12345')
+    with large.open('wb') as file:
+        file.truncate(2**40)  # all holes: no memory has room for it
+    assert files.read_bounded(path, 5) == b'12345'
+    with pytest.raises(OSError, match='has 5 bytes: must have at most 4') as raised:
+        files.read_bounded(path, 4)
+    assert raised.value.filename == str(path)
+    with pytest.raises(OSError, match='must have at most 10,000,000'):
+        files.read_bounded(large, 10**7)
+
+
+def test_a_pipe_a_device_and_a_folder_are_no_files_to_read(tmp_path: Path) -> None:
+    pipe = tmp_path / 'pipe'
+    os.mkfifo(pipe)  # that nobody ever writes into
+    for path in (pipe, Path('/dev/zero'), tmp_path):
+        with pytest.raises(OSError, match='must be a file') as raised:
+            files.read_bounded(path, 100)
+        assert raised.value.filename == str(path)
+    with pytest.raises(OSError, match='is no path') as raised:
+        files.read_bounded(Path('a\0b'), 100)
+    with pytest.raises(FileNotFoundError):
+        files.read_bounded(tmp_path / 'nowhere', 100)
+
+
 def test_new_files_have_the_permissions_of_the_user(tmp_path: Path) -> None:
     mine, theirs = tmp_path / 'mine', tmp_path / 'theirs'
     mine.touch()
@@ -55,7 +81,7 @@ def test_new_files_have_the_permissions_of_the_user(tmp_path: Path) -> None:
 def test_a_link_stays_one_when_what_it_points_to_is_written(tmp_path: Path) -> None:
     target, link = tmp_path / 'target', tmp_path / 'link'
     link.symlink_to(target)
-    files.write_atomically(link, memoryview(b'new'))
+    files.write_parts_atomically(link, [b'n', memoryview(b'ew')])
     assert link.is_symlink()
     assert target.read_bytes() == b'new'
 

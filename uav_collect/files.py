@@ -3,10 +3,13 @@
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 import csv
+import errno
 import io
 import math
 import os
 from pathlib import Path
+import stat
+from typing import BinaryIO
 
 
 def check_writable(path: Path) -> None:
@@ -18,6 +21,46 @@ def check_writable(path: Path) -> None:
             pass
 
 
+@contextmanager
+def open_file(path: Path) -> Iterator[tuple[BinaryIO, int]]:
+    """Open a file to be read; it and its size in bytes.
+
+    A folder is none, nor is a pipe or a device: they have no size and may never answer.
+
+    Raises:
+        OSError: naming the file.
+    """
+    try:
+        # To open a pipe would wait for whoever writes into it.
+        number = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY)
+    except ValueError as error:
+        raise OSError(errno.EINVAL, f'is no path: {error}', str(path)) from error
+    try:
+        about = os.fstat(number)
+        if not stat.S_ISREG(about.st_mode):
+            is_folder = stat.S_ISDIR(about.st_mode)
+            what = 'is a folder' if is_folder else 'is a pipe or a device'
+            raise OSError(errno.EINVAL, f'{what}: must be a file', str(path))
+        with naming(path), open(number, 'rb', closefd=False) as file:
+            yield file, about.st_size
+    finally:
+        os.close(number)
+
+
+def read_bounded(path: Path, most_bytes: int) -> bytes:
+    """All bytes of a file that must not be larger; of a larger one none are read.
+
+    Raises:
+        OSError: naming the file.
+    """
+    with open_file(path) as (file, n_bytes):
+        content = file.read(most_bytes + 1) if n_bytes <= most_bytes else b''
+        if max(n_bytes, len(content)) > most_bytes:  # it may grow
+            what = f'has {n_bytes:,} bytes: must have at most {most_bytes:,}'
+            raise OSError(errno.EFBIG, what, str(path))
+        return content
+
+
 def write_atomically(path: Path, content: bytes | memoryview) -> None:
     """Write a file such that a reader, a crash or a full disk never finds a part of it.
 
@@ -26,14 +69,19 @@ def write_atomically(path: Path, content: bytes | memoryview) -> None:
     Raises:
         OSError: naming the file; what it held before is still there.
     """
+    write_parts_atomically(path, [content])
+
+
+def write_parts_atomically(path: Path, parts: Iterable[bytes | memoryview]) -> None:
+    """Write a file as `write_atomically` does, one part of its content after the other."""
     with naming(path):
         if _is_device(path):
             with path.open('ab') as device:
-                device.write(content)
+                device.writelines(parts)
             return
         with _partial(path) as partial:
             with partial.open('wb') as file:
-                file.write(content)
+                file.writelines(parts)
                 file.flush()
                 os.fsync(file.fileno())
             partial.replace(path.resolve())  # a link stays a link
