@@ -89,7 +89,9 @@ def test_report_refuses_a_log_that_does_not_add_up(
     lines = path.read_text().splitlines(keepends=True)
     path.write_text(''.join(lines[:3] + lines[4:]))
     assert main(['report', str(report_folder)]) == 2
-    assert capsys.readouterr().err == 'error: record 2 says event 3\n'
+    wrong = 'event is 3: must be 2, they follow each other'
+    error = f'error: {path}: line 4: no event of a mission log: {wrong}\n'
+    assert capsys.readouterr().err == error
 
 
 @pytest.mark.parametrize(

@@ -132,8 +132,11 @@ def changed(text: str, other: str) -> Callable[[Path], None]:
         (changed('"policy": "sweep"', '"policy": "hert"'), 'policies.0.policy'),
         (changed('"mission_seed": 4', '"mission_seed": 5'), 'header: mission_seed is 5, the file'),
         (changed('"mission_seed": 4', '"mission_seed": 4.5'), 'mission_seed is 4.5: must be'),
-        (changed('"id": 2', '"id": 3'), 'header: UAVs are [1, 3]: must be 1 to 2'),
-        (changed('uav_collect mission log', 'uav-collect mission log'), 'header: is none'),
+        (changed('"id": 2', '"id": 3'), 'UAV 2: id is 3: must be 2'),
+        (
+            changed('uav_collect mission log', 'uav-collect mission log'),
+            'must be of format uav_collect mission log, version 1',
+        ),
         (lambda file: changed_byte(file, b'\n', last=True), 'event '),
     ],
 )

@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 
 import numpy as np
-from uav_collect.recording.mission_log import EVENT_DTYPE, MissionHeader, MissionLog, UavHeader
+from uav_collect.recording.log_model import EVENT_DTYPE
+from uav_collect.recording.mission_log import MissionHeader, MissionLog, UavHeader
 from uav_collect.uav.action_codes import ACTION_NAMES, REASON_NAMES
 
 HOVER_W = 200.0

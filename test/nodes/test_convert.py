@@ -20,7 +20,7 @@ from uav_collect.lockstep.inbox import Inbox
 from uav_collect.lockstep.roster import Pilot
 from uav_collect.missions.simulation import Event
 from uav_collect.nodes import convert
-from uav_collect.recording.mission_log import EVENT_DTYPE
+from uav_collect.recording.log_model import EVENT_DTYPE
 from uav_collect.uav import action_codes, messages
 from uav_collect.uav.agent import Agent, allocator_named
 from uav_collect.uav.belief import Belief, BeliefRows, NEVER

@@ -17,7 +17,8 @@ from uav_collect.analysis.metrics import mission_metrics
 from uav_collect.nodes import topics
 from uav_collect.nodes.convert import uav_ids
 from uav_collect.nodes.world import markers
-from uav_collect.recording.mission_log import EVENT_DTYPE, header_from_line, MissionLog, read
+from uav_collect.recording.log_model import EVENT_DTYPE
+from uav_collect.recording.mission_log import header_from_line, MissionLog, read
 from uav_collect.scenario.load import from_yaml
 from uav_collect.uav.messages import unpacked_map
 from uav_collect_msgs.msg import Command, Epoch, Mission

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from uav_collect.analysis.message_proof import message_differences, NOT_RECORDED
 from uav_collect.errors import AllocationError, ConfigError, MissionLogError, PolicyMismatchError
+from uav_collect.limits import MAX_UAVS
 from uav_collect.lockstep.published_policy import PolicyKey
 from uav_collect.missions.recorded_policies import Crew, RecordedPolicies
 from uav_collect.missions.reflight import fly_again, Reflight
@@ -79,6 +80,7 @@ class Account:
 
     source: str  # its name
     header: MissionHeader | None  # None: what stands in its place is none
+    header_error: str  # why, if it is none
     header_line: str
     lines: Mapping[int, tuple[str, ...]]  # by event: of the log, that of the event itself last
     tail: str = ''  # what is there of the line after them
@@ -114,10 +116,12 @@ def log_account(source: str, content: bytes) -> Account:
             lines[len(lines)] = tuple(waiting)
             waiting.clear()
     homes = [line for *_, line in lines.values() if _value(line, 'action') == ACTION_NAMES[HOME]]
-    header, tail = _header(first), ''.join([*(f'{line}\n' for line in waiting), tail])
+    header, header_error = _header(first)
+    tail = ''.join([*(f'{line}\n' for line in waiting), tail])
     return Account(
         source=source,
         header=header,
+        header_error=header_error,
         header_line=first,
         lines=lines,
         tail=tail,
@@ -138,9 +142,11 @@ def bag_account(source: str, mission: MissionMessages) -> Account:
         for uav, names in sorted(versions.items())
         if len(names) > 1
     ]
+    header, header_error = _header(mission.start.log_header)
     return Account(
         source=source,
-        header=_header(mission.start.log_header),
+        header=header,
+        header_error=header_error,
         header_line=mission.start.log_header,
         lines={event: _lines(epoch) for event, epoch in sorted(epochs.items())},
         is_over=ENDED in mission.phases,
@@ -175,7 +181,7 @@ def prove(
         n_failsafes=len(failsafes),
         is_cut_off=not any(account.is_over for account in accounts),
     )
-    if (wrong := _header_problem(first.header, site)) is not None or first.header is None:
+    if (wrong := _header_problem(first, site)) is not None or first.header is None:
         return replace(proof, verdict=Verdict.DIFFERS, findings=(f'header: {wrong}',))
     try:
         crew = policies.crew(first.header, site, first.versions, first.policy_key)
@@ -235,10 +241,11 @@ def _causes(
     return ['the recording itself was changed']
 
 
-def _header_problem(header: MissionHeader | None, site: Site) -> str | None:
-    """Why a header cannot be flown over a site; None if it can."""
+def _header_problem(account: Account, site: Site) -> str | None:
+    """Why the header of an account cannot be flown over a site; None if it can."""
+    header = account.header
     if header is None:
-        return 'is none of a mission log'
+        return account.header_error
     scenario = site.scenario
     here = scenario.name, fingerprint(scenario)
     then = header.scenario, header.scenario_fingerprint
@@ -247,16 +254,8 @@ def _header_problem(header: MissionHeader | None, site: Site) -> str | None:
             f'scenario {then[0]} with fingerprint {then[1]}, but the scenario at hand is'
             f' {here[0]} with {here[1]}'
         )
-    seed = header.mission_seed
-    if not isinstance(seed, int) or not 0 <= seed < 2**63:
-        return f'mission_seed is {seed}: must be a whole number from 0'
-    ids = [uav.id for uav in header.uavs]
-    if ids != [*range(1, scenario.n_uavs + 1)]:
-        return f'UAVs are {ids}: must be 1 to {scenario.n_uavs}'
-    for uav in header.uavs:
-        if not (isinstance(uav.policy, str) and isinstance(uav.guard_after, int)):
-            return f'UAV {uav.id}: policy is {uav.policy}, guard_after {uav.guard_after}'
-    return None
+    n_uavs = len(header.uavs)
+    return None if n_uavs == scenario.n_uavs else f'{n_uavs} UAVs: must be {scenario.n_uavs}'
 
 
 def _differences(
@@ -373,11 +372,12 @@ def _policy_key(mission: MissionMessages) -> PolicyKey | None:
     return None
 
 
-def _header(line: str) -> MissionHeader | None:
+def _header(line: str) -> tuple[MissionHeader | None, str]:
+    """The header that a line tells; or None, and why it tells none."""
     try:
-        return header_from_line(line)
-    except MissionLogError:
-        return None
+        return header_from_line(line), ''
+    except MissionLogError as error:
+        return None, str(error)
 
 
 def _lines(epoch: Any) -> tuple[str, ...]:  # noqa: ANN401 - a message
@@ -393,8 +393,8 @@ def _fault(line: str) -> FaultRecord | None:
     if _value(line, 'fault') is None:
         return None
     try:
-        return fault_from(json.loads(line))
-    except TypeError:
+        return fault_from(json.loads(line), MAX_UAVS)
+    except ValueError:
         return None
 
 

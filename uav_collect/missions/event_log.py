@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from uav_collect.kernels.arrays import grow_table, new_table, Row
 from uav_collect.limits import GUARD_AFTER
+from uav_collect.recording.log_model import EVENT_DTYPE
 from uav_collect.recording.mission_log import (
-    EVENT_DTYPE,
     Events,
     FaultRecord,
     MissionHeader,

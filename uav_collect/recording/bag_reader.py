@@ -12,8 +12,8 @@ from uav_collect.errors import BagError, ConfigError, MissionLogError
 from uav_collect.kernels.arrays import Floats
 from uav_collect.recording.bag_checksums import READER_ERRORS
 from uav_collect.recording.completeness import ENDED
+from uav_collect.recording.log_model import EVENT_DTYPE
 from uav_collect.recording.mission_log import (
-    EVENT_DTYPE,
     Events,
     FaultRecord,
     header_from_line,

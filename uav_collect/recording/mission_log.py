@@ -6,7 +6,7 @@ over ROS and the same mission in one process leave the same file.
 """
 
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, fields
 import json
@@ -15,37 +15,29 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from uav_collect import files
 from uav_collect.errors import MissionLogError
 from uav_collect.limits import GUARD_AFTER
+from uav_collect.recording.log_model import (
+    code_of,
+    EVENT_DTYPE,
+    EVENT_NAMES,
+    EventModel,
+    fault_problem,
+    fleet_problem,
+    header_problem,
+    keys_problem,
+    object_of,
+    words_of,
+)
 from uav_collect.uav.action_codes import ACTION_NAMES, HOME, REASON_NAMES
 
 FORMAT = 'uav_collect mission log'
 FORMAT_VERSION = 1
+MOST_LOG_BYTE = 1 << 30  # some three million events
 NO_AGENT = 'none'  # stands for the policy of a UAV that had no agent as the mission began
 
-EVENT_DTYPE = np.dtype(
-    [
-        ('event', np.int64),  # running number over the fleet, from 0
-        ('time_s', np.float64),  # when the deciding UAV decided
-        ('uav', np.int64),  # id of the deciding UAV, from 1
-        ('decision', np.int64),  # running number of the UAV's own decisions, from 0
-        ('x_m', np.float64),  # where it decided, east
-        ('y_m', np.float64),  # and north
-        ('action', np.int64),  # see action_codes
-        ('reason', np.int64),  # the same
-        ('duration_s', np.float64),  # of the action
-        ('energy_left_j', np.float64),  # before the action
-        ('energy_j', np.float64),  # the action's cost
-        ('collected_bit', np.float64),  # data claimed by the action, 0 unless it hovers
-        ('n_sensors', np.int64),  # sensors served by the action
-        ('heard', np.uint64),  # UAVs that it heard, bit i for the id i + 1
-        ('known_complete', np.int64),  # completed cells in its map, after hearing the others
-        ('interval_s', np.float64),  # until the next event, or the end
-        ('reward', np.float64),  # of that interval, discounted to its start
-    ]
-)
-
-Events = NDArray[np.void]
+Events = NDArray[np.void]  # of EVENT_DTYPE
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,6 +76,21 @@ class MissionHeader:
     cell_size_m: float
     total_bit: float  # data waiting at the start
     uavs: tuple[UavHeader, ...]
+
+    def event_model(self) -> EventModel:
+        """What its events may say."""
+        return EventModel(
+            n_uavs=len(self.uavs),
+            cells_per_side=self.cells_per_side,
+            cell_size_m=self.cell_size_m,
+        )
+
+
+_FAULT_NAMES, _UAV_NAMES, _HEADER_NAMES = (
+    tuple(field.name for field in fields(record))
+    for record in (FaultRecord, UavHeader, MissionHeader)
+)
+_EVENT_TYPES = tuple(float if EVENT_DTYPE[name].kind == 'f' else int for name in EVENT_NAMES)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -158,7 +165,7 @@ def record_lines(events: Events, faults: Sequence[FaultRecord]) -> Iterator[str]
 
 def event_line(event: np.void) -> str:
     """One event as one line of JSON."""
-    fields = dict(zip(EVENT_DTYPE.names or (), event.item(), strict=True))
+    fields = dict(zip(EVENT_NAMES, event.item(), strict=True))
     fields['action'] = ACTION_NAMES[fields['action']]
     fields['reason'] = REASON_NAMES[fields['reason']]
     heard = fields['heard']
@@ -170,52 +177,51 @@ def header_from_line(line: str) -> MissionHeader:
     """Read a header line.
 
     Raises:
-        MissionLogError: the line is no header of this format and version.
+        MissionLogError: it is none of this format and version, or a value of it cannot be.
     """
     try:
-        fields = json.loads(line)
-        if fields.pop('format') != FORMAT or fields.pop('version') != FORMAT_VERSION:
-            raise MissionLogError(f'line 1: not a {FORMAT} of version {FORMAT_VERSION}')
-        uavs = tuple(UavHeader(**uav) for uav in fields.pop('uavs'))
-        return MissionHeader(uavs=uavs, **fields)
-    except (json.JSONDecodeError, RecursionError, AttributeError, KeyError, TypeError) as error:
-        raise MissionLogError(f'line 1: no header of a mission log ({error})') from error
+        return _header_of(object_of(line))
+    except ValueError as error:
+        raise MissionLogError(f'line 1: no header of a mission log: {error}') from error
 
 
-def fault_from(values: dict[str, Any]) -> FaultRecord:
+def fault_from(values: Mapping[str, Any], n_uavs: int) -> FaultRecord:
     """The fault that the values of a line tell of.
 
     Raises:
-        TypeError: they are not those of a fault, by name or type.
+        ValueError: they are not those of a fault.
     """
-    fault = FaultRecord(**values)
-    for each in fields(fault):
-        if type(values[each.name]) is not each.type:
-            raise TypeError(f'{each.name} is {values[each.name]!r}')
-    return fault
+    problem = keys_problem(values, _FAULT_NAMES) or fault_problem(values, n_uavs)
+    if problem is not None:
+        raise ValueError(problem)
+    return FaultRecord(**{**values, 'time_s': float(values['time_s'])})
 
 
 def from_jsonl(text: bytes) -> MissionLog:
     """Read a log back; the inverse of `MissionLog.to_jsonl`.
 
     Raises:
-        MissionLogError: a line is not of this format.
+        MissionLogError: naming the line that is not of this format, and what of it.
     """
-    first, *rest = text.decode().splitlines() or ['']
-    events = np.zeros(len(rest), dtype=EVENT_DTYPE)
+    first, *rest = _lines(text)
+    header = header_from_line(first)
+    model = header.event_model()
+    rows: list[tuple[Any, ...]] = []
+    numbers: list[int] = []  # of the events' lines
     faults: list[FaultRecord] = []
     for number, line in enumerate(rest, start=2):
         try:
-            fields = json.loads(line)
-            if 'fault' in fields:
-                faults.append(fault_from(fields))
+            values = object_of(line)
+            if 'fault' in values:
+                faults.append(fault_from(values, model.n_uavs))
             else:
-                events[number - 2 - len(faults)] = _event_from(fields)
-        except (json.JSONDecodeError, RecursionError, KeyError, TypeError, ValueError) as error:
-            raise MissionLogError(f'line {number}: no event of a mission log ({error})') from error
-    header = header_from_line(first)
+                numbers.append(number)
+                rows.append(_row_of(values, model))
+            _check_order(values['event'], len(rows) - ('fault' not in values))
+        except ValueError as error:
+            raise MissionLogError(f'line {number}: no event of a mission log: {error}') from error
     return MissionLog(
-        header=header, events=events[: len(rest) - len(faults)], faults=tuple(faults)
+        header=header, events=_checked_events(rows, numbers, model), faults=tuple(faults)
     )
 
 
@@ -225,10 +231,7 @@ def read(path: Path) -> MissionLog:
     Raises:
         MissionLogError: naming the file and the line.
     """
-    try:
-        return from_jsonl(path.read_bytes())
-    except (OSError, UnicodeDecodeError, MissionLogError) as error:
-        raise MissionLogError(f'{path}: {error}') from error
+    return _read(path, is_whole=True)
 
 
 def read_so_far(path: Path) -> MissionLog:
@@ -237,15 +240,81 @@ def read_so_far(path: Path) -> MissionLog:
     Raises:
         MissionLogError: naming the file and the line.
     """
+    return _read(path, is_whole=False)
+
+
+def _read(path: Path, *, is_whole: bool) -> MissionLog:
     try:
-        whole, end, _ = path.read_bytes().rpartition(b'\n')
-        return from_jsonl(whole + end)
-    except (OSError, UnicodeDecodeError, MissionLogError) as error:
+        text = files.read_bounded(path, MOST_LOG_BYTE)
+    except OSError as error:
+        raise MissionLogError(f'{path}: {error.strerror or error}') from error
+    if not is_whole:
+        before, end, _ = text.rpartition(b'\n')
+        text = before + end
+    try:
+        return from_jsonl(text)
+    except MissionLogError as error:
         raise MissionLogError(f'{path}: {error}') from error
 
 
-def _event_from(fields: dict[str, Any]) -> tuple[float, ...]:
-    fields['action'] = ACTION_NAMES.index(fields['action'])
-    fields['reason'] = REASON_NAMES.index(fields['reason'])
-    fields['heard'] = sum(1 << (uav - 1) for uav in fields['heard'])
-    return tuple(fields[name] for name in EVENT_DTYPE.names or ())
+def _lines(text: bytes) -> list[str]:
+    try:
+        lines = text.decode().split('\n')
+    except UnicodeDecodeError as error:
+        number = text.count(b'\n', 0, error.start) + 1
+        raise MissionLogError(f'line {number}: is not UTF-8 text') from error
+    return lines if lines[-1] or len(lines) == 1 else lines[:-1]
+
+
+def _header_of(values: dict[str, Any]) -> MissionHeader:
+    if values.pop('format', None) != FORMAT or values.pop('version', None) != FORMAT_VERSION:
+        raise ValueError(f'must be of format {FORMAT}, version {FORMAT_VERSION}')
+    uavs = values.get('uavs')
+    problem = keys_problem(values, _HEADER_NAMES) or header_problem(values)
+    if problem is None and not (
+        isinstance(uavs, list) and all(isinstance(it, dict) for it in uavs)
+    ):
+        problem = 'uavs must be a list of objects'
+    if problem is not None:
+        raise ValueError(problem)
+    fleet = [{'guard_after': GUARD_AFTER, **uav} for uav in values.pop('uavs')]
+    for number, uav in enumerate(fleet, start=1):
+        if (problem := keys_problem(uav, _UAV_NAMES)) is not None:
+            raise ValueError(f'UAV {number}: {problem}')
+    if (problem := fleet_problem(fleet)) is not None:
+        raise ValueError(problem)
+    return MissionHeader(uavs=tuple(UavHeader(**uav) for uav in fleet), **values)
+
+
+def _row_of(values: dict[str, Any], model: EventModel) -> tuple[Any, ...]:
+    """The values of an event, types checked; ranges are later checked for all events at once."""
+    if tuple(values) != EVENT_NAMES:
+        if (problem := keys_problem(values, EVENT_NAMES)) is not None:
+            raise ValueError(problem)
+        values = {name: values[name] for name in EVENT_NAMES}
+    values['action'] = code_of('action', values['action'], ACTION_NAMES)
+    values['reason'] = code_of('reason', values['reason'], REASON_NAMES)
+    values['heard'] = model.heard_bits(values['heard'])
+    row = tuple(values.values())
+    if tuple(map(type, row)) != _EVENT_TYPES and (problem := model.problem(row)) is not None:
+        raise ValueError(problem)
+    return row
+
+
+def _checked_events(
+    rows: Sequence[tuple[Any, ...]], numbers: Sequence[int], model: EventModel
+) -> Events:
+    try:
+        events = np.array(rows, dtype=EVENT_DTYPE)
+        wrong = model.first_wrong(events)
+    except OverflowError:  # a whole number beyond all
+        wrong = next(place for place, row in enumerate(rows) if model.problem(row) is not None)
+    if wrong is not None:
+        problem = model.problem(rows[wrong])
+        raise MissionLogError(f'line {numbers[wrong]}: no event of a mission log: {problem}')
+    return events
+
+
+def _check_order(event: object, number: int) -> None:
+    if event != number:
+        raise ValueError(f'event is {words_of(event)}: must be {number}, they follow each other')
