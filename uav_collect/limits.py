@@ -3,9 +3,11 @@
 import signal
 
 MAX_UAVS = 64  # the UAVs that one has heard travel as bits of a 64-bit word
+MAX_CELLS_PER_SIDE = 64
 EGOCENTRIC_MAX_UAVS = 6  # UAVs that the egocentric observation tells apart
 MAX_SEED = 2**62  # mission seeds count up from here and stay inside 63 bits
 MAX_DECISIONS = 10**12  # of a training
+MAX_LAYER_SIZE = 4096  # of a network that learns
 GUARD_AFTER = 12  # decisions without news after which a UAV's guard decides, unless users say else
 MAX_GUARD_AFTER = 10_000
 

@@ -1,20 +1,24 @@
 """The frozen policy: its file, its numbers against torch, and what is refused."""
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
+import hashlib
 import json
+import os
 from pathlib import Path
 import subprocess
 import sys
+import tracemalloc
 
 import numpy as np
 import pytest
-from random_policies import header, random_policy, random_weights, saved
+from random_policies import header, random_policy, random_weights, saved, VALIDATION
 from safetensors import safe_open
 from safetensors.numpy import save_file
 from tiny_world import tiny
 import torch
+from uav_collect.__main__ import main
 from uav_collect.errors import PolicyMismatchError
 from uav_collect.kernels.arrays import Bools, Floats
 from uav_collect.scenario.load import load
@@ -22,7 +26,15 @@ from uav_collect.uav.action_codes import N_ACTIONS
 from uav_collect.uav.briefing import brief
 from uav_collect.uav.learned_on import learned_on
 from uav_collect.uav.observation import Layout
-from uav_collect.uav.policy_file import FORMAT, load_policy, policy_bytes, save_policy
+from uav_collect.uav.policy import frozen_policy, outdated, shipped_policies
+from uav_collect.uav.policy_file import (
+    FORMAT,
+    load_policy,
+    policy_bytes,
+    policy_from_bytes,
+    save_policy,
+    WEIGHTS_FORMAT,
+)
 from uav_collect.uav.policy_network import best_actions, FrozenPolicy, weights_digest
 
 N_SEQUENCES, N_STEPS = 10_000, 6
@@ -209,9 +221,61 @@ def test_a_file_says_what_was_learned_on_even_without_limits(tmp_path: Path) -> 
 
 
 def test_a_file_that_does_not_say_what_was_learned_on_is_read(tmp_path: Path) -> None:
-    path = saved(tmp_path, 'mine', header())
-    rewrite(path, metadata={'learned_on': None})
+    path = of_before(saved(tmp_path, 'mine', header()), learned_on=None)
     assert load_policy(path).header == header()
+
+
+def test_a_file_of_before_is_read_and_known_as_one(tmp_path: Path) -> None:
+    path = saved(tmp_path, 'mine', header())
+    assert load_policy(path).is_header_covered
+    assert outdated('mine', load_policy(path)) is None
+    old = load_policy(of_before(path, seed='4'))
+    assert old.header == header(seed=4)
+    line = outdated('mine', old) or ''
+    assert line.startswith(f'policy mine is of {WEIGHTS_FORMAT}: its digest covers the weights,')
+    save_policy(path, old)
+    assert load_policy(path).header == header(seed=4)
+    assert load_policy(path).is_header_covered
+
+
+def test_what_flies_a_file_of_before_says_so_once(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = of_before(saved(tmp_path, 'mine', header(side=8)))
+    options = ['--missions', '1', '--set', 'fleet.default.energy_budget_kj=20']
+    assert main(['evaluate', '--scenario', 'paper_8x8', '--policy', str(path), *options]) == 0
+    said = capsys.readouterr().err.splitlines()
+    assert [WEIGHTS_FORMAT in line for line in said] == [True]
+
+
+def test_a_tool_writes_files_of_before_anew_and_leaves_others_alone(tmp_path: Path) -> None:
+    new = saved(tmp_path, 'new', header())
+    old = of_before(saved(tmp_path, 'old', header()))
+    whole, tool = new.read_bytes(), Path(__file__).parents[2] / 'tools' / 'rewrite_policies.py'
+    before = new.stat().st_mtime_ns
+    done = subprocess.run(
+        [sys.executable, str(tool), str(new), str(old)], capture_output=True, text=True, check=True
+    )
+    assert done.stdout == f'{old}: written anew, version test @ 100, 89abcdef\n'
+    assert old.read_bytes() == whole
+    assert new.stat().st_mtime_ns == before
+
+
+def test_shipped_policies_are_of_todays_format() -> None:
+    assert all(frozen_policy(name).is_header_covered for name in shipped_policies())
+
+
+def of_before(path: Path, **texts: str | None) -> Path:
+    """A file as it was written when the digest covered the weights alone."""
+    rewrite(
+        path,
+        metadata={'format': WEIGHTS_FORMAT, 'digest': load_policy(path).digest, **texts},
+    )
+    return path
+
+
+def validated(**values: object) -> dict[str, str]:
+    return {'validation': json.dumps({**asdict(VALIDATION), **values})}
 
 
 def not_finite(name: str, value: float) -> dict[str, np.ndarray | None]:
@@ -229,8 +293,22 @@ def not_finite(name: str, value: float) -> dict[str, np.ndarray | None]:
         ({'metadata': {'seed': None}}, ['seed is missing']),
         ({'metadata': {'updates': 'many'}}, ["updates is 'many'", 'whole number']),
         ({'metadata': {'updates': '9' * 5000}}, ["updates is '999", 'whole number']),
+        ({'metadata': {'hidden_size': '4097'}}, ['hidden_size is 4097', '1 to 4096']),
+        ({'metadata': {'cells_per_side_max': '65'}}, ['cells_per_side_max is 65', '10 to 64']),
+        ({'metadata': {'version': 'a\nb'}}, [r"version is 'a\nb'", 'printable']),
+        ({'metadata': {'version': 'a' * 5000}}, ["version is 'aaa", '4096 printable']),
+        ({'metadata': validated(safe_share=5.25)}, ['validation.safe_share is 5.25', '0 to 1']),
+        ({'metadata': validated(energy_kj=np.nan)}, ['validation.energy_kj is .nan', '0 to 1e']),
+        ({'metadata': validated(energy_kj=10**400)}, ['validation.energy_kj is 1000', '0 to 1e']),
+        ({'metadata': validated(missions=True)}, ['validation.missions is true', 'whole']),
+        ({'metadata': validated(bandwidth=7)}, ['validation.bandwidth is 7', 'text']),
+        (
+            {'metadata': {'validation': '{"missions": 1, "missions": 2}'}},
+            ['validation is', 'JSON'],
+        ),
+        ({'metadata': {'validation': '[' * 99999}}, ['validation is', 'JSON object']),
         ({'metadata': {'hidden_size': '0'}}, ['hidden_size is 0']),
-        ({'metadata': {'hidden_size': '17'}}, ['encoder.weight has shape (16,', 'must be (17,']),
+        ({'metadata': {'hidden_size': '17'}}, ['encoder.weight has shape [16,', 'must be [17,']),
         ({'metadata': {'observation_size': '300'}}, ['observation_size is 300', 'egocentric/2']),
         ({'metadata': {'cells_per_side_min': '11'}}, ['cells_per_side_min is 11', '1 to 10']),
         ({'metadata': {'n_uavs_max': '7'}}, ['n_uavs_max is 7', '2 to 6']),
@@ -239,10 +317,13 @@ def not_finite(name: str, value: float) -> dict[str, np.ndarray | None]:
         ({'metadata': {'learned_on': '{}'}}, ["learned_on is '{}'", 'a JSON list', 'speeds_mps']),
         ({'metadata': {'learned_on': '[{}]'}}, ["learned_on is '[{}]'", 'contact_range_m']),
         ({'metadata': {'digest': 'abc'}}, ["digest is 'abc'", 'must be']),
-        ({'tensors': {'head.bias': None}}, ['tensor head.bias is missing', 'encoder.weight']),
-        ({'tensors': {'mixer.bias': np.zeros(1, np.float32)}}, ['tensor mixer.bias is unknown']),
-        ({'tensors': {'head.bias': np.zeros(6, np.float32)}}, ['head.bias', '(6,)', '(5,)']),
-        ({'tensors': {'head.bias': np.zeros(5)}}, ['head.bias is F64', 'F32']),
+        ({'tensors': {'head.bias': None}}, ["tensor 'head.bias' is missing", 'encoder.weight']),
+        ({'tensors': {'mixer.bias': np.zeros(1, np.float32)}}, ["tensor 'mixer.bias' is unknown"]),
+        (
+            {'tensors': {'head.bias': np.zeros(6, np.float32)}},
+            ['bias has shape [6]', 'be [5]'],
+        ),
+        ({'tensors': {'head.bias': np.zeros(5)}}, ["'head.bias' is 'F64'", 'F32']),
         ({'tensors': {'head.bias': np.zeros(5, np.float32)}}, ['digest is']),
         ({'tensors': not_finite('gru.weight_hh', np.nan)}, ['gru.weight_hh is nan at (1, 1)']),
         ({'tensors': not_finite('encoder.weight', np.inf)}, ['encoder.weight is inf at (0, 17)']),
@@ -259,6 +340,7 @@ def test_a_file_that_is_no_policy_is_refused_by_file_field_and_value(
     message = str(refusal.value)
     assert message.startswith(f'{path}: ')
     assert '\n' not in message
+    assert len(message) < 400 + len(str(path))
     for word in words:
         assert word in message
 
@@ -312,14 +394,67 @@ def test_a_file_that_cannot_be_read_is_refused_in_one_line(
     assert '\n' not in str(refusal.value)
 
 
-def test_any_flipped_bit_of_the_weights_is_noticed(tmp_path: Path) -> None:
-    path = saved(tmp_path, 'mine', header(Layout.PAPER, hidden_size=3))
-    whole = path.read_bytes()
-    start = 8 + int.from_bytes(whole[:8], 'little')
-    for place in np.random.default_rng(1).integers(start, len(whole), size=30):
-        path.write_bytes(whole[:place] + bytes([whole[place] ^ 0x10]) + whole[place + 1 :])
-        with pytest.raises(PolicyMismatchError):
-            load_policy(path)
+def made_a_pipe(path: Path) -> None:
+    path.unlink()
+    os.mkfifo(path)
+
+
+def made_a_device(path: Path) -> None:
+    path.unlink()
+    path.symlink_to('/dev/zero')
+
+
+def made_two_gigabytes(path: Path) -> None:
+    os.truncate(path, 1 << 31)
+
+
+def made_two_gigabytes_of_head(path: Path) -> None:
+    path.write_bytes((1 << 31).to_bytes(8, 'little'))
+    os.truncate(path, (1 << 31) + 8)
+
+
+@pytest.mark.parametrize(
+    ('damage', 'words'),
+    [
+        (made_a_pipe, 'is a pipe or a device: must be a file'),
+        (made_a_device, 'is a pipe or a device: must be a file'),
+        (made_a_folder, 'is a folder: must be a file'),
+        (made_two_gigabytes, 'bytes at its end belong to no tensor'),
+        (made_two_gigabytes_of_head, 'its head is 2147483648 bytes long: must be 1048576 or less'),
+    ],
+    ids=lambda value: getattr(value, '__name__', ''),
+)
+def test_what_cannot_be_a_policy_costs_neither_memory_nor_time(
+    damage: Callable[[Path], None], words: str, tmp_path: Path
+) -> None:
+    path = saved(tmp_path, 'mine', header())
+    damage(path)
+    tracemalloc.start()
+    with pytest.raises(PolicyMismatchError, match=words):
+        load_policy(path)
+    _, most_byte = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert most_byte < 1_000_000
+
+
+def test_a_byte_that_changes_anywhere_in_a_file_is_noticed() -> None:
+    policy = random_policy(header(Layout.PAPER, side=2, hidden_size=1))
+    whole = policy_bytes(policy)
+    assert policy_from_bytes(whole).header == policy.header
+    for place, was in enumerate(whole):
+        for now in {was ^ 1, was ^ 0x20, was ^ 0x80, *b'129 \t'} - {was}:
+            with pytest.raises(PolicyMismatchError) as refusal:
+                policy_from_bytes(whole[:place] + bytes([now]) + whole[place + 1 :])
+            assert '\n' not in str(refusal.value)
+
+
+def test_a_digest_is_that_of_the_file_with_zeros_in_its_place() -> None:
+    content = policy_bytes(random_policy(header(version='"digest":"1"')))
+    head = json.loads(content[8 : 8 + int.from_bytes(content[:8], 'little')])
+    digest = head['__metadata__']['digest']
+    zeros = content.replace(digest.encode(), b'0' * 64)
+    assert digest == hashlib.sha256(zeros).hexdigest()
+    assert policy_from_bytes(content).header.version == '"digest":"1"'
 
 
 def test_wrong_weights_never_become_a_policy() -> None:

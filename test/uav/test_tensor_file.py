@@ -1,6 +1,7 @@
 """Tensors in files as the safetensors library has them, and files that are broken."""
 
 from collections.abc import Mapping
+from io import BytesIO
 import json
 from typing import Any
 
@@ -9,7 +10,13 @@ import pytest
 from safetensors import deserialize
 from safetensors.numpy import load, save
 from uav_collect.errors import PolicyMismatchError
-from uav_collect.uav.tensor_file import read_tensor_file, tensor_file
+from uav_collect.uav.tensor_file import (
+    MAX_HEAD_BYTE,
+    read_head,
+    read_tensors,
+    tensor_file,
+    Tensors,
+)
 
 RNG = np.random.default_rng(0)
 TENSORS = {
@@ -19,6 +26,13 @@ TENSORS = {
 }
 TEXTS = {'format': 'mine/1', 'name': 'Öresund "7"\n'}
 PLACED = {'dtype': 'F32', 'shape': [2], 'data_offsets': [0, 8]}
+
+
+def read(content: bytes) -> tuple[Tensors, Mapping[str, str]]:
+    """Tensors and texts of a file."""
+    file = BytesIO(content)
+    head = read_head(file, len(content))
+    return read_tensors(file, head)[0], head.texts
 
 
 def assert_equal(
@@ -44,7 +58,7 @@ def test_what_is_written_the_library_reads() -> None:
 
 
 def test_what_the_library_writes_is_read() -> None:
-    tensors, texts = read_tensor_file(save(TENSORS, TEXTS))
+    tensors, texts = read(save(TENSORS, TEXTS))
     assert_equal(tensors, TENSORS)
     assert texts == TEXTS
 
@@ -66,8 +80,14 @@ def test_equal_tensors_in_another_order_are_written_as_equal_bytes() -> None:
         (with_head({'__metadata__': {'a': 1}}, b''), 'no texts'),
         (with_head({'__metadata__': [1]}, b''), 'no texts'),
         (with_head({'a': {**PLACED, 'dtype': 32}}, bytes(8)), 'does not place .a.'),
-        (with_head({'a\n': PLACED}, bytes(8)), 'names'),
+        (with_head({'a\n': {}}, bytes(8)), r"does not place 'a\\n'"),
+        (with_head({'a' * 999: {}}, bytes(8)), 'does not place .a{50,60}[.]{3}'),
         (with_head({'a': {**PLACED, 'data_offsets': [0]}}, bytes(8)), 'does not place .a.'),
+        (with_head(b'{"a": 1, "a": 2}', b''), "names 'a' twice"),
+        (with_head(b' ' * (MAX_HEAD_BYTE + 1), b''), f'must be {MAX_HEAD_BYTE} or less'),
+        (with_head({'a': {**PLACED, 'shape': [True, 2]}}, bytes(8)), 'has the shape'),
+        (with_head({'a': {**PLACED, 'data_offsets': [False, 8]}}, bytes(8)), 'does not place .a.'),
+        (with_head({'a': {**PLACED, 'data_offsets': [0.0, 8]}}, bytes(8)), 'does not place .a.'),
         (with_head({'a': {**PLACED, 'shape': [-2]}}, bytes(8)), 'has the shape'),
         (with_head({'a': {**PLACED, 'shape': ['2']}}, bytes(8)), 'has the shape'),
         (with_head({'a': {**PLACED, 'shape': [2, *[1] * 99]}}, bytes(8)), 'has the shape'),
@@ -81,12 +101,20 @@ def test_equal_tensors_in_another_order_are_written_as_equal_bytes() -> None:
 )
 def test_a_broken_file_is_refused_with_its_reason(content: bytes, reason: str) -> None:
     with pytest.raises(PolicyMismatchError, match=f'is not a whole safetensors file .*{reason}'):
-        read_tensor_file(content)
+        read(content)
 
 
 def test_a_tensor_of_another_type_is_refused() -> None:
-    with pytest.raises(PolicyMismatchError, match='a is F16: must be F32'):
-        read_tensor_file(save({'a': np.zeros(2, np.float16)}))
+    with pytest.raises(PolicyMismatchError, match="'a' is 'F16': must be F32"):
+        read(save({'a': np.zeros(2, np.float16)}))
+
+
+def test_a_file_that_became_shorter_while_it_was_read_is_refused() -> None:
+    content = tensor_file(TENSORS, TEXTS)
+    file = BytesIO(content[:-1])
+    head = read_head(file, len(content))
+    with pytest.raises(PolicyMismatchError, match='ends within its tensors'):
+        read_tensors(file, head)
 
 
 def test_no_flipped_bit_is_worse_than_a_refusal() -> None:
@@ -96,6 +124,6 @@ def test_no_flipped_bit_is_worse_than_a_refusal() -> None:
             content = bytearray(whole)
             content[place] ^= bit
             try:
-                read_tensor_file(bytes(content))
+                read(bytes(content))
             except PolicyMismatchError as error:
                 assert '\n' not in str(error)

@@ -117,7 +117,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _contenders(arguments: argparse.Namespace, scenario: 'Scenario') -> list[_Contender]:
     """Find what is wrong before a thousand missions are flown for nothing."""
-    from uav_collect.uav.policy import policy_for, unfamiliar
+    from uav_collect.uav.policy import policy_for, remarks
 
     for option, values in (('policy', arguments.policy), ('bandwidth', arguments.bandwidth)):
         if len(set(values)) < len(values):
@@ -127,7 +127,7 @@ def _contenders(arguments: argparse.Namespace, scenario: 'Scenario') -> list[_Co
     options.check_files(arguments)
     policies = {given: policy_for(given, scenario) for given in arguments.policy}
     for policy in policies.values():
-        if (line := unfamiliar(policy, scenario)) is not None:
+        for line in remarks(policy, scenario):
             terminal.say(line)
     n_called = Counter(policy.name for policy in policies.values())
     contenders = []

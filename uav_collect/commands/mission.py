@@ -91,14 +91,14 @@ def _checked_policy(wanted: str | None, scenario: 'Scenario') -> str:
     Raises:
         PolicyMismatchError: the one that the user wants does not.
     """
-    from uav_collect.uav.policy import policy_for, STRONG, unfamiliar
+    from uav_collect.uav.policy import policy_for, remarks, STRONG
 
     if wanted is not None:
-        if (line := unfamiliar(policy_for(wanted, scenario), scenario)) is not None:
+        for line in remarks(policy_for(wanted, scenario), scenario):
             say(line)
         return wanted
     try:
-        if (line := unfamiliar(policy_for(STRONG, scenario), scenario)) is not None:
+        for line in remarks(policy_for(STRONG, scenario), scenario):
             say(line)
     except PolicyMismatchError as error:
         say(f'{error}: {_FALLBACK} flies')

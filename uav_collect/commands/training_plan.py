@@ -9,6 +9,7 @@ import sys
 from typing import TYPE_CHECKING
 
 from uav_collect.commands import options
+from uav_collect.commands.terminal import say
 from uav_collect.errors import TrainingRunError
 from uav_collect.training.planned_run import new_record, PlannedRun, stored_run
 from uav_collect.training.run_record import read_run, RUN_FILE, RunRecord
@@ -45,11 +46,13 @@ def plan_training(arguments: argparse.Namespace) -> TrainingPlan:
 
 def _new_training(arguments: argparse.Namespace) -> TrainingPlan:
     from uav_collect.training.config import load_preset
-    from uav_collect.uav.policy import frozen_policy
+    from uav_collect.uav.policy import frozen_policy, outdated
 
     scenarios = options.scenarios_of(arguments)
     config = load_preset(arguments.preset, options.overrides_of(arguments.override))
     initial = None if arguments.start_from is None else frozen_policy(arguments.start_from)
+    if initial is not None and (line := outdated(arguments.start_from, initial)) is not None:
+        say(line)
     record = _record(arguments, scenarios, config, initial)
     is_alone = len(record.seeds) == 1 and arguments.output is not None
     runs = []

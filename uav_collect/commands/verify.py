@@ -56,6 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     if arguments.json is not None:
         files.check_writable(arguments.json)
+    _look_at(arguments.policy)
     given = Given(site=_site(arguments.scenario), policy_files=tuple(arguments.policy))
     proofs = []
     for path in arguments.path:
@@ -67,6 +68,16 @@ def run(arguments: argparse.Namespace) -> int:
         text = json.dumps([_values(proof) for proof in proofs], indent=1)
         files.write_atomically(arguments.json, f'{text}\n'.encode())
     return _status(proofs)
+
+
+def _look_at(policies: list[Path]) -> None:
+    """Say which files are of before; raise PolicyMismatchError if one cannot be read."""
+    from uav_collect.uav.policy import outdated
+    from uav_collect.uav.policy_file import load_policy, SUFFIX
+
+    for path in policies:
+        if path.suffix == SUFFIX and (line := outdated(path.stem, load_policy(path))) is not None:
+            sys.stderr.write(f'{line}\n')
 
 
 def _site(scenario: str | None) -> Any:  # noqa: ANN401 - a site, if there is one

@@ -6,6 +6,7 @@ import hashlib
 import math
 from typing import Any
 
+from uav_collect.config.yaml_text import shown
 from uav_collect.errors import PolicyMismatchError
 from uav_collect.kernels.arrays import Row
 from uav_collect.uav.belief import Belief
@@ -71,7 +72,7 @@ def checked_policy(msg: Any, briefing: Briefing) -> PublishedPolicy:
         raise PolicyMismatchError(f'its SHA-256 is {digest[:8]}..., not {msg.sha256[:8]}...')
     frozen = policy_from_bytes(content)
     if frozen.header.version != msg.version:
-        raise PolicyMismatchError(f'its file is of version {frozen.header.version!r}')
+        raise PolicyMismatchError(f'its file is of version {shown(frozen.header.version)}')
     misfit = frozen.misfit(briefing)
     if misfit is not None:
         raise PolicyMismatchError(misfit)
@@ -106,7 +107,7 @@ class PolicyStore:
         try:
             policy = checked_policy(msg, self._briefing)
         except PolicyMismatchError as error:
-            return f'policy {msg.version!r} of the trainer is refused: {error}'
+            return f'policy {shown(msg.version)} of the trainer is refused: {error}'
         self._kept[policy.key] = policy
         if len(self._kept) > _N_KEPT:
             del self._kept[next(iter(self._kept))]

@@ -18,13 +18,12 @@ from uav_collect.config.rules import (
     text,
     whole,
 )
-from uav_collect.limits import MAX_UAVS
+from uav_collect.limits import MAX_CELLS_PER_SIDE, MAX_UAVS
 from uav_collect.scenario import sensor_files
 from uav_collect.scenario.earth import lat_lon_deg
 
-_MAX_CELLS_PER_SIDE = 64
 _MAX_LENGTH_M = 10_000.0
-_MAX_SIDE_M = _MAX_CELLS_PER_SIDE * _MAX_LENGTH_M
+_MAX_SIDE_M = MAX_CELLS_PER_SIDE * _MAX_LENGTH_M
 _MAX_DELAY_S = 3600.0
 _MAX_TIME_S = 1e6  # of a fault
 _MAX_DECISIONS = 1_000_000
@@ -60,7 +59,7 @@ class GeoReference(Section):
 class AreaConfig(Section):
     """The monitored square, its cells, and the height at which UAVs fly over it."""
 
-    cells_per_side: Annotated[int, whole(1, _MAX_CELLS_PER_SIDE)]
+    cells_per_side: Annotated[int, whole(1, MAX_CELLS_PER_SIDE)]
     cell_size_m: _Length
     altitude_m: _Length  # of all UAVs
     reference: GeoReference | None = None  # where on Earth it lies, if that is known

@@ -10,11 +10,12 @@ from typing import Annotated, Any, Literal
 from uav_collect.config import layers, yaml_text
 from uav_collect.config.installed import shared_folders
 from uav_collect.config.rules import number, Section, text, truth, validated, whole
+from uav_collect.limits import MAX_LAYER_SIZE
 from uav_collect.uav.observation import Layout
 from uav_collect.world.reward import Reward
 
 _Share = Annotated[float, number(0, 1)]
-_Size = Annotated[int, whole(1, 4096)]
+_Size = Annotated[int, whole(1, MAX_LAYER_SIZE)]
 
 
 class RewardSettings(Section):

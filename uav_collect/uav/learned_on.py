@@ -6,10 +6,18 @@ A policy may fly where it did not learn, but how well nobody knows: whoever flie
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 import math
+from typing import Annotated
 
+from uav_collect.config.rules import number, whole
+from uav_collect.limits import MAX_CELLS_PER_SIDE
 from uav_collect.scenario.model import DrawnSensors, Scenario
 
 _TOLERANCE = 1e-6  # relative; what files round away
+
+_Amount = Annotated[float, number(0, 1e12)]
+_Coordinate = Annotated[float, number(-1e12, 1e12)]
+_Share = Annotated[float, number(0, 1)]
+_Limit = Annotated[float, number(0, math.inf)]
 
 Span = tuple[float, float]  # least and most
 
@@ -18,18 +26,18 @@ Span = tuple[float, float]  # least and most
 class LearnedOn:
     """A scenario, as far as a policy has got used to it."""
 
-    cells_per_side: int
-    cell_size_m: float
-    speeds_mps: tuple[float, ...]  # by UAV
-    contact_range_m: float  # inf: always in contact
-    homes: tuple[tuple[float, float], ...]  # by UAV, east and north in cells
-    sensors_per_cell: float  # on average
-    cell_share: float  # of the cells with sensors, those that have data on average
-    data_mbit: Span  # of a sensor that has any
+    cells_per_side: Annotated[int, whole(1, MAX_CELLS_PER_SIDE)]
+    cell_size_m: _Amount
+    speeds_mps: tuple[_Amount, ...]  # by UAV
+    contact_range_m: _Limit  # inf: always in contact
+    homes: tuple[tuple[_Coordinate, _Coordinate], ...]  # by UAV, east and north in cells
+    sensors_per_cell: _Amount  # on average
+    cell_share: _Share  # of the cells with sensors, those that have data on average
+    data_mbit: tuple[_Amount, _Amount]  # of a sensor that has any
     # Of messages between UAVs; files of before there were such radios say nothing of them.
-    loss_share: float = 0.0
-    delay_s: Span = (0.0, 0.0)
-    rate_bps: float = math.inf  # of a UAV's radio; inf: sending takes no time
+    loss_share: _Share = 0.0
+    delay_s: tuple[_Coordinate, _Coordinate] = (0.0, 0.0)
+    rate_bps: _Limit = math.inf  # of a UAV's radio; inf: sending takes no time
 
 
 def learned_on(scenario: Scenario) -> LearnedOn:

@@ -13,7 +13,7 @@ from uav_collect.uav.belief import Belief
 from uav_collect.uav.briefing import brief, Briefing
 from uav_collect.uav.heuristics import Heuristic, RulePolicy
 from uav_collect.uav.learned_on import strangeness
-from uav_collect.uav.policy_file import load_policy, SUFFIX
+from uav_collect.uav.policy_file import FORMAT, load_policy, SUFFIX, WEIGHTS_FORMAT
 from uav_collect.uav.policy_network import FrozenPolicy, LearnedPolicy
 from uav_collect.uav.user_policy import is_user_policy_name, user_policy, UserPolicy
 from uav_collect.uav.view import LocalView
@@ -87,6 +87,22 @@ def policy_for(name: str, scenario: Scenario) -> NamedPolicy:
     policy = policy_named(_strong_name(scenario) if name == STRONG else name)
     policy.begin(brief(scenario), 0)
     return policy
+
+
+def remarks(policy: Policy, scenario: Scenario) -> list[str]:
+    """What whoever flies a policy in a scenario should know of it, in one line each."""
+    old = outdated(policy.name, policy.frozen) if isinstance(policy, LearnedPolicy) else None
+    return [line for line in (old, unfamiliar(policy, scenario)) if line is not None]
+
+
+def outdated(name: str, policy: FrozenPolicy) -> str | None:
+    """In one line, that nothing covers the header of a learned policy; None if it is covered."""
+    if policy.is_header_covered:
+        return None
+    return (
+        f'policy {name} is of {WEIGHTS_FORMAT}: its digest covers the weights, not the header;'
+        f' tools/rewrite_policies.py writes it as {FORMAT}'
+    )
 
 
 def unfamiliar(policy: Policy, scenario: Scenario) -> str | None:

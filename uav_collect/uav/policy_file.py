@@ -1,28 +1,43 @@
-"""A frozen policy's file: safetensors, the weights as float32, the header's fields beside them."""
+"""A frozen policy's file: safetensors, the weights as float32, the header's fields beside them.
+
+Its digest is the SHA-256 of the whole file with zeros where the digest stands, so that no byte
+changes unnoticed. Files of version 1 have one of the weights alone: they are read, and whoever
+flies them is told.
+"""
 
 from collections.abc import Mapping
 from dataclasses import asdict, fields, is_dataclass, MISSING
+import hashlib
+from io import BytesIO
 import json
 from pathlib import Path
-from typing import Any, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, BinaryIO, get_args, get_origin, get_type_hints
 
 from uav_collect import files
+from uav_collect.config.rules import Rule
+from uav_collect.config.yaml_text import shown
 from uav_collect.errors import PolicyMismatchError
 from uav_collect.uav.learned_on import LearnedOn
 from uav_collect.uav.observation import Layout
-from uav_collect.uav.policy_network import FrozenPolicy, PolicyHeader, Validation
-from uav_collect.uav.tensor_file import read_tensor_file, tensor_file
+from uav_collect.uav.policy_network import check_shapes, FrozenPolicy, PolicyHeader, Validation
+from uav_collect.uav.tensor_file import parsed_json, read_head, read_tensors, tensor_file
 
-FORMAT = 'uav_collect.policy/1'
+FORMAT = 'uav_collect.policy/2'
+WEIGHTS_FORMAT = 'uav_collect.policy/1'  # of before: its digest covers the weights alone
 SUFFIX = '.safetensors'
 _MAX_DIGITS = 19  # of a number in a header: 63 bits
+_NO_DIGEST = '0' * 64
 
 _Value = Layout | Validation | tuple[LearnedOn, ...] | int | str  # of a header's field
 
 
 def policy_bytes(policy: FrozenPolicy) -> bytes:
     """What a policy's file holds; the inverse is `policy_from_bytes`."""
-    return tensor_file(policy.weights, _metadata(policy))
+    texts = {
+        field.name: _text(getattr(policy.header, field.name)) for field in fields(PolicyHeader)
+    }
+    content = tensor_file(policy.weights, {**texts, 'format': FORMAT, 'digest': _NO_DIGEST})
+    return content.replace(_said(_NO_DIGEST), _said(hashlib.sha256(content).hexdigest()), 1)
 
 
 def policy_from_bytes(content: bytes) -> FrozenPolicy:
@@ -31,11 +46,7 @@ def policy_from_bytes(content: bytes) -> FrozenPolicy:
     Raises:
         PolicyMismatchError: one line: the field, its value, what it must be.
     """
-    weights, metadata = read_tensor_file(content)
-    _check_field('format', _field(metadata, 'format'), FORMAT)
-    policy = FrozenPolicy(_header(metadata), weights)
-    _check_field('digest', _field(metadata, 'digest'), policy.digest)
-    return policy
+    return _read_policy(BytesIO(content), len(content))
 
 
 def save_policy(path: Path, policy: FrozenPolicy) -> None:
@@ -54,18 +65,36 @@ def load_policy(path: Path) -> FrozenPolicy:
         PolicyMismatchError: one line: the file, the field, its value, what it must be.
     """
     try:
-        return policy_from_bytes(path.read_bytes())
+        with files.open_file(path) as (file, size_byte):
+            return _read_policy(file, size_byte)
     except OSError as error:
         raise PolicyMismatchError(f'{path}: cannot be read: {error.strerror or error}') from error
     except PolicyMismatchError as error:
         raise PolicyMismatchError(f'{path}: {error}') from error
 
 
-def _metadata(policy: FrozenPolicy) -> dict[str, str]:
-    texts = {
-        field.name: _text(getattr(policy.header, field.name)) for field in fields(PolicyHeader)
-    }
-    return {'format': FORMAT, **texts, 'digest': policy.digest}
+def _read_policy(file: BinaryIO, size_byte: int) -> FrozenPolicy:
+    head = read_head(file, size_byte)
+    version = _field(head.texts, 'format')
+    if version not in (FORMAT, WEIGHTS_FORMAT):
+        wanted = f'{FORMAT!r} or {WEIGHTS_FORMAT!r}'
+        raise PolicyMismatchError(f'format is {shown(version)}: must be {wanted}')
+    header = _header(head.texts)
+    check_shapes(header, head.shapes)
+    weights, data = read_tensors(file, head)
+    policy = FrozenPolicy(header, weights, is_header_covered=version == FORMAT)
+    said, found = _field(head.texts, 'digest'), policy.digest
+    if policy.is_header_covered:
+        unsaid = head.content.replace(_said(said), _said(_NO_DIGEST), 1)
+        found = hashlib.sha256(unsaid + data).hexdigest()
+    if said != found:  # a text that is no digest is found nowhere in the head
+        raise PolicyMismatchError(f'digest is {shown(said)}: must be {found!r}')
+    return policy
+
+
+def _said(digest: str) -> bytes:
+    """A digest as it stands in a head; a text that quotes the like has its quotes escaped."""
+    return f'"digest":"{digest}"'.encode(errors='replace')
 
 
 def _text(value: _Value) -> str:
@@ -76,80 +105,83 @@ def _text(value: _Value) -> str:
     return json.dumps(asdict(value)) if isinstance(value, Validation) else str(value)
 
 
-def _header(metadata: Mapping[str, str]) -> PolicyHeader:
+def _header(texts: Mapping[str, str]) -> PolicyHeader:
     values: dict[str, Any] = {
-        field.name: _parsed(field.name, field.type, _field(metadata, field.name))
+        field.name: _parsed(field.name, field.type, _field(texts, field.name))
         for field in fields(PolicyHeader)
-        if field.default is MISSING or field.name in metadata  # files of before say less
+        if field.default is MISSING or field.name in texts  # files of before say less
     }
     return PolicyHeader(**values)
 
 
-def _parsed(name: str, kind: object, text: str) -> _Value:
+def _parsed(name: str, kind: object, text: str) -> Any:  # noqa: ANN401 - of that kind
     if kind is Layout:
         known = {layout.label: layout for layout in Layout}
         if text not in known:
-            raise PolicyMismatchError(f'{name} is {text!r}: must be {" or ".join(known)}')
+            raise PolicyMismatchError(f'{name} is {shown(text)}: must be {" or ".join(known)}')
         return known[text]
-    if kind is Validation:
-        return _validation(name, text)
-    if kind == tuple[LearnedOn, ...]:
-        return _learned_on(name, text)
     if kind is int:
         if not (text.isascii() and text.isdecimal() and len(text) <= _MAX_DIGITS):
-            raise PolicyMismatchError(f'{name} is {text!r}: must be a whole number')
+            raise PolicyMismatchError(f'{name} is {shown(text)}: must be a whole number')
         return int(text)
+    if kind is not str:
+        return _record(name, kind, text)
     return text
 
 
-def _validation(name: str, text: str) -> Validation:
+def _record(name: str, kind: Any, text: str) -> Any:  # noqa: ANN401 - of that kind
+    """What the JSON of a field holds."""
+    of, what = (Validation, 'object') if kind is Validation else (LearnedOn, 'list of objects')
     try:
-        validation: Validation = _of_kind(Validation, json.loads(text))
-    except (ValueError, RecursionError) as error:
-        raise _unreadable(name, text, 'a JSON object', Validation) from error
-    return validation
+        return _of_kind(name, kind, parsed_json(text))
+    except PolicyMismatchError:
+        raise
+    except ValueError as error:
+        names = ', '.join(field.name for field in fields(of))
+        raise PolicyMismatchError(
+            f'{name} is {shown(text)}: must be a JSON {what} of {names}'
+        ) from error
 
 
-def _learned_on(name: str, text: str) -> tuple[LearnedOn, ...]:
-    try:
-        known: tuple[LearnedOn, ...] = _of_kind(tuple[LearnedOn, ...], json.loads(text))
-    except (ValueError, RecursionError) as error:
-        raise _unreadable(name, text, 'a JSON list of objects', LearnedOn) from error
-    return known
-
-
-def _unreadable(name: str, text: str, what: str, of: type[Any]) -> PolicyMismatchError:
-    names = ', '.join(field.name for field in fields(of))
-    return PolicyMismatchError(f'{name} is {text!r}: must be {what} of {names}')
-
-
-def _field(metadata: Mapping[str, str], name: str) -> str:
-    if name not in metadata:
+def _field(texts: Mapping[str, str], name: str) -> str:
+    if name not in texts:
         raise PolicyMismatchError(f'{name} is missing: it is no policy of {FORMAT}')
-    return metadata[name]
+    return texts[name]
 
 
-def _check_field(name: str, value: str, wanted: str) -> None:
-    if value != wanted:
-        raise PolicyMismatchError(f'{name} is {value!r}: must be {wanted!r}')
+def _of_kind(path: str, kind: Any, value: object) -> Any:  # noqa: ANN401 - of that kind
+    """What JSON holds of a record, a tuple, a number or a text.
 
-
-def _of_kind(kind: Any, value: object) -> Any:  # noqa: ANN401 - of that kind
-    """What JSON holds of a record, a tuple, a number or a text; raises ValueError for another."""
+    Raises:
+        ValueError: it holds something else.
+        PolicyMismatchError: a number is out of range, by its path.
+    """
     if isinstance(kind, type) and is_dataclass(kind):
-        kinds = get_type_hints(kind)
+        kinds = get_type_hints(kind, include_extras=True)
         # Files of before say less.
         wanted = {field.name for field in fields(kind) if field.default is MISSING}
         if not isinstance(value, dict) or not wanted <= value.keys() <= kinds.keys():
             raise ValueError
-        return kind(**{name: _of_kind(kinds[name], each) for name, each in value.items()})
+        return kind(
+            **{name: _of_kind(f'{path}.{name}', kinds[name], it) for name, it in value.items()}
+        )
     if get_origin(kind) is tuple:
         parts = get_args(kind)
         if not isinstance(value, list):
             raise ValueError
         if parts[-1] is ...:
             parts = parts[:1] * len(value)
-        return tuple(_of_kind(part, each) for part, each in zip(parts, value, strict=True))
-    if isinstance(value, bool) or not isinstance(value, int | float if kind is float else kind):
+        pairs = enumerate(zip(parts, value, strict=True))
+        return tuple(_of_kind(f'{path}.{place}', part, each) for place, (part, each) in pairs)
+    if get_origin(kind) is Annotated:
+        return _within(path, get_args(kind)[1], value)
+    if not isinstance(value, kind):
         raise ValueError
-    return kind(value)
+    return value
+
+
+def _within(path: str, rule: Rule, value: object) -> Any:  # noqa: ANN401 - what the rule makes
+    try:
+        return rule.parse(value)
+    except (ValueError, OverflowError) as error:
+        raise PolicyMismatchError(f'{path} is {shown(value)}: must be {rule.allowed}') from error

@@ -10,15 +10,24 @@ gets alone, so missions flown many at once equal those flown by one agent per UA
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 import hashlib
 from itertools import product
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
+from uav_collect.config.rules import number, text, whole
+from uav_collect.config.yaml_text import shown
 from uav_collect.errors import PolicyMismatchError
 from uav_collect.kernels.arrays import Bools, Floats, Ints, new_row, Row
-from uav_collect.limits import EGOCENTRIC_MAX_UAVS, MAX_UAVS
+from uav_collect.limits import (
+    EGOCENTRIC_MAX_UAVS,
+    MAX_CELLS_PER_SIDE,
+    MAX_LAYER_SIZE,
+    MAX_SEED,
+    MAX_UAVS,
+)
 from uav_collect.uav.action_codes import N_ACTIONS, NONE
 from uav_collect.uav.belief import Belief
 from uav_collect.uav.briefing import Briefing
@@ -29,21 +38,26 @@ from uav_collect.uav.view import LocalView
 
 _ALMOST_ALL = 0.99  # of the missions: from there on efficiency alone decides
 
+_MAX_TEXT = 4096  # characters of a text in a header; one may name many scenarios
+
 Weights = Mapping[str, NDArray[np.float32]]
+
+_Share = Annotated[float, number(0, 1)]
+_Amount = Annotated[float, number(0, 1e12)]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Validation:
     """What a policy achieved on average in missions that it did not learn from."""
 
-    efficiency_kbit_per_j: float
-    completion_s: float
-    energy_kj: float
-    collected_share: float
-    complete_share: float  # of the missions: all data collected
-    safe_share: float  # of the missions: every UAV landed with its margin
-    missions: int
-    bandwidth: str  # how it was shared
+    efficiency_kbit_per_j: _Amount
+    completion_s: _Amount
+    energy_kj: _Amount
+    collected_share: _Share
+    complete_share: _Share  # of the missions: all data collected
+    safe_share: _Share  # of the missions: every UAV landed with its margin
+    missions: Annotated[int, whole(0, MAX_SEED)]
+    bandwidth: Annotated[str, text(64)]  # how it was shared
 
     @property
     def rank(self) -> tuple[float, float]:
@@ -88,18 +102,22 @@ class PolicyHeader:
 class FrozenPolicy:
     """The network, ready to be asked."""
 
-    def __init__(self, header: PolicyHeader, weights: Weights) -> None:
+    def __init__(
+        self, header: PolicyHeader, weights: Weights, *, is_header_covered: bool = True
+    ) -> None:
         """Check the weights and lay them out as inference reads them.
 
         Args:
             weights: float32 by name, of the shapes that `weight_shapes` gives.
+            is_header_covered: by the digest of the file that it was read from, if from any.
 
         Raises:
             PolicyMismatchError: a tensor is missing, unknown, misshapen or not finite.
         """
-        _check_header(header)
-        _check_weights(header, weights)
+        check_shapes(header, {name: tensor.shape for name, tensor in weights.items()})
+        _check_weights(weights)
         self.header = header
+        self.is_header_covered = is_header_covered
         self.weights = dict(weights)
         # Upcast once; transposed, so that each product walks the memory in order.
         wide = {name: np.asarray(tensor, dtype=np.float64) for name, tensor in weights.items()}
@@ -296,11 +314,40 @@ def _span(low: int, high: int) -> str:
     return str(low) if low == high else f'{low} to {high}'
 
 
-def _check_header(header: PolicyHeader) -> None:
+def check_shapes(header: PolicyHeader, shapes: Mapping[str, tuple[int, ...]]) -> None:
+    """Refuse a header that contradicts itself, or tensors that are not of its shapes.
+
+    Raises:
+        PolicyMismatchError: one line: what, its value, what it must be.
+    """
+    _check_texts(header)
+    _check_numbers(header)
+    wanted = weight_shapes(header.observation_size, header.hidden_size)
+    if unlike := sorted(wanted.keys() ^ shapes.keys()):
+        what = 'is missing' if unlike[0] in wanted else 'is unknown'
+        raise PolicyMismatchError(f'tensor {shown(unlike[0])} {what}: must be {", ".join(wanted)}')
+    for name, shape in wanted.items():
+        if shapes[name] != shape:
+            raise PolicyMismatchError(
+                f'{name} has shape {shown([*shapes[name]])}: must be {list(shape)}'
+            )
+
+
+def _check_texts(header: PolicyHeader) -> None:
+    for field_ in fields(header):
+        value = getattr(header, field_.name)
+        if isinstance(value, str) and not (value.isprintable() and len(value) <= _MAX_TEXT):
+            allowed = f'{_MAX_TEXT} printable characters at most'
+            raise PolicyMismatchError(f'{field_.name} is {shown(value)}: must be {allowed}')
+
+
+def _check_numbers(header: PolicyHeader) -> None:
     most_uavs = EGOCENTRIC_MAX_UAVS if header.layout == Layout.EGOCENTRIC else MAX_UAVS
+    largest = header.cells_per_side_max
     for name, value, low, high in (
-        ('hidden_size', header.hidden_size, 1, header.hidden_size),
-        ('cells_per_side_min', header.cells_per_side_min, 1, header.cells_per_side_max),
+        ('hidden_size', header.hidden_size, 1, MAX_LAYER_SIZE),
+        ('cells_per_side_min', header.cells_per_side_min, 1, largest),
+        ('cells_per_side_max', largest, header.cells_per_side_min, MAX_CELLS_PER_SIDE),
         ('n_uavs_min', header.n_uavs_min, 1, header.n_uavs_max),
         ('n_uavs_max', header.n_uavs_max, header.n_uavs_min, most_uavs),
     ):
@@ -316,15 +363,8 @@ def _check_header(header: PolicyHeader) -> None:
             )
 
 
-def _check_weights(header: PolicyHeader, weights: Weights) -> None:
-    shapes = weight_shapes(header.observation_size, header.hidden_size)
-    if unlike := sorted(shapes.keys() ^ weights.keys()):
-        what = 'is missing' if unlike[0] in shapes else 'is unknown'
-        raise PolicyMismatchError(f'tensor {unlike[0]} {what}: must be {", ".join(shapes)}')
-    for name, shape in shapes.items():
-        tensor = weights[name]
-        if tensor.shape != shape:
-            raise PolicyMismatchError(f'{name} has shape {tensor.shape}: must be {shape}')
+def _check_weights(weights: Weights) -> None:
+    for name, tensor in weights.items():
         if tensor.dtype != np.float32:
             raise PolicyMismatchError(f'{name} is {tensor.dtype}: must be float32')
         wrong = np.argwhere(~np.isfinite(tensor))

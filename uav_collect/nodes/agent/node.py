@@ -34,9 +34,9 @@ from uav_collect.uav.policy import (
     guard_for,
     policy_for,
     policy_named,
+    remarks,
     STRONG,
     TOPIC,
-    unfamiliar,
 )
 from uav_collect_msgs.srv import Join
 
@@ -178,7 +178,7 @@ class AgentNode(ProcessNode):
         briefing, uav = brief(scenario), self._uav - 1
         self._briefing, self._n_sensors = briefing, len(msg.sensor_id)
         policy = self._topic_policy(briefing) or policy_for(self._policy, scenario)
-        if (line := unfamiliar(policy, scenario)) is not None:
+        for line in remarks(policy, scenario):
             self.get_logger().warning(line)
         topic_policy = policy if isinstance(policy, TopicPolicy) else None
         # A learner is to see what its own policy does.
