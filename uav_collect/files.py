@@ -87,32 +87,6 @@ def write_parts_atomically(path: Path, parts: Iterable[bytes | memoryview]) -> N
             partial.replace(path.resolve())  # a link stays a link
 
 
-@contextmanager
-def open_file(path: Path) -> Iterator[tuple[BinaryIO, int]]:
-    """Open a file to be read; it and its size in bytes.
-
-    A folder is none, nor is a pipe or a device: they have no size and may never answer.
-
-    Raises:
-        OSError: naming the file.
-    """
-    try:
-        # To open a pipe would wait for whoever writes into it.
-        number = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY)
-    except ValueError as error:
-        raise OSError(errno.EINVAL, f'is no path: {error}', str(path)) from error
-    try:
-        about = os.fstat(number)
-        if not stat.S_ISREG(about.st_mode):
-            is_folder = stat.S_ISDIR(about.st_mode)
-            what = 'is a folder' if is_folder else 'is a pipe or a device'
-            raise OSError(errno.EINVAL, f'{what}: must be a file', str(path))
-        with naming(path), open(number, 'rb', closefd=False) as file:
-            yield file, about.st_size
-    finally:
-        os.close(number)
-
-
 def drop_partial(folder: Path) -> None:
     """Remove what writers that were killed left in a folder that nobody else writes into."""
     for partial in folder.glob('.*.part'):
