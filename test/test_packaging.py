@@ -208,6 +208,12 @@ def test_the_files_of_a_decision_are_those_that_run_from_one_to_the_next(tmp_pat
     assert structure.Tracer(tmp_path).trace(fly) == ('b', 'batch_kernels')
 
 
+def test_consoles_that_might_take_names_for_markup_stand_in_one_module() -> None:
+    makers = re.compile(r'\b(Console|TextColumn|from_markup|render_markup)\(')
+    users = {path for path, source in SOURCES.items() if makers.search(source)}
+    assert users == {'analysis/console.py'}
+
+
 def test_no_public_class_name_is_there_twice() -> None:
     assert classes_of_one_name(SOURCES) == {}
 

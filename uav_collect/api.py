@@ -11,8 +11,9 @@ from io import BytesIO, StringIO
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console, RenderableType
+from rich.console import RenderableType
 from uav_collect import files
+from uav_collect.analysis.console import plain_console
 from uav_collect.analysis.metrics import mission_metrics, MissionMetrics
 from uav_collect.analysis.statistics import (
     Estimate,
@@ -233,7 +234,7 @@ def _check_range(name: str, value: int, least: int, most: int) -> None:
 
 
 def _text(table: RenderableType) -> str:
-    console = Console(file=StringIO(), width=_COLUMNS)
+    console = plain_console(file=StringIO(), width=_COLUMNS)
     with console.capture() as shown:
         console.print(table)
     return '\n'.join(line.rstrip() for line in shown.get().splitlines()).rstrip()

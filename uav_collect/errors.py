@@ -22,7 +22,7 @@ A command shows their text alone, without a traceback. Those about something tha
 ValueError besides. A plain ValueError or RuntimeError is a mistake of the code that calls.
 """
 
-_MAX_LINES = 10  # of problems shown at once
+_MAX_LINES = 20  # of problems shown at once
 
 
 class UavCollectError(Exception):
@@ -33,7 +33,7 @@ class ConfigError(UavCollectError, ValueError):
     """A configuration that cannot be used: one line per problem, ready to be shown."""
 
     def __init__(self, *problems: str) -> None:
-        """Keep the problems; the message shows the first ten."""
+        """Keep the problems; the message shows the first twenty."""
         super().__init__(*problems)
         self.problems = problems
 

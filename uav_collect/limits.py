@@ -1,7 +1,13 @@
 """Bounds and choices that commands, messages, files and kernels share."""
 
+import re
 import signal
 
+MAX_NAME = 64  # characters
+NAME_ALLOWED = f'1 to {MAX_NAME} letters, digits, _, - and ., the first a letter or a digit'
+_NAME = re.compile(f'[A-Za-z0-9][A-Za-z0-9_.-]{{0,{MAX_NAME - 1}}}')
+
+MAX_SENSORS = 20_000
 MAX_UAVS = 64  # the UAVs that one has heard travel as bits of a 64-bit word
 MAX_CELLS_PER_SIDE = 64
 EGOCENTRIC_MAX_UAVS = 6  # UAVs that the egocentric observation tells apart
@@ -18,6 +24,19 @@ RECORDED = ('all', 'learning')  # topics that a recorder keeps: all, or those le
 
 # How bandwidth may be shared; the first two are known to kernels, by their place here.
 ALLOCATOR_NAMES = ('exact', 'equal', 'cvxpy')
+
+
+def is_name(text: str) -> bool:
+    """Whether a text may name a scenario, a preset or a policy: then it may name a file, too."""
+    return _NAME.fullmatch(text) is not None
+
+
+def shown_name(text: str) -> str:
+    """A name as it is printed: on one line, not too long, however it came here."""
+    if not text.isprintable():
+        text = text.encode('unicode_escape', 'surrogatepass').decode('ascii')
+    half = (MAX_NAME - 3) // 2
+    return text if len(text) <= MAX_NAME else f'{text[:half]}...{text[-half:]}'
 
 
 def stop_signals() -> tuple[signal.Signals, ...]:

@@ -1,13 +1,21 @@
 """Tables of missions beside the plans that they are compared with."""
 
+from dataclasses import replace
+from io import StringIO
 import math
 
 from bounds import bound, plans
 import pytest
+from uav_collect.analysis.console import plain_console
 from uav_collect.analysis.metrics import mission_metrics
 from uav_collect.analysis.plan_shares import efficiency_share, time_share
 from uav_collect.analysis.statistics import estimates
-from uav_collect.analysis.tables import comparison_table, evaluation_table, mission_tables
+from uav_collect.analysis.tables import (
+    comparison_table,
+    difference_table,
+    evaluation_table,
+    mission_tables,
+)
 from uav_collect.limits import GUARD_AFTER
 from uav_collect.missions.rollout import fly
 from uav_collect.recording.mission_log import MissionLog
@@ -18,12 +26,8 @@ pytestmark = pytest.mark.usefixtures('bound_cache')
 
 
 def shown(table: object, columns: int = 100) -> str:
-    from io import StringIO
-
-    from rich.console import Console
-
     text = StringIO()
-    Console(file=text, width=columns).print(table)
+    plain_console(file=text, width=columns).print(table)
     return text.getvalue()
 
 
@@ -44,6 +48,29 @@ def test_tables_of_a_mission_tell_how_near_it_came() -> None:
         [line] = [line for line in rows.splitlines() if f'{name} plan' in line]
         assert f'{plan.completion_s:.1f}' in line
         assert f'{plan.total_energy_j / 1e3:.2f}' in line
+
+
+def test_names_stand_in_tables_as_they_are_but_on_one_line_and_not_too_long() -> None:
+    [log] = fly(build_site(load('paper_8x8')), [4], 'sweep')
+    named = {'a[/b]': 'a[/b]', '[red]x': '[red]x', ':cat:': ':cat:', 'a\x1b[2Jb': 'a\\x1b[2Jb'}
+    long = f'{"n" * 30}{"m" * 1000}{"o" * 30}'
+    named[long] = f'{"n" * 30}...{"o" * 30}'
+    for name, wanted in named.items():
+        uavs = tuple(replace(uav, policy=name) for uav in log.header.uavs)
+        header = replace(log.header, scenario=name, uavs=uavs)
+        mission = mission_metrics(log)
+        rows = {name: estimates([mission, mission], 0)}
+        tables = [
+            mission_tables(header, mission),
+            comparison_table({name: mission}),
+            evaluation_table({name: [mission, mission]}, rows),
+            difference_table(name, rows),
+        ]
+        for table in tables:
+            text = shown(table, 250)
+            assert wanted in text
+            assert max(map(len, text.splitlines())) <= 250
+            assert '\x1b' not in text
 
 
 def guarded(policy: str, guard_after: int = GUARD_AFTER) -> MissionLog:
@@ -84,7 +111,7 @@ def test_an_evaluation_says_in_how_many_missions_guards_decided() -> None:
 def test_a_long_name_of_a_policy_is_shown_whole_on_a_narrow_terminal() -> None:
     scenario = load('paper_8x8')
     missions = [mission_metrics(log) for log in fly(build_site(scenario), [4, 5], 'sweep')]
-    name = f'a_package.of_mine:{"a_policy_with_a_long_name_" * 3}'
+    name = 'a_package.of_mine:a_policy_with_a_name_that_is_as_long_as_it_may'
     comparison = comparison_table({name: missions[0]}, bound(scenario, 4))
     evaluation = evaluation_table({name: missions}, {name: estimates(missions, 2)})
     for table in (comparison, evaluation):

@@ -38,7 +38,7 @@ def random_scenario(number: int) -> Scenario:
         for _ in range(rng.integers(1, 5))
     ]
     overrides = {
-        'name': f'random {number}',
+        'name': f'random-{number}',
         'area.cells_per_side': side,
         'area.cell_size_m': cell_size_m,
         'sensors.seed': number,

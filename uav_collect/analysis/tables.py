@@ -17,6 +17,7 @@ from uav_collect.analysis.metrics import (
 )
 from uav_collect.analysis.plan_shares import efficiency_share, time_share
 from uav_collect.analysis.statistics import CONFIDENCE_LEVEL, Estimate, MEASURES
+from uav_collect.limits import shown_name
 from uav_collect.planning.bound import Bound, Plan
 from uav_collect.recording.mission_log import MissionHeader
 
@@ -57,16 +58,25 @@ def mission_tables(
         n_radio_messages: delivered between UAVs; None where only the log is known.
         bound: the mission's; None where it is not known.
     """
-    policies = ', '.join(dict.fromkeys(uav.policy for uav in header.uavs))
+    policies = ', '.join(dict.fromkeys(shown_name(uav.policy) for uav in header.uavs))
     allocators = ', '.join(dict.fromkeys(uav.allocator for uav in header.uavs))
-    title = Text(f'{header.scenario}, mission seed {header.mission_seed}', style='bold')
-    title.append(f': {policies}, {allocators} bandwidth', style='not bold')
+    title = headline(
+        f'{shown_name(header.scenario)}, mission seed {header.mission_seed}',
+        f': {policies}, {allocators} bandwidth',
+    )
     return Group(
         title,
         _fleet_table(mission, n_radio_messages, bound),
         _uav_table(mission),
         *(Text(f'warning: {line}', style=_WARNING) for line in mission_warnings(mission)),
     )
+
+
+def headline(subject: str, rest: str) -> Text:
+    """The line above tables: what they are about, and under which circumstances."""
+    title = Text(subject, style='bold')
+    title.append(rest, style='not bold')
+    return title
 
 
 def mission_warnings(mission: MissionMetrics) -> list[str]:
@@ -171,7 +181,7 @@ def comparison_table(
         table.add_column(heading, justify='right', no_wrap=True)
     for policy, mission in missions.items():
         table.add_row(
-            Text(policy),
+            Text(shown_name(policy)),
             percent(mission.collected_share),
             f'{mission.energy_kj:.2f}',
             f'{mission.completion_s:.1f}' if mission.is_finished else '-',
@@ -219,7 +229,7 @@ def difference_table(first: str, rows: Mapping[str, Sequence[Estimate]]) -> Rend
         rows: one estimate for each of MEASURES, by the policy that was taken away.
     """
     table = _estimate_table('measure', 'minus', _by_measure(rows), is_split=len(rows) > 1)
-    title = Text(f'{first} minus each other policy, mission by mission', style='bold')
+    title = Text(f'{shown_name(first)} minus each other policy, mission by mission', style='bold')
     return Group(title, table)
 
 
@@ -236,6 +246,7 @@ def number_text(value: float) -> str:
 
 
 def _remarks(policy: str, missions: Sequence[MissionMetrics]) -> list[Text]:
+    policy = shown_name(policy)
     n_decisions = sum(mission.n_decisions for mission in missions) / len(missions)
     lines = [Text(f'{policy}: {n_decisions:.1f} decisions per mission', style='dim')]
     circled = [mission for mission in missions if mission.n_guarded]
@@ -297,7 +308,9 @@ def share_table(rows: Mapping[str, tuple[int, Mapping[str, Estimate]]]) -> Rende
         for key, title in _SHARES.items()
     ]
     table = _estimate_table('% of the clairvoyant plan', 'policy', groups, is_split=len(rows) > 1)
-    counts = ', '.join(f'{policy} {n_missions}' for policy, (n_missions, _) in rows.items())
+    counts = ', '.join(
+        f'{shown_name(policy)} {n_missions}' for policy, (n_missions, _) in rows.items()
+    )
     text = f'missions that collected everything and have plans: {counts}'
     return Group(table, Text(text, style='dim'))
 
@@ -325,7 +338,7 @@ def _estimate_table(
         table.add_column(column, justify='right', no_wrap=True)
     for title, rows in groups:
         for index, (name, cells) in enumerate(rows.items()):
-            table.add_row(Text('' if index else title), Text(name), *cells)
+            table.add_row(Text('' if index else title), Text(shown_name(name)), *cells)
         if is_split:
             table.add_section()
     return table

@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 from uav_collect.analysis.metrics import mission_metrics, MissionMetrics, percent
 from uav_collect.kernels.arrays import Bools, check_shape, Floats, Ints
+from uav_collect.limits import shown_name
 from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import Site
@@ -302,7 +303,8 @@ def _draw_tags(axes: Axes, paths: list[_Path], cell_size_m: float, cell_pt: floa
 
 def _write_title(axes: Axes, log: MissionLog, summary: MissionMetrics) -> None:
     header = log.header
-    policies = ', '.join(dict.fromkeys(uav.policy for uav in header.uavs))
+    policies = ', '.join(dict.fromkeys(shown_name(uav.policy) for uav in header.uavs))
+    title = f'{shown_name(header.scenario)}, mission seed {header.mission_seed}: {policies}'
     time = f'{summary.completion_s:.0f} s' if summary.is_finished else 'not finished'
     merits = (
         f'{summary.collected_bit / 1e6:.2f} of {summary.total_bit / 1e6:.2f} Mbit'
@@ -310,12 +312,12 @@ def _write_title(axes: Axes, log: MissionLog, summary: MissionMetrics) -> None:
         f' · {summary.efficiency_kbit_per_j:.3f} kbit/J'
     )
     for text, above_pt, size_pt, weight in (
-        (f'{header.scenario}, mission seed {header.mission_seed}: {policies}', 26, 11, 'bold'),
+        (title, 26, 11, 'bold'),
         (merits, 9, _FONT_PT + 0.5, 'normal'),
     ):
         axes.annotate(
             text, (0, 1), (0, above_pt), xycoords='axes fraction', textcoords='offset points',
-            fontsize=size_pt, fontweight=weight,
+            fontsize=size_pt, fontweight=weight, parse_math=False,
         )  # fmt: skip
 
 

@@ -93,21 +93,23 @@ def _show(
     n_known: int,
     estimates: Mapping[str, 'Estimate'],
 ) -> None:
-    from rich.console import Console
-    from uav_collect.analysis.tables import bound_table
+    from uav_collect.analysis.console import plain_console
+    from uav_collect.analysis.tables import bound_table, headline
 
-    console = Console()
+    console = plain_console()
     console.print(
-        f'[bold]{scenario.name}[/], {scenario.n_uavs} UAVs, {arguments.missions} missions from'
-        f' seed {arguments.seed}, {bandwidth} bandwidth, all demand known',
-        highlight=False,
+        headline(
+            scenario.name,
+            f', {scenario.n_uavs} UAVs, {arguments.missions} missions from seed {arguments.seed},'
+            f' {bandwidth} bandwidth, all demand known',
+        )
     )
     if estimates:
         console.print(bound_table(estimates))
     n_without = arguments.missions - n_known
     if n_without:
         what = f'no plan within the energy budgets was found in {n_without} missions'
-        console.print(what, style='yellow', highlight=False)
+        console.print(what, style='yellow')
 
 
 def _json(

@@ -101,9 +101,9 @@ def write(
 
 def _show(curves: 'tuple[LearningCurve, ...]', measure: CurveMeasure) -> None:
     from rich.box import SIMPLE_HEAD
-    from rich.console import Console
     from rich.table import Table
     from rich.text import Text
+    from uav_collect.analysis.console import plain_console
 
     table = Table(box=SIMPLE_HEAD, pad_edge=False)
     table.add_column(Text(f'{measure.title} [{measure.unit}]'), overflow='fold')
@@ -113,7 +113,7 @@ def _show(curves: 'tuple[LearningCurve, ...]', measure: CurveMeasure) -> None:
         spread = f'{curve.deviation[-1]:.4f}' if len(curve.seeds) > 1 else '-'
         row = (str(len(curve.seeds)), f'{curve.mean[-1]:.4f}', spread)
         table.add_row(Text(curve.label), *row)
-    Console().print(table)
+    plain_console().print(table)
 
 
 def _reference(text: str) -> tuple[str, float]:

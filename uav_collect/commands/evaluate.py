@@ -177,10 +177,15 @@ def _show(
     wall_s: float,
 ) -> _Results:
     """Print the figures of what was flown; they are the findings returned."""
-    from rich.console import Console
-    from uav_collect.analysis.tables import difference_table, evaluation_table, share_table
+    from uav_collect.analysis.console import plain_console
+    from uav_collect.analysis.tables import (
+        difference_table,
+        evaluation_table,
+        headline,
+        share_table,
+    )
 
-    console = Console()
+    console = plain_console()
     n_missions = min(len(missions) for missions in flown.values())
     if n_missions < arguments.missions:
         what = (
@@ -191,9 +196,11 @@ def _show(
         return _Results(estimates={}, differences={}, shares={})
     findings = _find(arguments, flown, bounds)
     console.print(
-        f'[bold]{scenario.name}[/], {scenario.n_uavs} UAVs, {n_missions} missions from seed'
-        f' {arguments.seed}, {" and ".join(arguments.bandwidth)} bandwidth',
-        highlight=False,
+        headline(
+            scenario.name,
+            f', {scenario.n_uavs} UAVs, {n_missions} missions from seed {arguments.seed},'
+            f' {" and ".join(arguments.bandwidth)} bandwidth',
+        )
     )
     labelled = {contender.label: missions for contender, missions in flown.items()}
     console.print(evaluation_table(labelled, findings.estimates))
@@ -202,7 +209,7 @@ def _show(
     if findings.shares:
         console.print(share_table(findings.shares))
     n_flown = n_missions * len(flown)
-    console.print(f'{n_flown} missions flown in {wall_s:.1f} s', style='dim', highlight=False)
+    console.print(f'{n_flown} missions flown in {wall_s:.1f} s', style='dim')
     return findings
 
 

@@ -5,6 +5,7 @@ from contextlib import contextmanager
 from time import monotonic
 from typing import TYPE_CHECKING
 
+from uav_collect.analysis.console import plain_console
 from uav_collect.commands.figures_plan import FiguresPlan
 from uav_collect.studies.jobs.schedule import JobsStatus
 
@@ -20,13 +21,12 @@ _MAX_SHOWN = 16  # jobs that run
 @contextmanager
 def jobs_display(plan: FiguresPlan) -> Iterator[Callable[[JobsStatus], None]]:
     """Show how far the jobs are; call what it yields with each `JobsStatus`."""
-    from rich.console import Console
     from rich.live import Live
 
-    console = Console(stderr=True)
+    console = plain_console(stderr=True)
     work = _RemainingWork(plan)
     if not console.is_terminal:
-        yield _lines(work, lambda line: console.print(line, highlight=False, soft_wrap=True))
+        yield _lines(work, lambda line: console.print(line, soft_wrap=True))
         return
     with Live(console=console, transient=True, auto_refresh=False) as live:
         drawn_s = 0.0

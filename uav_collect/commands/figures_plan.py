@@ -40,10 +40,10 @@ class FiguresPlan:
     def show(self) -> None:
         """Print the studies, and what is missing."""
         from rich.box import SIMPLE_HEAD
-        from rich.console import Console
         from rich.table import Table
+        from uav_collect.analysis.console import plain_console
 
-        console = Console(highlight=False)
+        console = plain_console()
         table = Table(box=SIMPLE_HEAD, pad_edge=False)
         for heading in ('study', 'fig.', 'what'):
             table.add_column(heading)

@@ -119,7 +119,7 @@ def _keep_policy(name: str, scenario: 'Scenario', folder: Path) -> None:
 
 def _compare(log: Path, scenario: 'Scenario', bandwidth: str) -> None:
     """Show the mission's figures beside those of rules, flown here in the same mission."""
-    from rich.console import Console
+    from uav_collect.analysis.console import plain_console
     from uav_collect.analysis.metrics import mission_metrics
     from uav_collect.analysis.tables import comparison_table
     from uav_collect.missions.rollout import fly
@@ -135,7 +135,7 @@ def _compare(log: Path, scenario: 'Scenario', bandwidth: str) -> None:
                 [other] = fly(site, [seed], rule, bandwidth)
                 missions[rule] = mission_metrics(other)
         bound = report.mission_bound(flown.header, site)
-        Console().print(comparison_table(missions, bound))
+        plain_console().print(comparison_table(missions, bound))
         [as_planned] = fly(site, [seed], _RULES[0], bandwidth)
         planned = {(fault.uav, fault.fault) for fault in as_planned.faults}
         if any((fault.uav, fault.fault) not in planned for fault in flown.faults):
@@ -180,11 +180,11 @@ def _fly(
 
 def _follow(fleet: Fleet, world: FleetProcess, log: Path) -> None:
     """Show the progress by the growing mission log, until the world has ended."""
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn
+    from rich.progress import BarColumn, Progress
+    from uav_collect.analysis.console import plain_column, plain_console
 
-    columns = (TextColumn('{task.fields[phase]}'), BarColumn(), TextColumn('{task.description}'))
-    with Progress(*columns, console=Console(stderr=True)) as progress:
+    phase, line = plain_column('{task.fields[phase]}'), plain_column('{task.description}')
+    with Progress(phase, BarColumn(), line, console=plain_console(stderr=True)) as progress:
         task = progress.add_task('', total=1.0, phase='starting')
         for share, text in _progress(world, log):
             progress.update(task, completed=share, description=text, phase='flying')

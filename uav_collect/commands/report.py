@@ -40,9 +40,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Report the missions at the path; returns the exit status."""
-    from rich.console import Console
+    from uav_collect.analysis.console import plain_console
 
-    console = Console()
+    console = plain_console()
     for mission, picture in _find(arguments.path):
         show(mission, (arguments.pictures or picture.parent) / picture.name, console)
     return 0
@@ -65,9 +65,9 @@ def show(mission: 'FlownMission', picture: Path, console: 'Console') -> None:
     console.print(mission_tables(header, mission.metrics, n_messages, bound))
     if not mission.is_whole:
         what = 'warning: not all of the mission was recorded; these are the figures of what was'
-        console.print(what, style='bold red', highlight=False)
+        console.print(what, style='bold red')
     mission.draw(picture)
-    console.print(f'picture: {picture}', highlight=False, markup=False, soft_wrap=True)
+    console.print(f'picture: {picture}', soft_wrap=True)
 
 
 def mission_bound(header: MissionHeader, site: 'Site') -> 'Bound | None':

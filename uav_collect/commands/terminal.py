@@ -8,6 +8,7 @@ import sys
 from time import monotonic
 from types import FrameType
 
+from uav_collect.analysis.console import plain_column, plain_console
 from uav_collect.kernels.compile import kernels_are_cached, kernels_are_compiled
 from uav_collect.limits import stop_signals
 
@@ -19,20 +20,13 @@ _LINE_EVERY_S = 5.0
 @contextmanager
 def progress_bar(total: int, noun: str) -> Iterator[Callable[[int], None]]:
     """Show how many of a total are done; call what it yields with how many more are."""
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeRemainingColumn,
-    )
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
-    console = Console(stderr=True)
+    console = plain_console(stderr=True)
     if not console.is_terminal:
         yield _lines(console.print, total, noun)
         return
-    columns = (TextColumn(noun), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    columns = (plain_column(noun), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task(noun, total=total)
         yield lambda n_more: bar.advance(task, n_more)
@@ -53,10 +47,8 @@ def _lines(say: Callable[[str], None], total: int, noun: str) -> Callable[[int],
 
 def say_if_compiling(kernels: Iterable[Callable[..., object]]) -> None:
     """Say that the first missions take longer, when these kernels have to be compiled for them."""
-    from rich.console import Console
-
     if kernels_are_compiled() and not kernels_are_cached(kernels):
-        Console(stderr=True).print('compiling (once): this takes about a minute')
+        plain_console(stderr=True).print('compiling (once): this takes about a minute')
 
 
 def say(text: str) -> None:

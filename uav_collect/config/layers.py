@@ -5,17 +5,39 @@ allowed.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 import os
 from pathlib import Path
 from typing import Any
 
-from uav_collect.config.yaml_text import Keys, line_of, read_value, shown, Source
+from uav_collect.config.yaml_text import (
+    dotted,
+    Keys,
+    MAX_BYTES,
+    read_value,
+    shown,
+    shown_path,
+    Source,
+)
 from uav_collect.errors import ConfigError
+from uav_collect.files import read_bounded
+from uav_collect.limits import is_name, NAME_ALLOWED
 
 _SUFFIXES = ('.yaml', '.yml')
+_MAX_EXTENDS = 1_000  # characters
+_MAX_FILES = 20  # that extend each other
+_MAX_KEYS = 50  # of a path
+_MAX_DIGITS = 10  # of an index
 
-_OVERRIDE = Source(label='override', folder=Path(), text='')
+_OVERRIDE = Source(label='override', folder=Path())
+
+
+@dataclass(frozen=True)
+class _Origin:
+    """Where a value came from, and those of its parts that came from elsewhere."""
+
+    source: Source
+    below: dict[Any, '_Origin'] = field(default_factory=dict)  # by key or index
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,9 +45,9 @@ class Document:
     """The values of a stack of files and overrides, each with its source."""
 
     values: dict[Any, Any]
-    origins: dict[Keys, Source]  # of the subtree at each path; the longest path counts
-    aliases: dict[Keys, Keys]  # values that were written elsewhere: path here, path there
     top: Source
+    origin: _Origin | None = None  # None: all came from the top
+    aliases: dict[Keys, Keys] = field(default_factory=dict)  # by path, the path it was written at
 
     def at(self, keys: Keys) -> Any:  # noqa: ANN401 - any YAML
         """The value at a path; None where there is none."""
@@ -36,7 +58,13 @@ class Document:
 
     def source(self, keys: Keys) -> Source:
         """Where the value at a path came from; the top file for one that is nowhere."""
-        return next((self.origins[p] for p in _prefixes(keys) if p in self.origins), self.top)
+        source, origin = self.top, self.origin
+        for key in keys:
+            origin = origin.below.get(key) if origin is not None else None
+            if origin is None:
+                break
+            source = origin.source
+        return source
 
     def problem(self, keys: Keys, what: str) -> str:
         """The line that reports a problem at a path."""
@@ -44,14 +72,9 @@ class Document:
         if written:
             keys = self.aliases[written] + keys[len(written) :]
         source = self.source(keys)
-        line = line_of(source.text, keys)
+        line = source.line_of(keys)
         place = source.label if line is None else f'{source.label}:{line}'
         return f'{place}: {dotted(keys)} {what}'
-
-
-def dotted(keys: Keys) -> str:
-    """A path as the user writes it."""
-    return '.'.join(str(key) for key in keys)
 
 
 def parse(text: str, *, label: str, folder: Path) -> Document:
@@ -60,9 +83,8 @@ def parse(text: str, *, label: str, folder: Path) -> Document:
     Raises:
         ConfigError: it is not YAML, or not a mapping.
     """
-    source = Source(label=label, folder=folder, text=text)
-    values = _mapping_of(source)
-    return Document(values=values, origins={}, aliases={}, top=source)
+    values, source = _mapping_of(text, label, folder)
+    return Document(values=values, top=source)
 
 
 def of_mapping(values: Mapping[str, Any], *, label: str) -> Document:
@@ -71,8 +93,7 @@ def of_mapping(values: Mapping[str, Any], *, label: str) -> Document:
     Args:
         label: what to call them in errors.
     """
-    source = Source(label=label, folder=Path(), text='')
-    return Document(values=dict(values), origins={}, aliases={}, top=source)
+    return Document(values=dict(values), top=Source(label=label, folder=Path()))
 
 
 def parse_value(text: str) -> object:
@@ -81,7 +102,8 @@ def parse_value(text: str) -> object:
     Raises:
         ConfigError: it is not YAML.
     """
-    return read_value(Source(label='override', folder=Path(), text=text))
+    value, _ = read_value(text, _OVERRIDE.label)
+    return value
 
 
 def read(path: Path, library: Iterable[Path]) -> Document:
@@ -96,26 +118,33 @@ def read(path: Path, library: Iterable[Path]) -> Document:
     """
     layers = [*_layers(path, tuple(library))]
     merged: Any = {}
-    origins: dict[Keys, Source] = {}
+    origin = _Origin(layers[0][0])
     for source, values in reversed(layers):
-        merged = _merged(merged, values, (), source, origins)
-    return Document(values=merged, origins=origins, aliases={}, top=layers[0][0])
+        merged, origin = _merged(merged, origin, values, (), source)
+    return Document(values=merged, origin=origin, top=layers[0][0])
 
 
 def _layers(path: Path, library: tuple[Path, ...]) -> Iterator[tuple[Source, dict[Any, Any]]]:
     """A file, what it extends, and so on; each with its own values."""
-    way: list[str] = []
+    way: list[Path] = []
     extended_by = ''
     while True:
         if any(os.path.realpath(above) == os.path.realpath(path) for above in way):
-            circle = ' -> '.join([*way, str(path)])
-            raise ConfigError(f'{way[0]}: extends must not lead back to itself: {circle}')
-        source = Source(label=str(path), folder=path.parent, text=_text_of(path, extended_by))
-        values = _mapping_of(source)
+            circle = ' -> '.join(map(shown_path, [*way, path]))
+            raise ConfigError(
+                f'{shown_path(way[0])}: extends must not lead back to itself: {circle}'
+            )
+        if len(way) == _MAX_FILES:
+            raise ConfigError(
+                f'{extended_by}{shown_path(path)}: must be one of at most {_MAX_FILES} files that '
+                'extend each other'
+            )
+        text = read_text(path, extended_by)
+        values, source = _mapping_of(text, shown_path(path), path.parent)
         yield source, {key: value for key, value in values.items() if key != 'extends'}
         if 'extends' not in values:
             return
-        way.append(source.label)
+        way.append(path)
         extended_by = f'{source.label}: extends '
         path = _extended(values['extends'], source, library)
 
@@ -130,12 +159,10 @@ def find(name_or_path: str, folders: Iterable[Path], *, field: str) -> Path:
         return Path(name_or_path)
     folders = tuple(folders)
     for folder in folders:
-        if (folder / f'{name_or_path}.yaml').is_file():
+        if is_file(folder / f'{name_or_path}.yaml'):
             return folder / f'{name_or_path}.yaml'
-    names = names_in(folders)
-    raise ConfigError(
-        f'{field} is {name_or_path!r}: must be a .yaml file or one of {", ".join(names) or "none"}'
-    )
+    names = ', '.join(names_in(folders)) or 'none'
+    raise ConfigError(f'{field} is {shown(name_or_path)}: must be a .yaml file or one of {names}')
 
 
 def load(
@@ -158,8 +185,12 @@ def load(
     document = read(path, folders)
     # A name belongs to one file; what extends it is something else.
     has_name = 'name' in document.values and document.source(('name',)) is document.top
-    named = {} if has_name else {'name': path.stem}
-    return override(document, {**named, **(overrides or {})})
+    if has_name or 'name' in (overrides or {}):
+        return override(document, overrides or {})
+    if not is_name(path.stem):
+        what = f'must be {NAME_ALLOWED}, as the file name {shown(path.stem)} is not'
+        raise ConfigError(f'{document.top.label}: name is missing: {what}')
+    return override(document, {'name': path.stem, **(overrides or {})})
 
 
 def names_in(folders: Iterable[Path]) -> tuple[str, ...]:
@@ -174,22 +205,59 @@ def override(document: Document, overrides: Mapping[str, object]) -> Document:
         ConfigError: a path runs through something that has no such entry.
     """
     values: Any = document.values
-    origins = dict(document.origins)
+    origin = document.origin or _Origin(document.top)
     for path, value in overrides.items():
-        keys = tuple(int(key) if key.isdecimal() else key for key in path.split('.'))
+        keys = _keys_of(path)
         values = _replaced(values, keys, value, path)
         # A list of numbers is one value: with one of them replaced, it is no longer the file's.
         is_of_list = isinstance(keys[-1], int) and not isinstance(value, dict)
-        written = keys[:-1] if is_of_list else keys
-        _forget(origins, written)
-        origins[written] = _OVERRIDE
-    return replace(document, values=values, origins=origins)
+        origin = _with_override(origin, keys[:-1] if is_of_list else keys)
+    return replace(document, values=values, origin=origin)
+
+
+def _keys_of(path: str) -> Keys:
+    keys = path.split('.')
+    if len(keys) > _MAX_KEYS:
+        raise ConfigError(f'override: {shown(path)} has {len(keys)} keys: must have {_MAX_KEYS}')
+    return tuple(int(key) if key.isdecimal() and len(key) < _MAX_DIGITS else key for key in keys)
+
+
+def _with_override(origin: _Origin, keys: Keys) -> _Origin:
+    if not keys:
+        return _Origin(_OVERRIDE)
+    first, *rest = keys
+    below = origin.below.get(first, _Origin(origin.source))
+    return replace(origin, below={**origin.below, first: _with_override(below, tuple(rest))})
 
 
 def merged_mapping(base: Mapping[Any, Any], top: Mapping[Any, Any]) -> dict[Any, Any]:
     """The base with the entries of the top laid over it, level by level."""
-    merged: dict[Any, Any] = _merged(dict(base), dict(top), (), _OVERRIDE, {})
-    return merged
+    merged, _ = _merged(dict(base), _Origin(_OVERRIDE), dict(top), (), _OVERRIDE)
+    return dict(merged)
+
+
+def is_file(path: Path) -> bool:
+    """Whether there is such a file, or a pipe, or what else is no folder."""
+    return os.path.exists(path) and not os.path.isdir(path)
+
+
+def read_text(path: Path, referrer: str = '') -> str:
+    """The text of a configuration file.
+
+    Args:
+        referrer: begins the line of an error: what named the file.
+
+    Raises:
+        ConfigError: it is missing, no ordinary file, too large, or no UTF-8.
+    """
+    label = f'{referrer}{shown_path(path)}'
+    try:
+        return read_bounded(path, MAX_BYTES).decode('utf-8-sig')
+    except UnicodeDecodeError as error:
+        line = error.object[: error.start].count(b'\n') + 1
+        raise ConfigError(f'{label}:{line}: must be UTF-8 text: {error.reason}') from error
+    except OSError as error:
+        raise ConfigError(f'{label}: cannot be read: {error.strerror}') from error
 
 
 def _prefixes(keys: Keys) -> Iterator[Keys]:
@@ -197,27 +265,23 @@ def _prefixes(keys: Keys) -> Iterator[Keys]:
 
 
 def _merged(
-    base: object, top: object, keys: Keys, source: Source, origins: dict[Keys, Source]
-) -> Any:  # noqa: ANN401 - any YAML
-    if isinstance(base, dict) and isinstance(top, dict) and not _is_one_value(keys, base, top):
-        merged = dict(base)
-        for key, value in top.items():
-            merged[key] = _merged(base.get(key), value, (*keys, key), source, origins)
-        return merged
-    _forget(origins, keys)
-    origins[keys] = source
-    return top
+    base: object, origin: _Origin, top: object, keys: Keys, source: Source
+) -> tuple[Any, _Origin]:
+    """The base with the top laid over it, and where each came from."""
+    if not (isinstance(base, dict) and isinstance(top, dict)) or _is_one_value(keys, base, top):
+        return top, _Origin(source)
+    merged, below = dict(base), dict(origin.below)
+    for key, value in top.items():
+        merged[key], below[key] = _merged(
+            base.get(key), below.get(key, _Origin(origin.source)), value, (*keys, key), source
+        )
+    return merged, replace(origin, below=below)
 
 
 def _is_one_value(keys: Keys, base: dict[Any, Any], top: dict[Any, Any]) -> bool:
     # A place or another kind of thing replaces what it stands over: half of each would be neither.
     kind = base.get('kind')
     return keys[-1:] in {('start',), ('home',)} or top.get('kind', kind) != kind
-
-
-def _forget(origins: dict[Keys, Source], keys: Keys) -> None:
-    for known in [known for known in origins if known[: len(keys)] == keys]:
-        del origins[known]
 
 
 def _replaced(values: Any, keys: Keys, value: object, path: str) -> Any:  # noqa: ANN401 - any YAML
@@ -227,7 +291,8 @@ def _replaced(values: Any, keys: Keys, value: object, path: str) -> Any:  # noqa
     if isinstance(values, dict):
         return {**values, first: _replaced(values.get(first, {}), tuple(rest), value, path)}
     if not _contains(values, first):
-        raise ConfigError(f'override: {path} has no place: {first!r} is not in {shown(values)}')
+        what = f'has no place: {shown(first)} is not in {shown(values)}'
+        raise ConfigError(f'override: {shown_path(path)} {what}')
     entries = list(values)
     entries[int(first)] = _replaced(values[first], tuple(rest), value, path)
     return entries
@@ -240,27 +305,16 @@ def _contains(value: object, key: str | int) -> bool:
 
 
 def _extended(name: object, source: Source, library: tuple[Path, ...]) -> Path:
-    if not isinstance(name, str) or not name or not name.isprintable():
+    is_short = isinstance(name, str) and 1 <= len(name) <= _MAX_EXTENDS
+    if not isinstance(name, str) or not is_short or not name.isprintable():
         raise ConfigError(
             f'{source.label}: extends is {shown(name)}: must be a .yaml file or a scenario name'
         )
     return source.folder / find(name, library, field=f'{source.label}: extends')
 
 
-def _text_of(path: Path, referrer: str) -> str:
-    try:
-        return path.read_bytes().decode('utf-8-sig')
-    except OSError as error:
-        raise ConfigError(f'{referrer}{path}: cannot be read: {error.strerror}') from error
-    except UnicodeDecodeError as error:
-        line = error.object[: error.start].count(b'\n') + 1
-        raise ConfigError(
-            f'{referrer}{path}:{line}: must be UTF-8 text: {error.reason}'
-        ) from error
-
-
-def _mapping_of(source: Source) -> dict[Any, Any]:
-    values = read_value(source)
+def _mapping_of(text: str, label: str, folder: Path) -> tuple[dict[Any, Any], Source]:
+    values, place = read_value(text, label)
     if not isinstance(values, dict):
-        raise ConfigError(f'{source.label}: is {shown(values)}: must be a mapping of keys')
-    return values
+        raise ConfigError(f'{label}: is {shown(values)}: must be a mapping of keys')
+    return values, Source(label=label, folder=folder, place=place)

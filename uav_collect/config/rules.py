@@ -23,6 +23,7 @@ from typing import (
 from uav_collect.config.layers import Document
 from uav_collect.config.yaml_text import Keys, shown
 from uav_collect.errors import ConfigError
+from uav_collect.limits import is_name, NAME_ALLOWED
 
 
 @dataclass_transform(frozen_default=True, kw_only_default=True)
@@ -69,10 +70,8 @@ class Entries:
     at_most: int | None = None  # None: as many as there are
 
 
-def number(
-    low: float, high: float, unit: str = '', *, above: bool = False, word: str = ''
-) -> Rule:
-    """A finite number from low (excluded if `above`) to high, or else one word."""
+def number(low: float, high: float, unit: str = '', *, word: str = '') -> Rule:
+    """A number from low to high, which may be infinite, or else one word."""
 
     def parse(value: object) -> object:
         if word and value == word:
@@ -80,13 +79,11 @@ def number(
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise ValueError
         number = float(value)
-        if not low <= number <= high or (above and number == low):
+        if not low <= number <= high:
             raise ValueError
         return number
 
-    span = f'> {low:.10g} and <= {high:.10g}' if above else f'from {low:.10g} to {high:.10g}'
-    if high == math.inf:
-        span = f'>= {low:.10g}'
+    span = f'>= {low:.10g}' if high == math.inf else f'from {low:.10g} to {high:.10g}'
     unit = f' {unit}' if unit else ''
     also = f', or {word}' if word else ', or .inf' if high == math.inf else ''
     return Rule(f'a number {span}{unit}{also}', parse)
@@ -129,11 +126,32 @@ def text(max_length: int) -> Rule:
     return Rule(f'text of 1 to {max_length} printable characters', parse)
 
 
+def name() -> Rule:
+    """What may stand for a thing in lines, tables and names of files."""
+
+    def parse(value: object) -> str:
+        if not isinstance(value, str) or not is_name(value):
+            raise ValueError
+        return value
+
+    return Rule(NAME_ALLOWED, parse)
+
+
 def either(rule: Rule, word: str) -> Rule:
     """A value under a rule, or else one word."""
     return Rule(
         f'{rule.allowed}, or {word}', lambda value: value if value == word else rule.parse(value)
     )
+
+
+def or_zero(rule: Rule) -> Rule:
+    """A number under a rule, or else 0."""
+
+    def parse(value: object) -> object:
+        is_zero = isinstance(value, int | float) and not isinstance(value, bool) and value == 0
+        return 0.0 if is_zero else rule.parse(value)
+
+    return Rule(f'{rule.allowed}, or 0', parse)
 
 
 def one_or_span(rule: Rule, allowed: str) -> Rule:

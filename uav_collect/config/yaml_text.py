@@ -1,45 +1,49 @@
-"""YAML text: read strictly, written so that equal values give equal bytes."""
+"""YAML text: read strictly, written so that equal values give equal bytes.
+
+What is read: mappings, lists, text, whole numbers and fractions in decimal digits, true and false,
+and nothing. What else YAML has is refused, or text: tags, merge keys, 0x1f, 1:30, 2024-01-01.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 import re
-from typing import Any
+from typing import Any, NamedTuple
 
 from uav_collect.errors import ConfigError
 import yaml
 
 Keys = tuple[str | int, ...]  # the way to a value: mapping keys and list indices
 
-_MAX_SHOWN = 60  # characters of a wrong value
-_MAX_DEPTH = 50  # of values in values; the loader crashes the process beyond some ten thousand
-_MAX_VALUES = 1_000_000  # of a text, those of its aliases written out
+MAX_BYTES = 4 * 2**20  # of a text
 
+_MAX_SHOWN = 60  # characters of a wrong value, or of a key
+_MAX_PATH = 200  # characters of a path
+_MAX_DEPTH = 50  # of values in values
+_MAX_VALUES = 250_000  # of a text, keys among them, and those of its aliases written out
+_MAX_ALIASES = 1_000
+_MAX_KEYS = 1_000  # of a mapping
+_MAX_DIGITS = 1_000  # of a number
+
+_Loader: Any = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
+
+_UNPRINTABLE = re.compile('[^\t\n\r -~\x85\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]')
+_NOTHING = ('', '~', 'null', 'Null', 'NULL')
+_TRUTHS = {
+    spelled: word in {'yes', 'true', 'on'}
+    for word in ('yes', 'no', 'true', 'false', 'on', 'off')
+    for spelled in (word, word.capitalize(), word.upper())
+}
+_WHOLE = re.compile('[-+]?(?:0|[1-9][0-9]*)')
 # YAML 1.1 reads 1e-3 and 1.5e6 as text; YAML 1.2, and everybody who writes them, as numbers.
 _EXPONENT = re.compile(r'[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+')
-_FLOAT_TAG = 'tag:yaml.org,2002:float'
-_MERGE_TAG = 'tag:yaml.org,2002:merge'
-
-
-class _Loader(getattr(yaml, 'CSafeLoader', yaml.SafeLoader)):  # type: ignore[misc]
-    """The safe loader; a key given twice is an error, not a silent overwrite."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        seen = set()
-        for key_node, _ in node.value:
-            if key_node.tag == _MERGE_TAG or not isinstance(key_node, yaml.ScalarNode):
-                continue
-            if key_node.value in seen:
-                raise yaml.constructor.ConstructorError(
-                    None, None, f'the key {key_node.value!r} appears twice', key_node.start_mark
-                )
-            seen.add(key_node.value)
-        mapping: dict[Any, Any] = super().construct_mapping(node, deep=deep)
-        return mapping
+_FRACTION = re.compile(rf'[-+]?(?:[0-9]+\.[0-9]*|\.[0-9]+)|{_EXPONENT.pattern}')
+_NOT_FINITE = re.compile(r'[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)')
+_MERGE_KEY = '<<'
 
 
 class _Dumper(yaml.SafeDumper):
-    """Writes what `_Loader` reads; short lists on one line."""
+    """Writes what is read here; short lists on one line."""
 
     def ignore_aliases(self, data: object) -> bool:
         return True
@@ -50,11 +54,17 @@ def _represent_tuple(dumper: _Dumper, items: tuple[object, ...]) -> yaml.Node:
     return dumper.represent_sequence('tag:yaml.org,2002:seq', items, flow_style=is_short)
 
 
-for _class in (_Loader, _Dumper):
-    _class.add_implicit_resolver(
-        _FLOAT_TAG, re.compile(f'^{_EXPONENT.pattern}$'), [*'-+.0123456789']
-    )
+_Dumper.add_implicit_resolver(
+    'tag:yaml.org,2002:float', re.compile(f'^(?:{_EXPONENT.pattern})$'), [*'-+.0123456789']
+)
 _Dumper.add_representer(tuple, _represent_tuple)
+
+
+class Written(NamedTuple):
+    """Where a value stands: an entry of a list itself, one of a mapping by its key."""
+
+    line: int
+    below: dict[Any, 'Written']  # by key, or index
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,7 +73,17 @@ class Source:
 
     label: str  # a file's path, or what else to call it
     folder: Path  # relative files are looked for here
-    text: str  # the YAML, '' if there is none
+    place: Written | None = None  # of what a text holds; None: they stand in none
+
+    def line_of(self, keys: Keys) -> int | None:
+        """The line of a value, or of the last thing on the way to it that is there."""
+        line, place = None, self.place
+        for key in keys:
+            place = place.below.get(key) if place is not None else None
+            if place is None:
+                break
+            line = place.line
+        return line
 
 
 def shown(value: object) -> str:
@@ -74,8 +94,34 @@ def shown(value: object) -> str:
         return str(value).lower()
     if isinstance(value, float):
         return {'nan': '.nan', 'inf': '.inf', '-inf': '-.inf'}.get(str(value), str(value))
-    text = repr([*value] if isinstance(value, tuple) else value)
+    try:
+        text = repr([*value] if isinstance(value, tuple) else value)
+    except ValueError:  # Python writes no number of so many digits
+        return 'a number of thousands of digits'
     return text if len(text) <= _MAX_SHOWN else f'{text[: _MAX_SHOWN - 3]}...'
+
+
+def dotted(keys: Keys) -> str:
+    """A path as the user writes it, its keys in short on one line."""
+    return _in_short('.'.join(map(_shown_key, keys)))
+
+
+def _shown_key(key: object) -> str:
+    text = key if isinstance(key, str) else shown(key)
+    return text if text.isprintable() and len(text) <= _MAX_SHOWN else shown(text)
+
+
+def shown_path(path: Path | str) -> str:
+    """A path as users write it; escaped and shortened where it would not be one short line."""
+    text = str(path)
+    if not text.isprintable():
+        text = text.encode('unicode_escape', 'surrogatepass').decode('ascii')
+    return _in_short(text)
+
+
+def _in_short(text: str) -> str:
+    half = (_MAX_PATH - 3) // 2
+    return text if len(text) <= _MAX_PATH else f'{text[:half]}...{text[-half:]}'
 
 
 def dump(values: Mapping[str, object]) -> str:
@@ -86,67 +132,217 @@ def dump(values: Mapping[str, object]) -> str:
     return text
 
 
-def read_value(source: Source) -> object:
-    """The value that YAML text stands for; None for an empty text.
+def read_value(text: str, label: str) -> tuple[Any, Written]:
+    """The value that YAML text stands for, None for an empty text, and where it stands.
+
+    Args:
+        label: what to call the text in errors.
 
     Raises:
-        ConfigError: naming the line where it stops being YAML.
+        ConfigError: naming the line where it stops to be YAML that is read here.
     """
+    if len(text) > MAX_BYTES:
+        raise ConfigError(
+            f'{label}: has {len(text):,} characters: must have at most {MAX_BYTES:,}'
+        )
+    wrong = _UNPRINTABLE.search(text)
+    if wrong:
+        line = text.count('\n', 0, wrong.start()) + 1
+        character = f'the character U+{ord(wrong.group()):04X}'
+        raise ConfigError(f'{label}:{line}: is not valid YAML: {character} is not allowed')
     try:
-        _check_size(source)
-        return yaml.load(source.text, Loader=_Loader)
-    except ConfigError:
-        raise
+        builder = _Builder()
+        for event in yaml.parse(text, Loader=_Loader):
+            builder.take(event)
+        return builder.value, builder.place
+    except _RefusedError as error:
+        raise ConfigError(f'{label}:{error.line}: {error.what}') from None
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = mark.line + 1 if mark else 1
         reason = ', '.join(filter(None, (error.context, error.problem)))
-        raise ConfigError(f'{source.label}:{line}: is not valid YAML: {reason}') from error
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise ConfigError(f'{label}:{line}: is not valid YAML: {reason}') from error
+    except yaml.YAMLError as error:
         reason = ' '.join(str(error).split())
-        raise ConfigError(f'{source.label}: is not valid YAML: {reason}') from error
+        raise ConfigError(f'{label}: is not valid YAML: {reason}') from error
 
 
-def _check_size(source: Source) -> None:
-    """Refuse texts that would exhaust the process that reads them.
+class _RefusedError(Exception):
+    """Something that is not read: its line, its path, and why."""
 
-    Raises:
-        ConfigError: values nest too deep, or aliases make too many of them.
-    """
-    sizes: dict[str | None, int] = {}  # values below an anchor, aliases written out
-    open_nodes: list[tuple[str | None, int]] = []  # anchor, and values before the node
-    n_values = 0
-    for event in yaml.parse(source.text, Loader=_Loader):
-        if isinstance(event, yaml.CollectionStartEvent):
-            open_nodes.append((event.anchor, n_values))
+    def __init__(self, event: yaml.Event, keys: Keys, what: str) -> None:
+        super().__init__(what)
+        self.line, self.what = _line(event), f'{dotted(keys)} {what}'.lstrip()
+
+
+class _Anchored(NamedTuple):
+    """What an anchor names."""
+
+    value: object
+    below: dict[Any, Written]
+    n_values: int
+
+
+@dataclass
+class _Open:
+    """A mapping or a list that is being read."""
+
+    value: dict[Any, Any] | list[Any]
+    place: Written
+    anchor: str | None
+    n_before: int  # values before it
+    key: Any = None  # of a mapping: whose value comes next
+    key_line: int = 0  # of that key; 0: a key comes next
+
+
+class _Builder:
+    """Makes one value of the events of a text, and keeps the line of each part."""
+
+    def __init__(self) -> None:
+        self.value: Any = None
+        self.place = Written(1, {})
+        self._open: list[_Open] = []
+        self._anchored: dict[str, _Anchored] = {}
+        self._n_values = 0
+        self._n_aliases = 0
+        self._n_documents = 0
+
+    def take(self, event: yaml.Event) -> None:
+        """Take the next event.
+
+        Raises:
+            _RefusedError: it is something that is not read, or too much.
+        """
+        if isinstance(event, yaml.ScalarEvent):
+            self._check_new(event)
+            if event.implicit[0] and len(event.value) > _MAX_DIGITS and _is_number(event.value):
+                what = f'has {len(event.value):,} digits: must have at most {_MAX_DIGITS:,}'
+                raise self._refusal(event, what)
+            value = _scalar(event)
+            if event.anchor:
+                self._anchored[event.anchor] = _Anchored(value, {}, 1)
+            self._put(event, value, {})
+        elif isinstance(event, yaml.CollectionStartEvent):
+            self._check_new(event)
+            self._start(event)
         elif isinstance(event, yaml.CollectionEndEvent):
-            anchor, n_before = open_nodes.pop()
-            sizes[anchor] = n_values - n_before
-        elif isinstance(event, yaml.NodeEvent):
-            n_values += sizes.get(event.anchor, 1) if isinstance(event, yaml.AliasEvent) else 1
-        if len(open_nodes) > _MAX_DEPTH or n_values > _MAX_VALUES:
-            mark = event.start_mark
-            where = f'{source.label}:{mark.line + 1 if mark else 1}'
-            limits = f'{_MAX_DEPTH} levels and {_MAX_VALUES:,} values'
-            raise ConfigError(f'{where}: is too large: must keep within {limits}')
+            self._end()
+        elif isinstance(event, yaml.AliasEvent):
+            self._alias(event)
+        elif isinstance(event, yaml.DocumentStartEvent):
+            self._n_documents += 1
+            if self._n_documents > 1:
+                what = 'expected a single document in the stream, but found another document'
+                raise self._refusal(event, f'is not valid YAML: {what}')
 
+    def _refusal(self, event: yaml.Event, what: str) -> _RefusedError:
+        way = [it.key if isinstance(it.value, dict) else len(it.value) - 1 for it in self._open]
+        if self._open and isinstance(self._open[-1].value, list):
+            way[-1] += 1  # what is refused comes behind the entries that are there
+        elif self._open and _wants_key(self._open[-1]):
+            way.pop()
+        return _RefusedError(event, tuple(way), what)
 
-def line_of(text: str, keys: Keys) -> int | None:
-    """The line of a value, or of the last thing on the way to it that is there."""
-    node = yaml.compose(text, Loader=_Loader) if text else None
-    line = None
-    for key in keys:
-        if isinstance(node, yaml.MappingNode):
-            pairs = {key_node.value: (key_node, value) for key_node, value in node.value}
-            if str(key) not in pairs:
-                return line
-            key_node, node = pairs[str(key)]
-            line = key_node.start_mark.line + 1
-        elif (
-            isinstance(node, yaml.SequenceNode) and isinstance(key, int) and key < len(node.value)
-        ):
-            node = node.value[key]
-            line = node.start_mark.line + 1
+    def _check_new(self, event: Any) -> None:  # noqa: ANN401 - a scalar, or a collection's start
+        if event.tag is not None:
+            tag = event.tag.replace('tag:yaml.org,2002:', '!!')
+            raise self._refusal(
+                event, f'has the tag {shown(tag)}: must be without tags, as !!int or !name'
+            )
+        self._count(event, 1)
+
+    def _count(self, event: yaml.Event, n_values: int) -> None:
+        self._n_values += n_values
+        if self._n_values > _MAX_VALUES:
+            raise self._refusal(event, f'is too large: must have at most {_MAX_VALUES:,} values')
+
+    def _start(self, event: yaml.CollectionStartEvent) -> None:
+        if len(self._open) == _MAX_DEPTH:
+            raise self._refusal(event, f'is nested too deep: must be at most {_MAX_DEPTH} levels')
+        if self._open and _wants_key(self._open[-1]):
+            raise self._refusal(event, 'has a key that is a list or a mapping: must be text')
+        value: dict[Any, Any] | list[Any] = {} if isinstance(event, yaml.MappingStartEvent) else []
+        place = Written(_line(event), {})
+        self._anchored.pop(event.anchor or '', None)
+        below = self._put(event, value, place.below)
+        self._open.append(
+            _Open(value=value, place=below, anchor=event.anchor, n_before=self._n_values - 1)
+        )
+
+    def _end(self) -> None:
+        ended = self._open.pop()
+        if ended.anchor:
+            n_values = self._n_values - ended.n_before
+            self._anchored[ended.anchor] = _Anchored(ended.value, ended.place.below, n_values)
+
+    def _alias(self, event: yaml.AliasEvent) -> None:
+        self._n_aliases += 1
+        if self._n_aliases > _MAX_ALIASES:
+            raise self._refusal(event, f'is too large: must have at most {_MAX_ALIASES:,} aliases')
+        anchored = self._anchored.get(event.anchor or '')
+        if anchored is None:
+            inside = any(event.anchor == above.anchor for above in self._open)
+            what = 'stands for itself' if inside else 'has no anchor before it'
+            raise self._refusal(
+                event, f'is not valid YAML: the alias {shown(event.anchor)} {what}'
+            )
+        self._count(event, anchored.n_values)
+        self._put(event, anchored.value, anchored.below)
+
+    def _put(self, event: yaml.Event, value: Any, below: dict[Any, Written]) -> Written:  # noqa: ANN401
+        """Put a value where the text has it; returns its place."""
+        if not self._open:
+            self.value, self.place = value, Written(_line(event), below)
+            return self.place
+        parent = self._open[-1]
+        if _wants_key(parent):
+            self._take_key(event, parent, value)
+            return self.place
+        if isinstance(parent.value, dict):
+            key, line, parent.key_line = parent.key, parent.key_line, 0
+            parent.value[key] = value
         else:
-            return line
-    return line
+            key, line = len(parent.value), _line(event)
+            parent.value.append(value)
+        place = parent.place.below[key] = Written(line, below)
+        return place
+
+    def _take_key(self, event: yaml.Event, parent: _Open, key: Any) -> None:  # noqa: ANN401
+        if isinstance(key, dict | list):
+            raise self._refusal(event, 'has a key that is a list or a mapping: must be text')
+        if key == _MERGE_KEY and getattr(event, 'implicit', [False])[0]:
+            raise self._refusal(event, 'has the key <<: must be without merge keys')
+        if key in parent.value:
+            raise self._refusal(event, f'is not valid YAML: the key {shown(key)} appears twice')
+        if len(parent.value) == _MAX_KEYS:
+            raise self._refusal(event, f'is too large: must have at most {_MAX_KEYS:,} keys')
+        parent.key, parent.key_line = key, _line(event)
+
+
+def _wants_key(parent: _Open) -> bool:
+    return isinstance(parent.value, dict) and not parent.key_line
+
+
+def _line(event: Any) -> int:  # noqa: ANN401 - any event, all of which have marks
+    return int(event.start_mark.line) + 1
+
+
+def _scalar(event: yaml.ScalarEvent) -> Any:  # noqa: ANN401 - any plain value
+    text = event.value
+    if not event.implicit[0]:  # in quotes, or a block of text
+        return text
+    if text in _NOTHING:
+        return None
+    if text in _TRUTHS:
+        return _TRUTHS[text]
+    if _WHOLE.fullmatch(text):
+        return int(text)
+    if _FRACTION.fullmatch(text):
+        return float(text)
+    if _NOT_FINITE.fullmatch(text):
+        return float(text.replace('.', ''))
+    return text
+
+
+def _is_number(text: str) -> bool:
+    return bool(_WHOLE.fullmatch(text) or _FRACTION.fullmatch(text))

@@ -16,8 +16,9 @@ from uav_collect.config import layers
 from uav_collect.config.installed import shared_folders
 from uav_collect.config.layers import Document
 from uav_collect.config.rules import pair, validated, whole
-from uav_collect.config.yaml_text import Keys, shown
+from uav_collect.config.yaml_text import Keys, shown, shown_path
 from uav_collect.errors import ConfigError
+from uav_collect.limits import MAX_SENSORS, MAX_UAVS
 from uav_collect.scenario import sensor_files
 from uav_collect.scenario.model import (
     AreaConfig,
@@ -60,11 +61,13 @@ def parse_override(assignment: str) -> tuple[str, object]:
     """
     path, equals, value = (part.strip() for part in assignment.partition('='))
     if not path or not equals:
-        raise ConfigError(f'override: {assignment!r} must be KEY=VALUE, as demand.cell_share=0.5')
+        what = 'must be KEY=VALUE, as demand.cell_share=0.5'
+        raise ConfigError(f'override: {shown(assignment)} {what}')
     try:
         return path, layers.parse_value(value)
     except ConfigError:
-        raise ConfigError(f'override: {path} is {value!r}: must be a YAML value') from None
+        what = f'is {shown(value)}: must be a YAML value'
+        raise ConfigError(f'override: {shown_path(path)} {what}') from None
 
 
 def with_uavs(scenario: Scenario, n_uavs: int) -> Scenario:
@@ -107,9 +110,12 @@ def _with_fleet(document: Document) -> Document:
         if key not in ('default', 'uavs'):
             what = 'is an unknown key: must be one of default, uavs'
             raise ConfigError(document.problem(('fleet', key), what))
+    default, uavs = fleet.get('default', {}), fleet.get('uavs')
+    if isinstance(uavs, list | tuple) and len(uavs) > MAX_UAVS:
+        what = f'has {len(uavs)} entries: must have at most {MAX_UAVS}'
+        raise ConfigError(document.problem(('fleet', 'uavs'), what))
     if 'default' not in fleet:
         return document
-    default, uavs = fleet['default'], fleet.get('uavs')
     if not isinstance(default, dict):
         what = f'is {shown(default)}: must be a mapping of keys'
         raise ConfigError(document.problem(('fleet', 'default'), what))
@@ -185,15 +191,17 @@ def _with_sensors(document: Document) -> Document:
     config = validated(CsvSensors, document, ('sensors',))
     area = validated(AreaConfig, document, ('area',))
     path = document.source(('sensors', 'file')).folder / config.file
-    if not path.is_file():
-        what = f'is {shown(config.file)}: must be a CSV file, but there is no {path}'
+    if not layers.is_file(path):
+        what = f'is {shown(config.file)}: must be a CSV file, but there is no {shown_path(path)}'
         raise ConfigError(document.problem(('sensors', 'file'), what))
     origin = None if config.origin == 'auto' else config.origin
     read = sensor_files.read_sensors(path, origin=origin, side_m=area.side_m)
     values = {**document.values, 'sensors': {'kind': 'listed', 'entries': read.entries}}
     if read.reference is not None:
         if area.reference is not None:
-            what = f'is given: must be left out, as {path} gives latitudes and longitudes'
+            what = (
+                f'is given: must be left out, as {shown_path(path)} gives latitudes and longitudes'
+            )
             raise ConfigError(document.problem(('area', 'reference'), what))
         values['area'] = {**document.at(('area',)), 'reference': read.reference}
     return replace(document, values=values)
@@ -204,7 +212,14 @@ def _checked(document: Document) -> Scenario:
     scenario = validated(Scenario, document)
     problems = [
         document.problem(keys, what)
-        for wrong in (_wrong_uavs, _wrong_sensors, _wrong_amounts, _wrong_delay, _wrong_faults)
+        for wrong in (
+            _wrong_uavs,
+            _wrong_sensors,
+            _too_many_sensors,
+            _wrong_amounts,
+            _wrong_delay,
+            _wrong_faults,
+        )
         for keys, what in wrong(scenario)
     ]
     if problems:
@@ -241,6 +256,22 @@ def _wrong_sensors(scenario: Scenario) -> Iterator[tuple[Keys, str]]:
         for key, value in (('x_m', sensor.x_m), ('y_m', sensor.y_m)):
             if value > scenario.area.side_m:
                 yield (*keys, key), f'is {value:g}: must be from 0 to {scenario.area.side_m:g} m'
+
+
+def _too_many_sensors(scenario: Scenario) -> Iterator[tuple[Keys, str]]:
+    drawn = scenario.sensors
+    if isinstance(drawn, ListedSensors):
+        return
+    n_dense = drawn.n_dense_cells(scenario.n_cells)
+    n_sensors = {
+        'dense_mean': n_dense * drawn.dense_mean,
+        'sparse_mean': (scenario.n_cells - n_dense) * drawn.sparse_mean,
+    }
+    if sum(n_sensors.values()) > MAX_SENSORS:
+        key = max(n_sensors, key=n_sensors.__getitem__)
+        draws = f'the area has some {sum(n_sensors.values()):,.0f} sensors by it'
+        what = f'is {getattr(drawn, key):g}: must be less, as {draws}, at most {MAX_SENSORS:,}'
+        yield ('sensors', key), what
 
 
 def _wrong_amounts(scenario: Scenario) -> Iterator[tuple[Keys, str]]:

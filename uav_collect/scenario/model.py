@@ -1,5 +1,7 @@
 """The parts of a scenario: frozen models with the range of every value, and derived numbers.
 
+Within these ranges all that is derived is finite: powers, gains, rates, durations, rewards.
+
 Values live in YAML, never here; config/scenarios/paper_10x10.yaml says what each one means.
 """
 
@@ -11,17 +13,20 @@ from uav_collect.config import yaml_text
 from uav_collect.config.rules import (
     either,
     Entries,
+    name,
     number,
     one_or_span,
+    or_zero,
     pair,
     Section,
     text,
     whole,
 )
-from uav_collect.limits import MAX_CELLS_PER_SIDE, MAX_UAVS
+from uav_collect.limits import MAX_CELLS_PER_SIDE, MAX_SENSORS, MAX_UAVS
 from uav_collect.scenario import sensor_files
 from uav_collect.scenario.earth import lat_lon_deg
 
+_MIN_LENGTH_M = 0.1
 _MAX_LENGTH_M = 10_000.0
 _MAX_SIDE_M = MAX_CELLS_PER_SIDE * _MAX_LENGTH_M
 _MAX_DELAY_S = 3600.0
@@ -33,9 +38,9 @@ FAULT_KINDS = ('gone', 'silent', 'slow')  # in the order of `world.dynamics.GONE
 
 Point = tuple[float, float]  # x, y [m]: east and north of the area's south-west corner
 _Share = Annotated[float, number(0, 1)]
-_Length = Annotated[float, number(0, _MAX_LENGTH_M, 'm', above=True)]
+_Length = Annotated[float, number(_MIN_LENGTH_M, _MAX_LENGTH_M, 'm')]
 _Coordinate = Annotated[float, number(0, _MAX_SIDE_M, 'm')]
-_Amount = number(0, sensor_files.MAX_DATA_MBIT)
+_Amount = or_zero(number(sensor_files.MIN_DATA_MBIT, sensor_files.MAX_DATA_MBIT, 'Mbit'))
 
 
 class GeoReference(Section):
@@ -79,6 +84,10 @@ class DrawnSensors(Section):
     dense_mean: Annotated[float, number(0, 1000, 'sensors per cell')]
     sparse_mean: Annotated[float, number(0, 1000, 'sensors per cell')]
 
+    def n_dense_cells(self, n_cells: int) -> int:
+        """Number of dense cells."""
+        return math.floor(self.dense_cell_share * n_cells + 0.5)
+
 
 class CsvSensors(Section):
     """Sensors read from a CSV file; a loaded scenario holds them as `ListedSensors`."""
@@ -98,26 +107,26 @@ class ListedSensor(Section):
     id: Annotated[str, text(sensor_files.MAX_ID_LENGTH)]
     x_m: _Coordinate
     y_m: _Coordinate
-    data_mbit: Annotated[float | None, number(0, sensor_files.MAX_DATA_MBIT, 'Mbit')] = None
+    data_mbit: Annotated[float | None, _Amount] = None
 
 
 class ListedSensors(Section):
     """Sensors of a real site, in metres from the area's south-west corner."""
 
     kind: Literal['listed']
-    entries: Annotated[tuple[ListedSensor, ...], Entries(1)]
+    entries: Annotated[tuple[ListedSensor, ...], Entries(1, MAX_SENSORS)]
 
 
 class DemandConfig(Section):
     """How much data waits where, drawn anew for each mission."""
 
-    cell_share: Annotated[float | Literal['all'], number(0, 1, above=True, word='all')]
+    cell_share: Annotated[float | Literal['all'], number(1e-9, 1, word='all')]
     data_mbit: Annotated[
         Point | Literal['csv'],
         pair(
             _Amount,
-            f'a list [low, high], 0 <= low <= high <= {sensor_files.MAX_DATA_MBIT:g} Mbit, '
-            'high > 0, or csv',
+            f'a list [low, high], low <= high, of numbers from {sensor_files.MIN_DATA_MBIT:g} to '
+            f'{sensor_files.MAX_DATA_MBIT:g} Mbit, low also 0, or csv',
             word='csv',
             is_span=True,
         ),
@@ -130,12 +139,12 @@ class RadioConfig(Section):
     carrier_hz: Annotated[float, number(1e6, 3e11, 'Hz')]
     tx_power_dbm: Annotated[float, number(-50, 60, 'dBm')]
     noise_dbm_per_hz: Annotated[float, number(-250, 0, 'dBm/Hz')]
-    system_bandwidth_mhz: Annotated[float, number(0, 1e4, 'MHz', above=True)]
+    system_bandwidth_mhz: Annotated[float, number(1e-6, 1e4, 'MHz')]
     path_loss_exponent: Annotated[float, number(2, 6)]
-    nlos_attenuation: Annotated[float, number(0, 1, above=True)]
-    los_a: Annotated[float, number(0, 90, 'deg', above=True)]
-    los_b: Annotated[float, number(0, 10, 'per deg', above=True)]
-    rician_a1: Annotated[float, number(0, 1000, above=True)]
+    nlos_attenuation: Annotated[float, number(1e-6, 1)]
+    los_a: Annotated[float, number(0.001, 90, 'deg')]
+    los_b: Annotated[float, number(1e-4, 10, 'per deg')]
+    rician_a1: Annotated[float, number(1e-6, 1000)]
     rician_a2: Annotated[float, number(0, 20, 'per rad')]
     n_antennas: Annotated[int, whole(1, 64)]
     csi_error_variance: _Share
@@ -181,18 +190,18 @@ class RadioConfig(Section):
 class RewardConfig(Section):
     """What a policy is rewarded for."""
 
-    discount_per_s: Annotated[float, number(0, 1, above=True)]
+    discount_per_s: Annotated[float, number(1e-6, 1)]
     move_penalty_per_s: Annotated[float, number(0, 1000)]
-    scale_mbit: Annotated[float, number(0, 1e6, 'Mbit', above=True)]
+    scale_mbit: Annotated[float, number(1e-6, 1e6, 'Mbit')]
 
 
 class PropulsionConfig(Section):
     """Constants of a rotary-wing UAV's propulsion power. Source: Zeng 2019, paper eq. (3)."""
 
-    blade_profile_power_w: Annotated[float, number(0, 1e5, 'W', above=True)]
-    induced_power_w: Annotated[float, number(0, 1e5, 'W', above=True)]
-    tip_speed_mps: Annotated[float, number(0, 1000, 'm/s', above=True)]
-    induced_speed_mps: Annotated[float, number(0, 100, 'm/s', above=True)]
+    blade_profile_power_w: Annotated[float, number(0.1, 1e5, 'W')]
+    induced_power_w: Annotated[float, number(0.1, 1e5, 'W')]
+    tip_speed_mps: Annotated[float, number(1, 1000, 'm/s')]
+    induced_speed_mps: Annotated[float, number(0.1, 100, 'm/s')]
     parasite_coefficient: Annotated[float, number(0, 100, 'W s^3/m^3')]
 
 
@@ -208,8 +217,8 @@ class Place(Section):
 class UavConfig(Section):
     """One UAV: how fast it is, what it may spend, where it starts and lands."""
 
-    speed_mps: Annotated[float, number(0, 100, 'm/s', above=True)]
-    energy_budget_kj: Annotated[float, number(0, 1e6, 'kJ', above=True)]
+    speed_mps: Annotated[float, number(0.01, 100, 'm/s')]
+    energy_budget_kj: Annotated[float, number(0.001, 1e6, 'kJ')]
     energy_margin_kj: Annotated[float, number(0, 1e6, 'kJ')]
     start: Place
     home: Place
@@ -282,7 +291,7 @@ class FaultConfig(Section):
 class Scenario(Section):
     """Everything that a mission depends on, but the mission's seed and the policies."""
 
-    name: Annotated[str, text(100)]
+    name: Annotated[str, name()]
     area: AreaConfig
     sensors: DrawnSensors | ListedSensors
     demand: DemandConfig

@@ -1,6 +1,7 @@
 """Sensors of a real site from CSV, placed in the area: x/y, UTM or latitude/longitude."""
 
 from collections.abc import Iterator
+from contextlib import suppress
 import csv
 from dataclasses import dataclass
 import io
@@ -8,6 +9,7 @@ import math
 from pathlib import Path
 from typing import NamedTuple
 
+from uav_collect.config.layers import read_text
 from uav_collect.config.yaml_text import shown
 from uav_collect.errors import ConfigError
 from uav_collect.scenario.earth import east_north_m
@@ -15,6 +17,7 @@ from uav_collect.scenario.earth import east_north_m
 _DIGITS = 6  # micrometres: drops the rounding noise of a difference of large coordinates
 _ID_COLUMN = 'sensor_id'
 _DATA_COLUMN = 'data_mbit'
+MIN_DATA_MBIT = 1e-6  # one bit; or 0
 MAX_DATA_MBIT = 10_000.0
 MAX_ID_LENGTH = 64
 
@@ -101,13 +104,7 @@ def read_sensors(path: Path, *, origin: tuple[float, float] | None, side_m: floa
 
 
 def _lines_of(path: Path) -> list[_Line]:
-    try:
-        text = path.read_bytes().decode('utf-8-sig')
-    except OSError as error:
-        raise ConfigError(f'{path}: cannot be read: {error.strerror}') from error
-    except UnicodeDecodeError as error:
-        line = error.object[: error.start].count(b'\n') + 1
-        raise ConfigError(f'{path}:{line}: must be UTF-8 text: {error.reason}') from error
+    text = read_text(path)
     try:
         reader = csv.reader(io.StringIO(text, newline=''), strict=True)
         return [(reader.line_num, [cell.strip() for cell in cells]) for cells in reader]
@@ -160,7 +157,7 @@ def _rows(path: Path, lines: list[_Line], system: _System, *, has_data: bool) ->
         data_mbit = None
         if has_data:
             text = fields[_DATA_COLUMN]
-            data_mbit = _number(f'{path}:{number}', _DATA_COLUMN, text, 0, MAX_DATA_MBIT, 'Mbit')
+            data_mbit = _amount(f'{path}:{number}', text)
         yield _Row(
             line=number, sensor_id=fields[_ID_COLUMN], place=(first, second), data_mbit=data_mbit
         )
@@ -177,6 +174,13 @@ def _number(place: str, column: str, text: str, low: float, high: float, unit: s
             f'must be a number from {low:.10g} to {high:.10g} {unit}'
         )
     return number
+
+
+def _amount(place: str, text: str) -> float:
+    with suppress(ValueError):
+        if float(text) == 0:
+            return 0.0
+    return _number(place, _DATA_COLUMN, text, MIN_DATA_MBIT, MAX_DATA_MBIT, 'Mbit, or 0')
 
 
 def _check_ids(path: Path, rows: tuple[_Row, ...]) -> None:

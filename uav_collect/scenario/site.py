@@ -1,7 +1,6 @@
 """The site of a scenario: the scenario, and its sensors, drawn or read, sorted by cell."""
 
 from dataclasses import dataclass, replace
-import math
 
 import numpy as np
 from uav_collect.errors import ConfigError
@@ -57,7 +56,7 @@ def build_site(scenario: Scenario) -> Site:
 def _drawn_site(scenario: Scenario, drawn: DrawnSensors) -> Site:
     area = scenario.area
     n_cells = scenario.n_cells
-    n_dense = math.floor(drawn.dense_cell_share * n_cells + 0.5)
+    n_dense = drawn.n_dense_cells(n_cells)
     order, counts = np.arange(n_cells), np.zeros(n_cells, dtype=np.int64)
     draw_counts(order, counts, n_cells, n_dense, drawn.dense_mean, drawn.sparse_mean, drawn.seed)
     n_sensors = int(counts.sum())

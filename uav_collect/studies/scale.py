@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 from uav_collect.config import layers
 from uav_collect.config.installed import shared_folders
-from uav_collect.config.rules import Entries, number, Section, text, validated, whole
+from uav_collect.config.rules import Entries, name, number, Section, text, validated, whole
 from uav_collect.errors import ConfigError
 from uav_collect.limits import MAX_DECISIONS, MAX_SEED, MAX_UAVS
 
@@ -81,14 +81,14 @@ class LinksConfig(Section):
 class ScaleConfig(Section):
     """Everything that makes studies large or small."""
 
-    name: Annotated[str, text(100)]
+    name: Annotated[str, name()]
     fields: FieldsConfig
     trainings: TrainingsConfig
     tests: TestsConfig
     seeds: SeedsConfig
     fleets: Annotated[tuple[FleetSizeConfig, ...], _Several]
-    budgets_kj: Annotated[tuple[Annotated[float, number(0, 1e6, 'kJ', above=True)], ...], _Several]
-    densities: Annotated[tuple[Annotated[float, number(0, 1, above=True)], ...], _Several]
+    budgets_kj: Annotated[tuple[Annotated[float, number(0.001, 1e6, 'kJ')], ...], _Several]
+    densities: Annotated[tuple[Annotated[float, number(1e-9, 1)], ...], _Several]
     ranges_m: Annotated[tuple[Annotated[float, number(0, math.inf, 'm')], ...], _Several]
     kernels: Annotated[tuple[Annotated[int, whole(1, 64)], ...], _Several]
     csi_errors: Annotated[tuple[Annotated[float, number(0, 1)], ...], _Several]

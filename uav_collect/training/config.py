@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 from uav_collect.config import layers, yaml_text
 from uav_collect.config.installed import shared_folders
-from uav_collect.config.rules import number, Section, text, truth, validated, whole
+from uav_collect.config.rules import name, number, Section, truth, validated, whole
 from uav_collect.limits import MAX_LAYER_SIZE
 from uav_collect.uav.observation import Layout
 from uav_collect.world.reward import Reward
@@ -22,8 +22,8 @@ class RewardSettings(Section):
     """What the team is rewarded for."""
 
     goal: Literal['paper', 'energy']
-    discount_per_s: Annotated[float, number(0, 1, 'per s', above=True)]
-    scale: Annotated[float, number(0, 1e6, above=True)]
+    discount_per_s: Annotated[float, number(1e-6, 1, 'per s')]
+    scale: Annotated[float, number(1e-6, 1e6)]
 
 
 class NetworkSettings(Section):
@@ -55,17 +55,17 @@ class TargetSettings(Section):
 
     trace: _Share
     double_q: Annotated[bool, truth()]
-    update_rate: Annotated[float, number(0, 1, above=True)]
+    update_rate: Annotated[float, number(1e-6, 1)]
 
 
 class OptimiserSettings(Section):
     """Adam, its learning rate over the training, and gradient clipping."""
 
-    learning_rate: Annotated[float, number(0, 1, above=True)]
-    learning_rate_last: Annotated[float, number(0, 1, above=True)]
+    learning_rate: Annotated[float, number(1e-9, 1)]
+    learning_rate_last: Annotated[float, number(1e-9, 1)]
     decay_from_share: _Share
-    adam_epsilon: Annotated[float, number(0, 1, above=True)]
-    clip_norm: Annotated[float, number(0, 1e6, above=True)]
+    adam_epsilon: Annotated[float, number(1e-12, 1)]
+    clip_norm: Annotated[float, number(1e-6, 1e6)]
     bf16: Annotated[bool, truth()]
 
 
@@ -80,7 +80,7 @@ class RolloutSettings(Section):
     """How training missions are flown, and how often an update follows."""
 
     missions_at_once: Annotated[int, whole(1, 65536)]
-    max_decisions_per_cell: Annotated[float, number(0, 1000, above=True)]
+    max_decisions_per_cell: Annotated[float, number(1e-3, 1000)]
     decisions_per_update: Annotated[int, whole(1, 10**9)]
     bandwidth: Literal['equal', 'exact']
 
@@ -95,7 +95,7 @@ class ValidationSettings(Section):
 class TrainingConfig(Section):
     """All settings of a training."""
 
-    name: Annotated[str, text(100)]
+    name: Annotated[str, name()]
     observation: Literal['paper', 'egocentric']
     reward: RewardSettings
     network: NetworkSettings

@@ -200,7 +200,7 @@ def draw_curves(
     unit = '' if measure.unit == '1' else f' [{measure.unit}]'
     axes.set_xlabel(axis.title)
     axes.set_ylabel(f'{measure.title}{unit}')
-    axes.set_title(textwrap.fill(title, _TITLE_WIDTH), loc='left', fontsize=10)
+    axes.set_title(textwrap.fill(title, _TITLE_WIDTH), loc='left', fontsize=10, parse_math=False)
     axes.set_xlim(left=0.0)
     if axis.scale == 1.0:
         axes.xaxis.set_major_formatter(EngFormatter(sep=''))  # 500k, 2M
@@ -217,7 +217,7 @@ def _write_legend(axes: Axes, figure: Figure) -> None:
     wrapped = [textwrap.fill(label, _LABEL_WIDTH) for label in labels]
     n_lines = sum(label.count('\n') + 1 for label in wrapped)
     figure.set_figheight(_HEIGHT_IN + _LABEL_HEIGHT_IN * n_lines)
-    axes.legend(
+    legend = axes.legend(
         handles,
         wrapped,
         loc='upper left',
@@ -225,6 +225,8 @@ def _write_legend(axes: Axes, figure: Figure) -> None:
         frameon=False,
         fontsize=8.5,
     )
+    for text in legend.get_texts():
+        text.set_parse_math(False)
 
 
 def draw_curve(

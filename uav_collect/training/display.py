@@ -6,6 +6,8 @@ import math
 from time import monotonic
 from typing import TYPE_CHECKING
 
+from uav_collect.analysis.console import plain_console
+
 if TYPE_CHECKING:  # loaded when training, so that --help answers at once
     from rich.console import RenderableType
     from uav_collect.training.progress import Progress, ValidationResult
@@ -24,12 +26,11 @@ def progress_display(
         title: of the live display.
         extras: what else to show, asked each time.
     """
-    from rich.console import Console
     from rich.live import Live
 
-    console = Console(stderr=True)
+    console = plain_console(stderr=True)
     if not console.is_terminal:
-        yield _lines(lambda line: console.print(line, highlight=False, soft_wrap=True), extras)
+        yield _lines(lambda line: console.print(line, soft_wrap=True), extras)
         return
     validated = LastValidation()
     with Live(console=console, transient=True, auto_refresh=False) as live:

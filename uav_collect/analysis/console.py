@@ -1,0 +1,25 @@
+"""The one way to print by rich: what names and values hold stands there as it is."""
+
+from typing import IO, TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.progress import TextColumn
+
+
+def plain_console(
+    *, stderr: bool = False, file: IO[str] | None = None, width: int | None = None
+) -> 'Console':
+    """A console that takes nothing in a text for markup, and colours no part of it by itself."""
+    from rich.console import Console
+
+    return Console(
+        stderr=stderr, file=file, width=width, markup=False, emoji=False, highlight=False
+    )
+
+
+def plain_column(text_format: str) -> 'TextColumn':
+    """A column of a progress bar, as plain as the console."""
+    from rich.progress import TextColumn
+
+    return TextColumn(text_format, markup=False)
