@@ -11,7 +11,7 @@ from typing import NoReturn
 
 import uav_collect
 from uav_collect.config.packages import packages_of
-from uav_collect.errors import UavCollectError
+from uav_collect.errors import in_one_line, UavCollectError
 
 # One line each, here: help must not load what flies missions.
 SUMMARIES = {
@@ -26,13 +26,16 @@ SUMMARIES = {
     'verify': 'fly recorded missions again, and prove their recordings byte for byte',
     'doctor': 'say whether a mission can fly on this machine, and what it would run on',
 }
+_MOST_CHARACTERS = 1_000  # of a line about what is wrong
 _FAILED = 1
 _MISUSE = 2
 _INTERRUPTED = 130  # as shells have it
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Command:
+class Command:
+    """What a user types: its options, and what runs with them."""
+
     add_arguments: Callable[[argparse.ArgumentParser], None]
     run: Callable[[argparse.Namespace], int]
 
@@ -41,7 +44,8 @@ class _Parser(argparse.ArgumentParser):
     """An ArgumentParser that says what is wrong in one line."""
 
     def error(self, message: str) -> NoReturn:
-        self.exit(_MISUSE, f'error: {message} (see {self.prog} --help)\n')
+        _complain(f'{message} (see {self.prog} --help)')
+        self.exit(_MISUSE)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -117,7 +121,7 @@ def doctor() -> int:
 def _run(name: str, argv: Sequence[str], *, prog: str) -> int:
     try:
         with packages_of(name):
-            command = _command(name)
+            command = command_named(name)
             parser = _Parser(prog=prog)
             command.add_arguments(parser)
             status = command.run(parser.parse_args(argv))
@@ -128,10 +132,16 @@ def _run(name: str, argv: Sequence[str], *, prog: str) -> int:
         _drop_output()
         return _FAILED
     except (OSError, UavCollectError) as error:  # any other is ours and shows its traceback
-        sys.stderr.write(''.join(f'error: {line}\n' for line in _text(error).splitlines()))
+        _complain(_text(error))
         _drop_output()
         return _MISUSE
     return status
+
+
+def _complain(text: str) -> None:
+    """Say what is wrong, in lines that people can read."""
+    lines = [in_one_line(line, _MOST_CHARACTERS) for line in text.splitlines()]
+    sys.stderr.write(''.join(f'error: {line}\n' for line in lines))
 
 
 def _drop_output() -> None:
@@ -140,7 +150,8 @@ def _drop_output() -> None:
         os.dup2(nowhere.fileno(), sys.stdout.fileno())
 
 
-def _command(name: str) -> _Command:
+def command_named(name: str) -> Command:
+    """The command of a name in `SUMMARIES`."""
     match name:
         case 'mission':
             from uav_collect.commands.mission import add_arguments, run
@@ -164,7 +175,7 @@ def _command(name: str) -> _Command:
             from uav_collect.commands.doctor import add_arguments, run
         case _:
             raise RuntimeError(f'no command is called {name!r}')
-    return _Command(add_arguments=add_arguments, run=run)
+    return Command(add_arguments=add_arguments, run=run)
 
 
 def _text(error: Exception) -> str:

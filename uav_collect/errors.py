@@ -22,7 +22,26 @@ A command shows their text alone, without a traceback. Those about something tha
 ValueError besides. A plain ValueError or RuntimeError is a mistake of the code that calls.
 """
 
+MOST_CHARACTERS = 400  # of a line about what others wrote, as long as they like
 _MAX_LINES = 20  # of problems shown at once
+
+
+def in_one_line(text: str, most_characters: int = MOST_CHARACTERS) -> str:
+    r"""A text of others as people can read it: one line, not too long.
+
+    What would not be seen, or would steer a terminal, is written as Python writes it: `\x1b`.
+    """
+    words = ' '.join(text[: 2 * most_characters].split())
+    shown = ''.join(map(_spelled, words))
+    if len(shown) <= most_characters and len(text) <= 2 * most_characters:
+        return shown
+    return f'{shown[: most_characters - 3]}...'
+
+
+def _spelled(character: str) -> str:
+    if character.isprintable():
+        return character
+    return character.encode('unicode_escape').decode()
 
 
 class UavCollectError(Exception):

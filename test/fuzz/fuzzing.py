@@ -27,7 +27,7 @@ N_TRIES = int(os.environ.get('UAV_COLLECT_FUZZ_TRIES', '2000'))  # of a surface
 _FOLDER = os.environ.get('UAV_COLLECT_FUZZ_FOLDER')  # what is noted of tries, and kept of failures
 _CPU_S = 5.0  # of a try, before it counts as hung; a busy machine does not change it
 _WALL_S = 60.0  # the same for a try that waits
-_MAX_LINE = 400  # characters of an error
+_MAX_LINE = 1_000  # characters of an error
 _MAX_LINES = 21  # of an error: twenty problems and the number of the others
 _NAN = re.compile(r'(?<![\w.])nan\b', re.IGNORECASE)  # a value of a user's file is shown as .nan
 

@@ -167,6 +167,16 @@ def test_the_way_home_is_never_refused() -> None:
     assert refusal(over_b(), replace(decision(HOME), reason=MAP_COMPLETE), HOVER, LEFT) is None
 
 
+@pytest.mark.parametrize('action', [RIGHT, HOME])
+def test_bandwidth_is_for_hovers_alone(action: int) -> None:
+    words = f'sensors, but action {action} collects from none'
+    many = tuple([1e4] * 50)
+    assert (
+        refusal(over_b(), replace(decision(action), share_hz=many)) == f'bandwidth for 50 {words}'
+    )
+    assert refusal(over_b(), replace(decision(action), sensor=(0,))) == f'bandwidth for 1 {words}'
+
+
 def test_a_refusal_changes_nothing() -> None:
     undisturbed = fly_scripts(over_b(), [HOVER, LEFT, LEFT])
     flight = Flight(over_b())

@@ -4,14 +4,15 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from uav_collect.nodes.incidents import in_one_line, Incidents, MOST_CHARACTERS
+from uav_collect.errors import in_one_line, MOST_CHARACTERS
+from uav_collect.nodes.incidents import Incidents
 
 
 @pytest.mark.parametrize(
     ('text', 'line'),
     [
         ('one  line\n', 'one line'),
-        ('\x1b[31mred\x00', '?[31mred?'),
+        ('\x1b[31mred\x00', '\\x1b[31mred\\x00'),
         ('x' * MOST_CHARACTERS, 'x' * MOST_CHARACTERS),
         ('', ''),
     ],

@@ -8,7 +8,7 @@ from uav_collect.errors import RefusedError
 from uav_collect.ingest.reports import EventReport, FleetReport, MissionReport, TransitionReport
 
 _ABORTED = 2  # Mission.ABORTED; a bag knows its messages without their constants
-_MISSION_ID = re.compile(r'\S{1,64}-(?:0|[1-9]\d{0,9})')
+_MISSION_ID = re.compile(r'[!-~]{1,64}-(?:0|[1-9][0-9]{0,9})')
 _LONGEST = 64  # characters of other names
 _KINDS = re.compile(r'(?P<world>.*)/(?:world/(?P<kind>mission|epoch)|uav_\d+/transition)')
 

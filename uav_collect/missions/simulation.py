@@ -185,6 +185,9 @@ class Simulation:
             return f'action {action} is none of 0..{HOME}'
         if decision.reason not in (_REASONS_TO_GO_HOME if action == HOME else _REASONS_TO_GO_ON):
             return f'reason {decision.reason} is none for action {action}'
+        if action != HOVER and (decision.sensor or decision.share_hz):
+            n_shares = max(len(decision.sensor), len(decision.share_hz))
+            return f'bandwidth for {n_shares} sensors, but action {action} collects from none'
         if action == HOME:
             return None
         if action == HOVER:

@@ -5,11 +5,11 @@ from collections.abc import Sequence
 from typing import Any
 
 from builtin_interfaces.msg import Time
+from uav_collect.errors import in_one_line
 from uav_collect.kernels.arrays import Row, row_of
 from uav_collect.lockstep.roster import Pilot
 from uav_collect.missions.event_log import fault_fields
 from uav_collect.missions.simulation import Event
-from uav_collect.nodes.incidents import in_one_line
 from uav_collect.recording.mission_log import Events, FaultRecord
 from uav_collect.uav.belief import Belief
 from uav_collect.uav.messages import Decision, packed_map, RadioMessage, unpacked_map

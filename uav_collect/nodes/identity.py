@@ -4,8 +4,8 @@ from dataclasses import dataclass
 import math
 from typing import Any
 
+from uav_collect.errors import in_one_line
 from uav_collect.nodes.convert import stamp
-from uav_collect.nodes.incidents import in_one_line
 from uav_collect.scenario.load import fingerprint
 from uav_collect.scenario.site import Site
 from uav_collect_msgs.msg import Scenario as ScenarioMsg

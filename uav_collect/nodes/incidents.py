@@ -3,19 +3,11 @@
 from collections import Counter, deque
 from dataclasses import dataclass, field
 
-MOST_CHARACTERS = 400  # of the text of an incident; others write it, as long as they like
+from uav_collect.errors import in_one_line
+
 _N_KEPT = 5  # latest incidents that diagnostics spell out
 _MOST_LINES = 50  # of one kind within a period
 _PERIOD_S = 10.0
-
-
-def in_one_line(text: str) -> str:
-    """A text of others as it may stand in a log: one line, no control characters, not too long."""
-    words = ' '.join(text[: 2 * MOST_CHARACTERS].split())
-    shown = ''.join(each if each.isprintable() else '?' for each in words)
-    if len(shown) <= MOST_CHARACTERS and len(text) <= 2 * MOST_CHARACTERS:
-        return shown
-    return f'{shown[: MOST_CHARACTERS - 3]}...'
 
 
 @dataclass

@@ -4,8 +4,8 @@ from collections.abc import Callable, Collection
 import time
 from typing import Any
 
+from uav_collect.errors import in_one_line
 from uav_collect.lockstep.recorders import RecorderReport, RecorderWatch, TakeOff, world_key
-from uav_collect.nodes.incidents import in_one_line
 from uav_collect.nodes.process import ProcessNode
 from uav_collect.nodes.topics import subscription, WorldTopics
 from uav_collect.nodes.world.settings import WorldSettings
