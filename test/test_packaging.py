@@ -61,7 +61,7 @@ WALLS = {
     'TensorBoard': Wall({'tensorboard'}, ('training/tensorboard.py',)),
     'PettingZoo': Wall({'gymnasium', 'pettingzoo'}, ('pettingzoo_env.py',)),
     'Ray': Wall({'ray'}, ('studies/jobs/cluster.py',)),
-    'Matplotlib': Wall({'matplotlib'}, ('analysis/', 'training/curves.py', 'studies/pictures/')),
+    'Matplotlib': Wall({'matplotlib'}, ('analysis/plotting.py',)),
 }
 # Rooms that never import others, though they would not import upward if they did.
 APART = {

@@ -4,12 +4,12 @@ import argparse
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-import io
 import os
 import sys
 from typing import NoReturn
 
 import uav_collect
+from uav_collect import files
 from uav_collect.config.packages import packages_of
 from uav_collect.errors import in_one_line, UavCollectError
 
@@ -53,6 +53,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = list(sys.argv[1:] if argv is None else argv)
     if arguments and arguments[0] in SUMMARIES:
         return _run(arguments[0], arguments[1:], prog=f'python -m uav_collect {arguments[0]}')
+    return _ended(lambda: _misuse(arguments))
+
+
+def _misuse(arguments: Sequence[str]) -> NoReturn:
+    """Say what commands there are."""
     width = max(map(len, SUMMARIES))
     lines = [f'  {name:{width}}  {summary}' for name, summary in SUMMARIES.items()]
     parser = _Parser(
@@ -119,13 +124,25 @@ def doctor() -> int:
 
 
 def _run(name: str, argv: Sequence[str], *, prog: str) -> int:
+    return _ended(lambda: _perform(name, argv, prog))
+
+
+def _perform(name: str, argv: Sequence[str], prog: str) -> int:
+    with packages_of(name):
+        command = command_named(name)
+        parser = _Parser(prog=prog)
+        command.add_arguments(parser)
+        return command.run(parser.parse_args(argv))
+
+
+def _ended(perform: Callable[[], int]) -> int:
+    """The exit status of what is performed; a failure is said in a line."""
+    files.mend_standard_streams()
     try:
-        with packages_of(name):
-            command = command_named(name)
-            parser = _Parser(prog=prog)
-            command.add_arguments(parser)
-            status = command.run(parser.parse_args(argv))
-        sys.stdout.flush()  # a full disk shows here, not at exit
+        try:
+            status = perform()
+        finally:  # a full disk shows here, not at exit
+            _flush_unless_failed()
     except KeyboardInterrupt:
         return _INTERRUPTED
     except BrokenPipeError:  # who read the output has left, and needs no word of it
@@ -144,9 +161,15 @@ def _complain(text: str) -> None:
     sys.stderr.write(''.join(f'error: {line}\n' for line in lines))
 
 
+def _flush_unless_failed() -> None:
+    """Flush what was said by a command that has ended, by itself or by argparse."""
+    if sys.exc_info()[0] in (None, SystemExit):
+        sys.stdout.flush()
+
+
 def _drop_output() -> None:
     """What a full disk did not take must not be tried, and complained about, again at exit."""
-    with suppress(io.UnsupportedOperation), open(os.devnull, 'wb') as nowhere:
+    with suppress(OSError, ValueError), open(os.devnull, 'wb') as nowhere:
         os.dup2(nowhere.fileno(), sys.stdout.fileno())
 
 

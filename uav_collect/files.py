@@ -9,7 +9,50 @@ import math
 import os
 from pathlib import Path
 import stat
-from typing import BinaryIO
+import sys
+from typing import Any, BinaryIO
+
+
+def mend_standard_streams() -> None:
+    """Let this process say anything anywhere, and lose no more by it than what it says.
+
+    A standard stream that is closed counts as /dev/null: the next file that is opened would get
+    its number, and with it what libraries print. What an encoding lacks is written as an escape.
+    On stderr nothing fails: who does not listen there still wants the results.
+    """
+    for number, name in enumerate(('stdin', 'stdout', 'stderr')):
+        if not _is_open(number):
+            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)  # gets the lowest free number
+        stream = getattr(sys, name)
+        if getattr(stream, 'closed', False) or stream in (None, sys.__stderr__):
+            setattr(sys, name, _standard_stream(number))
+        elif name != 'stdin' and isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors='backslashreplace')
+
+
+class _Unfailing(io.FileIO):
+    """A file that takes what it is given, whether that arrives or not."""
+
+    def write(self, content: Any) -> int:  # noqa: ANN401 - a buffer
+        with suppress(OSError):
+            return super().write(content) or 0
+        return len(content)
+
+
+def _standard_stream(number: int) -> io.TextIOWrapper:
+    mode = 'rb' if number == 0 else 'wb'
+    kind = _Unfailing if number == 2 else io.FileIO
+    raw = kind(number, mode, closefd=False)
+    buffer = io.BufferedReader(raw) if number == 0 else io.BufferedWriter(raw)
+    return io.TextIOWrapper(buffer, errors='backslashreplace', line_buffering=number == 2)
+
+
+def _is_open(number: int) -> bool:
+    try:
+        os.fstat(number)
+    except OSError:
+        return False
+    return True
 
 
 def check_writable(path: Path) -> None:

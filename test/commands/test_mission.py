@@ -3,6 +3,7 @@
 from contextlib import suppress
 import os
 from pathlib import Path
+import re
 import signal
 import sys
 
@@ -73,6 +74,36 @@ def test_a_mission_flies_a_policy_file_and_shows_what_rules_make_of_the_same_mis
     assert flown.wait_for_exit() == 0
     assert (run / f'mission_{SEED}.jsonl').read_bytes() == text(scenario, str(path))
     assert policies_in(flown.output) == ['mine', 'hert', 'sweep', *PLANS]
+
+
+@pytest.mark.ros
+def test_a_function_that_ends_its_agent_costs_the_mission_one_line(
+    processes: Processes, tmp_path: Path
+) -> None:
+    name = 'hostile_policies:leaves'
+    helpers = Path(__file__).parents[1] / 'helpers'
+    where = {'PYTHONPATH': os.pathsep.join([str(helpers), os.environ.get('PYTHONPATH', '')])}
+    flown = command(processes, '--policy', name, '--output', str(tmp_path / 'run'), **where)
+    assert flown.wait_for_exit() == 1
+    [line] = [line for line in flown.output.splitlines() if line.startswith('error: ')]
+    said = (
+        f'policy {name}: UAV [12] at 0.0 s in cell 0: SystemExit: 7 [(]hostile_policies.py, line'
+    )
+    assert re.fullmatch(
+        f'error: uav_[12] failed with exit status 2: {said} .*uav_[12].log[)]', line
+    )
+    assert flown.output.endswith(f'{line}\n')
+
+
+@pytest.mark.ros
+def test_a_mission_has_its_tables_and_picture_whatever_backend_the_terminal_names(
+    processes: Processes, tmp_path: Path
+) -> None:
+    backend = {'MPLBACKEND': 'module://matplotlib_inline.backend_inline'}
+    flown = command(processes, '--policy', 'sweep', '--output', str(tmp_path / 'run'), **backend)
+    assert flown.wait_for_exit() == 0
+    assert policies_in(flown.output) == ['sweep', 'hert', *PLANS]
+    assert (tmp_path / 'run' / f'trajectories_seed_{SEED}.png').stat().st_size > 0
 
 
 @pytest.mark.ros

@@ -49,7 +49,7 @@ def scribbler(situation: Situation) -> int:
 def kinds(situation: Situation) -> int:
     """Fails with the types of all that it is given."""
     rows = (*situation.briefing, *situation.belief, *situation.view, situation.legal)
-    raise ValueError(' '.join(_kind(row) for row in rows))
+    raise ValueError(' '.join(sorted({_kind(row) for row in rows})))
 
 
 def _kind(row: Any) -> str:  # noqa: ANN401 - what it is, is the question

@@ -1,15 +1,20 @@
 """Policies that users name as module:function fly everywhere alike, and fail in one line."""
 
+import functools
 import json
+import os
 from pathlib import Path
 import shutil
+import subprocess
 import sys
 
 from fleets import Fleet, logs, scenario_of
+import hostile_policies
 from interpreted import interpreted
 from processes import Processes
 import pytest
 from tiny_world import tiny
+from uav_collect import api
 from uav_collect.__main__ import main
 from uav_collect.analysis.metrics import check_log, mission_metrics
 from uav_collect.errors import PolicyMismatchError
@@ -21,7 +26,8 @@ from uav_collect.uav.policy import policy_for
 from uav_collect.uav.user_policy import is_user_policy_name, user_policy
 
 SEEDS = [3, 4]
-HELPERS = Path(__file__).parents[1] / 'helpers'
+ROOT = Path(__file__).parents[2]
+HELPERS = ROOT / 'test' / 'helpers'
 
 
 def flown(policy: str, scenario: Scenario | None = None) -> list[MissionLog]:
@@ -147,8 +153,10 @@ def test_what_cannot_fly_is_refused_before_anything_flies(name: str, words: str)
     [
         ('1 / 0', 'ZeroDivisionError: division by zero'),
         ('import nothing_like_it', "ModuleNotFoundError: No module named 'nothing_like_it'"),
-        ('raise SystemExit(3)', 'SystemExit: 3'),
-        ('def (', 'SyntaxError: invalid syntax'),
+        ('\nraise SystemExit(3)', 'SystemExit: 3 (my_broken_policies.py, line 2)'),
+        ('raise KeyboardInterrupt', 'KeyboardInterrupt (my_broken_policies.py, line 1)'),
+        ('def (', 'SyntaxError: invalid syntax (my_broken_policies.py, line 1)'),
+        ('import sys; sys.modules[__name__] = 7', 'module my_broken_policies is a'),
     ],
 )
 def test_a_module_that_fails_is_refused_with_its_reason(
@@ -159,8 +167,14 @@ def test_a_module_that_fails_is_refused_with_its_reason(
     monkeypatch.delitem(sys.modules, 'my_broken_policies', raising=False)
     with pytest.raises(PolicyMismatchError) as raised:
         user_policy('my_broken_policies:go')
-    start = 'policy my_broken_policies:go: module my_broken_policies cannot be imported: '
-    assert str(raised.value).startswith(start + words)
+    text = str(raised.value)
+    start = 'policy my_broken_policies:go: '
+    assert (
+        text.removeprefix(start)
+        .removeprefix('module my_broken_policies cannot be imported: ')
+        .startswith(words)
+    )
+    assert text.startswith(start)
 
 
 @pytest.mark.parametrize(
@@ -182,6 +196,124 @@ def test_a_module_that_fails_is_refused_with_its_reason(
 )
 def test_a_failure_in_flight_names_uav_time_place_and_line(name: str, words: str) -> None:
     assert words in failure(f'user_policies:{name}', tiny())
+
+
+def line_of(name: str) -> int:
+    """Where a hostile policy goes wrong."""
+    lines = (HELPERS / 'hostile_policies.py').read_text().splitlines()
+    [number] = [at for at, line in enumerate(lines, 1) if line.endswith(f'# line: {name}')]
+    return number
+
+
+@pytest.mark.parametrize(
+    ('name', 'words'),
+    [
+        ('leaves', 'SystemExit: 7'),
+        ('exits_deeper', 'SystemExit: 7'),
+        ('interrupts', 'KeyboardInterrupt'),
+        ('closes_generator', 'GeneratorExit'),
+        ('groups', 'BaseExceptionGroup: all (2 sub-exceptions)'),
+        ('recurses', 'RecursionError: maximum recursion depth exceeded'),
+        ('runs_out', 'MemoryError'),
+        ('is_silent', 'SilentError'),
+        ('is_nameless', 'NamelessError: anonymous'),
+        ('talks', r'ValueError: \x1b[31m line [bold]xxx'),
+        ('fails_in_numpy', 'LinAlgError: Singular matrix'),
+        ('decorated', 'ValueError: within'),
+        ('index', 'ValueError: no index'),
+        ('lies', '<hostile_policies.Liar object at 0x'),
+        ('no_repr', 'a NoRepr without a repr is no legal action'),
+        ('number', '77 is no legal action'),
+        ('true', 'True is no legal action'),
+        ('numpy_true', 'True_ is no legal action'),
+        ('fraction', 'nan is no legal action'),
+        ('huge', '1000000000000000000000000000000 is no legal action'),
+        ('negative', '-1 is no legal action'),
+        ('row', 'array([0., 0., 0., ..., 0., 0., 0.]'),
+        ('asynchronous', '<coroutine object asynchronous at 0x'),
+        ('yields', '<generator object yields at 0x'),
+        ('yields_later', '<async_generator object yields_later at 0x'),
+        ('nothing', 'None is no legal action'),
+        ('FailsToCall', 'SystemExit: in a class'),
+    ],
+)
+def test_whatever_a_function_does_is_one_line_of_it(name: str, words: str) -> None:
+    text = failure(f'hostile_policies:{name}', tiny())
+    where = f'policy hostile_policies:{name}: UAV 1 at 0.0 s in cell 0: '
+    assert text.startswith(where)
+    assert words in text.removeprefix(where)
+    assert text.endswith(f' (hostile_policies.py, line {line_of(name)})')
+    assert len(text) < 400
+    assert text.isprintable()
+
+
+def test_a_class_that_ends_the_program_is_refused_before_anything_flies() -> None:
+    with pytest.raises(PolicyMismatchError) as raised:
+        policy_for('hostile_policies:FailsToBegin', tiny())
+    line = (
+        f'UAV 1, at the start: SystemExit: 0 (hostile_policies.py, line {line_of("FailsToBegin")})'
+    )
+    assert str(raised.value) == f'policy hostile_policies:FailsToBegin: {line}'
+
+
+def test_a_number_of_another_library_is_an_action() -> None:
+    for log in flown('hostile_policies:numpy_number'):
+        assert len(log.events) == 2
+
+
+@pytest.mark.parametrize(
+    ('name', 'status', 'said'),
+    [
+        (
+            'leaves',
+            2,
+            'error: policy hostile_policies:leaves: UAV 1 at 0.0 s in cell 0: Sys',
+        ),
+        (
+            'closes_stdout',
+            2,
+            'UAV 1 at 0.0 s in cell 0: it closes sys.stdout (hostile_',
+        ),
+        (
+            'closes_stderr',
+            2,
+            'UAV 1 at 0.0 s in cell 0: it closes sys.stderr (hostile_',
+        ),
+        ('asks_to_end', 130, ''),
+    ],
+)
+def test_the_status_is_the_programs_own(name: str, status: int, said: str) -> None:
+    options = ['--missions', '1', '--policy', f'hostile_policies:{name}']
+    done = subprocess.run(
+        [sys.executable, '-m', 'uav_collect', 'evaluate', *options],
+        env={
+            **os.environ,
+            'UAV_COLLECT_KERNELS': 'interpreted',
+            'PYTHONPATH': f'{ROOT}:{HELPERS}',
+        },
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == status
+    assert said in done.stderr
+    assert len(done.stderr.splitlines()) == (1 if said else 0)
+
+
+@pytest.mark.parametrize(
+    ('target', 'words'),
+    [
+        (7, 'policy 7: must be a name, a function or a class'),
+        (hostile_policies.NoRepr(), 'policy a NoRepr without a repr: must be'),
+        (hostile_policies.leaves, 'policy leaves: UAV 1 at 0.0 s in cell 0: SystemExit: 7'),
+        (functools.partial(hostile_policies.leaves), 'policy partial: UAV 1 at 0.0 s'),
+        (eval('lambda situation: 1 / 0', {}), 'policy <lambda>: UAV 1 at 0.0 s in cell 0: Zero'),
+    ],
+)
+def test_python_gets_the_same_line_for_a_function_itself(target: object, words: str) -> None:
+    with pytest.raises(PolicyMismatchError) as raised:
+        api.fly(tiny(), target)  # type: ignore[arg-type]
+    assert str(raised.value).startswith(words)
 
 
 def test_a_failing_function_ends_evaluate_with_one_line(
@@ -231,15 +363,20 @@ def test_missions_over_ros_equal_those_flown_in_one_process(
 @pytest.mark.ros
 @pytest.mark.parametrize(
     ('name', 'words'),
-    [('missing', 'has no missing'), ('late', r'RuntimeError: the wind is too strong \(user_')],
+    [
+        ('user_policies:missing', 'has no missing'),
+        ('user_policies:late', r'RuntimeError: the wind is too strong \(user_'),
+        ('hostile_policies:leaves', r'UAV 1 at 0.0 s in cell 0: SystemExit: 7 \(hostile_'),
+    ],
 )
 def test_an_agent_whose_function_fails_ends_with_one_line(
     name: str, words: str, processes: Processes, tmp_path: Path
 ) -> None:
-    shutil.copy(HELPERS / 'user_policies.py', tmp_path)  # where the processes run
+    for module in ('user_policies.py', 'hostile_policies.py'):
+        shutil.copy(HELPERS / module, tmp_path)  # where the processes run
     fleet = Fleet(processes=processes, scenario=scenario_of(1), folder=tmp_path / 'run')
     fleet.start_world(decision_timeout_s=100.0)
-    agent = fleet.start_agent(1, f'user_policies:{name}')
+    agent = fleet.start_agent(1, name)
     assert agent.wait_for_exit() == 2
-    agent.wait_for(f'policy user_policies:{name}: .*{words}')
+    agent.wait_for(f'policy {name}: .*{words}')
     assert 'Traceback' not in agent.output

@@ -15,17 +15,20 @@ import math
 from pathlib import Path
 from typing import BinaryIO
 
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-from matplotlib.image import imread
-from matplotlib.lines import Line2D
-from matplotlib.markers import MarkerStyle
-from matplotlib.patheffects import Normal, withStroke
-from matplotlib.transforms import Affine2D
 import numpy as np
 from numpy.typing import NDArray
 from uav_collect.analysis.metrics import mission_metrics, MissionMetrics, percent
+from uav_collect.analysis.plotting import (
+    Affine2D,
+    Axes,
+    Figure,
+    FigureCanvasAgg,
+    imread,
+    Line2D,
+    MarkerStyle,
+    Normal,
+    withStroke,
+)
 from uav_collect.kernels.arrays import Bools, check_shape, Floats, Ints
 from uav_collect.limits import shown_name
 from uav_collect.recording.mission_log import MissionLog

@@ -59,12 +59,13 @@ def run(arguments: argparse.Namespace) -> int:
         bandwidth: mean_estimates([bound_metrics(bound) for bound in some], arguments.seed)
         for bandwidth, some in bounds.items()
     }
-    for bandwidth, (n_known, estimates) in rows.items():
-        _show(arguments, scenario, bandwidth, n_known, estimates)
+    # Before anything is shown: whoever reads that may have left.
     if arguments.json is not None:
         files.write_atomically(arguments.json, _json(arguments, scenario, rows))
     if arguments.csv is not None:
         files.write_atomically(arguments.csv, _csv(scenario, bounds))
+    for bandwidth, (n_known, estimates) in rows.items():
+        _show(arguments, scenario, bandwidth, n_known, estimates)
     return 0
 
 

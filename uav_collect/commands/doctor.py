@@ -149,8 +149,9 @@ def _imported(topic: str, program: str, remedy: str) -> Finding:
     command = [sys.executable, '-c', program]
     try:
         done = subprocess.run(
-            command, capture_output=True, text=True, check=False, timeout=_IMPORT_TIMEOUT_S
-        )
+            command, capture_output=True, check=False, timeout=_IMPORT_TIMEOUT_S,
+            encoding='utf-8', errors='backslashreplace',
+        )  # fmt: skip
     except subprocess.TimeoutExpired:
         problem = f'did not load within {_IMPORT_TIMEOUT_S:.0f} s'
         return Finding(topic=topic, found='stuck', problem=problem)
@@ -221,5 +222,5 @@ def _kernel_cache() -> Finding:
 
 
 def _unwritable(folder: Path) -> str:
-    existing = next(place for place in (folder, *folder.parents) if place.exists())
+    existing = next(place for place in (folder, *folder.parents) if os.path.exists(place))
     return '' if os.access(existing, os.W_OK) else f'{existing} must be writable'

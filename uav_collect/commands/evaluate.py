@@ -105,13 +105,16 @@ def run(arguments: argparse.Namespace) -> int:
     except KeyboardInterrupt:
         n_missions = min(len(missions) for missions in flown.values())
         whole = {contender: missions[:n_missions] for contender, missions in flown.items()}
-        _show(arguments, scenario, whole, bounds, monotonic() - start_s)
+        findings = _find(arguments, whole, bounds) if n_missions else None
+        _show(arguments, scenario, whole, findings, monotonic() - start_s)
         return terminal.INTERRUPTED
-    findings = _show(arguments, scenario, flown, bounds, monotonic() - start_s)
+    findings = _find(arguments, flown, bounds)
+    # Before anything is shown: whoever reads that may have left.
     if arguments.json is not None:
         files.write_atomically(arguments.json, _json(arguments, scenario, flown, findings))
     if arguments.csv is not None:
         files.write_atomically(arguments.csv, _csv(arguments, scenario, flown, bounds))
+    _show(arguments, scenario, flown, findings, monotonic() - start_s)
     return 0
 
 
@@ -173,10 +176,10 @@ def _show(
     arguments: argparse.Namespace,
     scenario: 'Scenario',
     flown: _Flown,
-    bounds: '_Bounds',
+    findings: _Results | None,
     wall_s: float,
-) -> _Results:
-    """Print the figures of what was flown; they are the findings returned."""
+) -> None:
+    """Print what was found, if anything was."""
     from uav_collect.analysis.console import plain_console
     from uav_collect.analysis.tables import (
         difference_table,
@@ -192,9 +195,8 @@ def _show(
             f'interrupted after {n_missions} of {arguments.missions} missions; no file is written'
         )
         console.print(what, style='bold red')
-    if n_missions == 0:
-        return _Results(estimates={}, differences={}, shares={})
-    findings = _find(arguments, flown, bounds)
+    if findings is None:
+        return
     console.print(
         headline(
             scenario.name,
@@ -210,7 +212,6 @@ def _show(
         console.print(share_table(findings.shares))
     n_flown = n_missions * len(flown)
     console.print(f'{n_flown} missions flown in {wall_s:.1f} s', style='dim')
-    return findings
 
 
 def _find(arguments: argparse.Namespace, flown: _Flown, bounds: '_Bounds') -> _Results:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from uav_collect.commands import terminal
-from uav_collect.errors import BagError, MissionLogError
+from uav_collect.errors import BagError, in_one_line, MissionLogError
 from uav_collect.recording.mission_folder import scenario_file, take_log
 from uav_collect.recording.mission_log import MissionHeader, MissionLog, read_so_far
 
@@ -24,6 +24,7 @@ efficiency [kbit/J], decisions, messages and each UAV's part, and draws the traj
 file beside it. PATH is a run folder, a mission log (.jsonl) or a bag; a bag needs nothing else.
 What the bag of a run folder lacks, the mission log tells.
 """
+_FAILED = 2  # exit status where a picture could not be drawn
 _LOG_SUFFIX = '.jsonl'
 _BAG_SUFFIX = '.mcap'
 _MAX_DATA_CELLS = 200  # on average, up to which a mission's bound takes some seconds
@@ -42,18 +43,19 @@ def run(arguments: argparse.Namespace) -> int:
     """Report the missions at the path; returns the exit status."""
     from uav_collect.analysis.console import plain_console
 
-    console = plain_console()
+    console, n_lacking = plain_console(), 0
     for mission, picture in _find(arguments.path):
-        show(mission, (arguments.pictures or picture.parent) / picture.name, console)
-    return 0
+        n_lacking += not show(
+            mission, (arguments.pictures or picture.parent) / picture.name, console
+        )
+    return _FAILED if n_lacking else 0
 
 
-def show(mission: 'FlownMission', picture: Path, console: 'Console') -> None:
-    """Print a mission's tables and draw its picture.
+def show(mission: 'FlownMission', picture: Path, console: 'Console') -> bool:
+    """Print a mission's tables and draw its picture; whether that could be drawn.
 
     Raises:
         MissionLogError: the log of a whole mission does not add up.
-        OSError: the picture cannot be written.
     """
     from uav_collect.analysis.metrics import check_log
     from uav_collect.analysis.tables import mission_tables
@@ -66,8 +68,14 @@ def show(mission: 'FlownMission', picture: Path, console: 'Console') -> None:
     if not mission.is_whole:
         what = 'warning: not all of the mission was recorded; these are the figures of what was'
         console.print(what, style='bold red')
-    mission.draw(picture)
+    try:
+        mission.draw(picture)
+    except Exception as error:  # whatever it is: the other missions have tables, too
+        reason = in_one_line(str(getattr(error, 'strerror', None) or error))
+        terminal.say(f'error: {picture}: cannot be drawn: {reason}')
+        return False
     console.print(f'picture: {picture}', soft_wrap=True)
+    return True
 
 
 def mission_bound(header: MissionHeader, site: 'Site') -> 'Bound | None':

@@ -5,6 +5,7 @@ from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 import os
 from pathlib import Path
+import re
 import signal
 import subprocess
 import time
@@ -16,6 +17,7 @@ _STOP_S = 5.0  # how long a process may take to end after SIGINT
 _PARTICIPANTS = 30  # that find each other where discovery stays on this machine
 _RESTARTS = 3  # of one process within _RESTART_S; more, and something is wrong with it
 _RESTART_S = 60.0
+_ERROR_LINE = re.compile(r'(?:error: |\[(?:ERROR|FATAL)\] \[[^]]*\] \[[^]]*\]: )(.+)')  # of a node
 
 
 Arguments = Sequence[str] | Callable[[], Sequence[str]]  # those of every start, or of the next one
@@ -45,10 +47,12 @@ class FleetProcess:
         return [] if self.log is None else self.log.read_text(errors='replace').splitlines()
 
     def log_tail(self) -> str:
-        """The last lines of its log."""
+        """What it said of its error, in one line, or else the last lines of its log."""
         lines = self.log_lines()
         if not lines:
             return ''
+        if errors := [found[1] for found in map(_ERROR_LINE.match, lines) if found]:
+            return f': {errors[-1]} ({self.log})'
         tail = '\n'.join(f'  {line}' for line in lines[-5:])
         return f'; its last words, from {self.log}:\n{tail}'
 

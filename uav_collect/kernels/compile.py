@@ -6,12 +6,15 @@ time: interpreted, it starts at once and needs 100 MB less.
 """
 
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from functools import cache
 import hashlib
 import importlib.util
 import inspect
 import os
 from pathlib import Path
+import stat
+import tempfile
 from typing import Any, TypeVar
 
 _Kernel = TypeVar('_Kernel', bound=Callable[..., object])
@@ -79,8 +82,28 @@ def cache_folder() -> Path:
     numba looks only at a kernel's own file when it judges a cached copy; a changed callee in
     another module would go unseen, so the name of the folder digests every source.
     """
-    root = Path(os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache')
-    return root / 'uav_collect' / sources_digest()
+    wanted = Path(os.environ.get('XDG_CACHE_HOME') or os.path.expanduser('~/.cache'))
+    folder = wanted / 'uav_collect' / sources_digest()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        is_usable = os.access(folder, os.W_OK)
+    except OSError:
+        is_usable = False
+    return folder if is_usable else _temporary_folder() / sources_digest()
+
+
+@cache
+def _temporary_folder() -> Path:
+    """A folder of this user, for who has no home to write into.
+
+    What is cached is run: a folder that others could have written is not used.
+    """
+    folder = Path(tempfile.gettempdir()) / f'uav_collect_{os.getuid()}'
+    with suppress(FileExistsError):
+        folder.mkdir(mode=0o700)
+    about = folder.lstat()
+    is_own = stat.S_ISDIR(about.st_mode) and about.st_uid == os.getuid()
+    return folder if is_own and not about.st_mode & 0o077 else Path(tempfile.mkdtemp())
 
 
 def kernels_are_cached(kernels: Iterable[Callable[..., object]]) -> bool:

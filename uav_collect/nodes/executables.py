@@ -11,6 +11,7 @@ import os
 import signal
 import sys
 
+from uav_collect import files
 from uav_collect.config.packages import late_packages, packages_of
 from uav_collect.errors import MissingPackageError
 from uav_collect.kernels.compile import interpret_kernels
@@ -26,6 +27,7 @@ def _executable(load: Callable[[], Main]) -> Callable[[], int]:
 
     @wraps(load)
     def run() -> int:
+        files.mend_standard_streams()
         try:
             with _signals_end_silently(), packages_of(load.__name__):
                 main = load()

@@ -11,12 +11,9 @@ from pathlib import Path
 import textwrap
 from typing import BinaryIO
 
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-from matplotlib.ticker import EngFormatter
 import numpy as np
 from uav_collect import files
+from uav_collect.analysis.plotting import Axes, EngFormatter, Figure, FigureCanvasAgg
 from uav_collect.analysis.trajectories import COLOURS, DPI, GRID
 from uav_collect.errors import TrainingRunError
 from uav_collect.kernels.arrays import Floats

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Protocol
 
 from uav_collect.config.installed import shared_folders
+from uav_collect.config.yaml_text import shown
 from uav_collect.errors import PolicyMismatchError
 from uav_collect.kernels.arrays import Row
 from uav_collect.scenario.model import Scenario
@@ -68,8 +69,8 @@ def policy_named(name: str) -> NamedPolicy:
     if file is None:
         known = [heuristic.label for heuristic in Heuristic] + [*shipped_policies()]
         raise PolicyMismatchError(
-            f'policy {name!r} is unknown; there are {", ".join(known)}, the path of a {SUFFIX} '
-            'file, or module:function'
+            f'policy {shown(name)} is unknown; there are {", ".join(known)}, the path of a'
+            f' {SUFFIX} file, or module:function'
         )
     return _learned(file)
 
@@ -131,8 +132,8 @@ def frozen_policy(name: str) -> FrozenPolicy:
     file = _file_of(name)
     if file is None:
         raise PolicyMismatchError(
-            f'no learned policy is called {name!r}; there are {", ".join(shipped_policies())}, '
-            f'or the path of a {SUFFIX} file'
+            f'no learned policy is called {shown(name)}; there are'
+            f' {", ".join(shipped_policies())}, or the path of a {SUFFIX} file'
         )
     return load_policy(file)
 
@@ -161,10 +162,14 @@ def _file_of(name: str) -> Path | None:
     if name.endswith(SUFFIX) or os.sep in name:
         return Path(name)
     files = (folder / f'{name}{SUFFIX}' for folder in shared_folders('policies'))
-    return next((file for file in files if file.is_file()), None)
+    return next((file for file in files if os.path.isfile(file)), None)
 
 
 def _learned(file: Path) -> LearnedPolicy:
     if file.stem in (STRONG, TOPIC, *(heuristic.label for heuristic in Heuristic)):
         raise PolicyMismatchError(f'{file}: must not be called as another policy is: rename it')
-    return LearnedPolicy(name=file.stem, frozen=load_policy(file))
+    # The same in every locale, and for files whose names are of another.
+    name = os.fsencode(file.stem).decode(errors='backslashreplace')
+    if not name.isprintable():
+        raise PolicyMismatchError(f'{shown(str(file))}: its name must be printable: rename it')
+    return LearnedPolicy(name=name, frozen=load_policy(file))

@@ -10,21 +10,28 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 import hashlib
 import importlib
-from importlib.machinery import ModuleSpec
+from inspect import getattr_static
 import operator
 import os
 from pathlib import Path
 import sys
-from traceback import extract_tb
-from types import ModuleType
+from types import CoroutineType, ModuleType
 from typing import Any
 
 import numpy as np
 from uav_collect.errors import PolicyMismatchError
 from uav_collect.kernels.arrays import Ints, Row
-from uav_collect.uav.action_codes import HOME, N_ACTIONS
+from uav_collect.uav.action_codes import HOME, N_ACTIONS, NONE
 from uav_collect.uav.belief import Belief, BeliefRows
 from uav_collect.uav.briefing import Briefing
+from uav_collect.uav.user_code import (
+    definition_text,
+    kind_text,
+    name_text,
+    run_user_code,
+    UserCodeError,
+    value_text,
+)
 from uav_collect.uav.view import LocalView
 
 _VERSION_DIGITS = 12
@@ -48,6 +55,7 @@ class UserPolicy:
     name: str
     version: str
     target: Callable[..., Any]
+    file: str | None = None  # in which it was written
     _decide: Callable[..., Any] | None = field(default=None, init=False)
     _briefing: Briefing | None = field(default=None, init=False)
     _uav: int = field(default=0, init=False)
@@ -62,12 +70,12 @@ class UserPolicy:
         self._decide = self.target
         if isinstance(self.target, type):
             try:
-                self._decide = self.target(self._briefing, uav)
-            except Exception as error:  # the user's code may raise anything
-                raise self._failure(f'UAV {uav + 1}, at the start', error) from error
+                self._decide = run_user_code(self.file, self.target, self._briefing, uav)
+            except UserCodeError as error:
+                raise self._failure(f'UAV {uav + 1}, at the start: {error}') from error
         if not callable(self._decide):
-            kind = type(self._decide).__name__
-            raise PolicyMismatchError(f'policy {self.name}: a {kind} cannot be called')
+            what = f'a {kind_text(self._decide)} cannot be called{definition_text(self.target)}'
+            raise self._failure(what)
 
     def choose(self, belief: Belief, view: LocalView, legal: Row[int]) -> int:
         """One of the legal actions, or HOME to end the mission.
@@ -77,33 +85,36 @@ class UserPolicy:
         """
         if self._briefing is None or self._decide is None:
             raise RuntimeError('a policy must begin a mission before it chooses')
-        where = f'UAV {self._uav + 1} at {view.time_s:.1f} s in cell {view.cell}'
         situation = _situation(self._briefing, self._uav, belief, view, legal)
         try:
-            answer = self._decide(situation)
-        except Exception as error:  # the user's code may raise anything
-            raise self._failure(where, error) from error
-        try:
-            action = operator.index(answer)
-        except TypeError:
-            action = HOME + 1
-        if action == HOME or (0 <= action < N_ACTIONS and legal[action] == 1):
-            return action
-        allowed = [each for each in range(N_ACTIONS) if legal[each] == 1]
-        raise PolicyMismatchError(
-            f'policy {self.name}: {where}: {answer!r} is no legal action; legal are {allowed} and '
-            f'{HOME} to fly home'
-        )
+            answer = run_user_code(self.file, self._decide, situation)
+            action = self._action(answer)
+            if action == HOME or (0 <= action < N_ACTIONS and legal[action] == 1):
+                return action
+            allowed = [each for each in range(N_ACTIONS) if legal[each] == 1]
+            raise UserCodeError(
+                f'{value_text(answer)} is no legal action; legal are {allowed} and {HOME} to fly'
+                f' home{definition_text(self._decide)}'
+            )
+        except UserCodeError as error:
+            where = f'UAV {self._uav + 1} at {view.time_s:.1f} s in cell {view.cell}'
+            raise self._failure(f'{where}: {error}') from error
 
-    def _failure(self, where: str, error: Exception) -> PolicyMismatchError:
-        # The first frame is ours, the second the user's; there is none if the call itself failed.
-        lines = [
-            f' ({Path(frame.filename).name}, line {frame.lineno})'
-            for frame in extract_tb(error.__traceback__)[1:2]
-        ]
-        return PolicyMismatchError(
-            f'policy {self.name}: {where}: {_in_one_line(error)}{"".join(lines)}'
-        )
+    def _action(self, answer: object) -> int:
+        """The number that was returned, of whatever library's kind; NONE if it is no number."""
+        if type(answer) is CoroutineType:
+            answer.close()  # else Python complains of it later
+        if isinstance(answer, bool):
+            return NONE
+        try:
+            return int(run_user_code(self.file, operator.index, answer))
+        except UserCodeError as error:
+            if isinstance(error.__cause__, TypeError):
+                return NONE
+            raise
+
+    def _failure(self, what: str) -> PolicyMismatchError:
+        return PolicyMismatchError(f'policy {self.name}: {what}')
 
 
 def is_user_policy_name(name: str) -> bool:
@@ -120,16 +131,13 @@ def user_policy(name: str) -> UserPolicy:
     """
     module_name, _, function = name.partition(':')
     module = _imported(name, module_name)
-    try:
-        target = vars(module)[function]
-    except KeyError:
-        raise PolicyMismatchError(
-            f'policy {name}: module {module_name} has no {function}'
-        ) from None
+    target = getattr_static(module, function, None)
+    if target is None:
+        raise PolicyMismatchError(f'policy {name}: module {module_name} has no {function}')
     if not callable(target):
-        kind = type(target).__name__
-        raise PolicyMismatchError(f'policy {name}: {function} is a {kind}: must be a function')
-    return UserPolicy(name=name, version=_version(module.__spec__), target=target)
+        what = f'{function} is a {kind_text(target)}: must be a function'
+        raise PolicyMismatchError(f'policy {name}: {what}')
+    return _policy(name, target, module)
 
 
 def policy_of(target: Callable[..., Any]) -> UserPolicy:
@@ -139,10 +147,17 @@ def policy_of(target: Callable[..., Any]) -> UserPolicy:
         PolicyMismatchError: it cannot be called.
     """
     if not callable(target):
-        raise PolicyMismatchError(f'policy {target!r}: must be a name, a function or a class')
-    name = getattr(target, '__name__', type(target).__name__)
-    version = _version(sys.modules[target.__module__].__spec__)
-    return UserPolicy(name=name, version=version, target=target)
+        what = value_text(target)
+        raise PolicyMismatchError(f'policy {what}: must be a name, a function or a class')
+    module = getattr_static(target, '__module__', None)
+    found = sys.modules.get(module) if isinstance(module, str) else None
+    return _policy(name_text(target), target, found)
+
+
+def _policy(name: str, target: Callable[..., Any], module: ModuleType | None) -> UserPolicy:
+    file = vars(module).get('__file__') if isinstance(module, ModuleType) else None
+    file = file if isinstance(file, str) else None
+    return UserPolicy(name=name, version=_version(file), target=target, file=file)
 
 
 def _imported(policy: str, module: str) -> ModuleType:
@@ -150,32 +165,31 @@ def _imported(policy: str, module: str) -> ModuleType:
     if not {'', os.getcwd()} & set(sys.path):
         sys.path.append(os.getcwd())
     try:
-        return importlib.import_module(module)
-    except ModuleNotFoundError as error:
-        if error.name is None or not f'{module}.'.startswith(f'{error.name}.'):
+        found = run_user_code(None, importlib.import_module, module)
+    except UserCodeError as failure:
+        error = failure.__cause__
+        name = error.name if isinstance(error, ModuleNotFoundError) else None
+        if name is not None and f'{module}.'.startswith(f'{name}.'):
             raise PolicyMismatchError(
-                f'policy {policy}: module {module} cannot be imported: {_in_one_line(error)}'
-            ) from error
+                f'policy {policy}: there is no module {name} in {os.getcwd()} or where else '
+                'Python looks (PYTHONPATH)'
+            ) from None
         raise PolicyMismatchError(
-            f'policy {policy}: there is no module {error.name} in {os.getcwd()} or where else '
-            'Python looks (PYTHONPATH)'
-        ) from None
-    except (Exception, SystemExit) as error:  # the user's code may raise anything
-        raise PolicyMismatchError(
-            f'policy {policy}: module {module} cannot be imported: {_in_one_line(error)}'
-        ) from error
+            f'policy {policy}: module {module} cannot be imported: {failure}'
+        ) from failure
+    if not isinstance(found, ModuleType):
+        what = f'module {module} is a {kind_text(found)}: must be a module'
+        raise PolicyMismatchError(f'policy {policy}: {what}')
+    return found
 
 
-def _version(spec: ModuleSpec | None) -> str:
-    """A digest of the module's file, so that results tell which one was flown."""
-    if spec is None or spec.origin is None or not spec.has_location:
+def _version(file: str | None) -> str:
+    """A digest of a module's file, so that results tell which one was flown."""
+    try:
+        content = Path(file or '').read_bytes()
+    except (OSError, ValueError):  # it has none, or lies in an archive
         return 'built-in'
-    return hashlib.sha256(Path(spec.origin).read_bytes()).hexdigest()[:_VERSION_DIGITS]
-
-
-def _in_one_line(error: BaseException) -> str:
-    """An exception in one line."""
-    return ' '.join(f'{type(error).__name__}: {error}'.split())
+    return hashlib.sha256(content).hexdigest()[:_VERSION_DIGITS]
 
 
 def _situation(

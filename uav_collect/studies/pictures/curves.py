@@ -1,8 +1,7 @@
 """Draws learning curves: reward in training above, energy efficiency in validation below."""
 
-from matplotlib.axes import Axes
-from matplotlib.ticker import EngFormatter
 from uav_collect import files
+from uav_collect.analysis.plotting import Axes, EngFormatter
 from uav_collect.analysis.trajectories import COLOURS
 from uav_collect.studies.findings import estimate_column, Findings
 from uav_collect.studies.pictures.drawing import (

@@ -5,9 +5,7 @@ from dataclasses import dataclass
 import io
 import textwrap
 
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
+from uav_collect.analysis.plotting import Axes, Figure, FigureCanvasAgg
 from uav_collect.analysis.trajectories import COLOURS, DPI, GRID
 from uav_collect.studies.study import AIQL, AQMIX, HERT, PLAN, QMIX, SWEEP
 from uav_collect.training.curves import REFERENCE_STYLES

@@ -1,8 +1,8 @@
 """Draws tests over what is varied: means with their intervals, a panel for each measure."""
 
-from matplotlib.axes import Axes
 import numpy as np
 from uav_collect import files
+from uav_collect.analysis.plotting import Axes
 from uav_collect.analysis.statistics import CONFIDENCE_LEVEL, Estimate
 from uav_collect.studies.findings import estimate_column, Findings
 from uav_collect.studies.pictures.drawing import (
