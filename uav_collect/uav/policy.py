@@ -168,8 +168,9 @@ def _file_of(name: str) -> Path | None:
 def _learned(file: Path) -> LearnedPolicy:
     if file.stem in (STRONG, TOPIC, *(heuristic.label for heuristic in Heuristic)):
         raise PolicyMismatchError(f'{file}: must not be called as another policy is: rename it')
+    frozen = load_policy(file)
     # The same in every locale, and for files whose names are of another.
     name = os.fsencode(file.stem).decode(errors='backslashreplace')
     if not name.isprintable():
         raise PolicyMismatchError(f'{shown(str(file))}: its name must be printable: rename it')
-    return LearnedPolicy(name=name, frozen=load_policy(file))
+    return LearnedPolicy(name=name, frozen=frozen)
