@@ -18,6 +18,7 @@ GUARD_AFTER = 12  # decisions without news after which a UAV's guard decides, un
 MAX_GUARD_AFTER = 10_000
 
 ALGORITHMS = ('aqmix', 'qmix', 'aiql')  # of a training
+DEVICES = ('cpu', 'cuda')  # that updates are computed on
 FLEET_ALGORITHMS = ('aqmix', 'aiql')  # those whose UAVs do not wait for each other
 
 RECORDED = ('all', 'learning')  # topics that a recorder keeps: all, or those learned from

@@ -1,16 +1,21 @@
 """What cannot be trained, or goes wrong while training, is said in one line."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 import fcntl
 import os
 from pathlib import Path
-import shlex
+import shutil
 import subprocess
 import sys
 
-from processes import Processes
 import pytest
-from train_command import COMPILING_S, copied, ENVIRONMENT, Finished, ROOT, said, TRAIN
+from train_command import (
+    copied,
+    Finished,
+    learned,
+    ROOT,
+    said,
+)
 from uav_collect.__main__ import main
 from uav_collect.commands import train
 from uav_collect.training.run_record import read_run
@@ -30,23 +35,6 @@ def test_no_two_processes_train_in_one_folder(
     os.close(other)
     assert status == 2
     assert said(capsys) == f'error: {run}: another process trains in it'
-
-
-@pytest.mark.usefixtures('finished')  # kernels are compiled by now, and need no room
-def test_a_disk_that_fills_up_ends_the_run_with_one_line(
-    settings: list[str], processes: Processes, tmp_path: Path
-) -> None:
-    # Files of more than 20 blocks of 512 or 1024 bytes are refused: the checkpoint.
-    small = ['--override', 'network.hidden_size=1']  # the policy fits
-    words = shlex.join([*TRAIN, *settings, *small, '--output', 'run'])
-    limited = processes.run(
-        'limited', 'sh', '-c', f'ulimit -f 20; exec {words}', PYTHONDONTWRITEBYTECODE='1',
-        **ENVIRONMENT,
-    )  # fmt: skip
-    assert limited.wait_for_exit(COMPILING_S) == 2
-    assert limited.output.endswith('error: run/checkpoint: File too large\n')
-    assert 'Traceback' not in limited.output
-    assert load_policy(tmp_path / 'run' / 'policy.safetensors')
 
 
 def poisoned(monkeypatch: pytest.MonkeyPatch, after: int) -> None:
@@ -155,17 +143,106 @@ def test_a_wrong_argument_is_named_in_one_line(
     assert all(word in shown for word in words)
 
 
-def test_a_broken_checkpoint_is_named(
+def contents(folder: Path) -> dict[str, bytes]:
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in sorted(folder.rglob('*'))
+        if path.is_file()
+    }
+
+
+def edited(old: str, new: str) -> Callable[[Path], object]:
+    """A change of a text in a file."""
+
+    def edit(path: Path) -> None:
+        text = path.read_text()
+        assert old in text
+        path.write_text(text.replace(old, new, 1))
+
+    return edit
+
+
+def flipped(path: Path) -> None:
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.write_bytes(content)
+
+
+def as_pipe(path: Path) -> None:
+    path.unlink()
+    os.mkfifo(path)
+
+
+def as_folder(path: Path) -> None:
+    path.unlink()
+    path.mkdir()
+
+
+@pytest.mark.parametrize(
+    ('name', 'tamper', 'words'),
+    [
+        ('checkpoint/state.pt', Path.unlink, 'is missing: without it the run cannot be gone on'),
+        ('checkpoint/state.pt', flipped, 'is no whole checkpoint (its digest'),
+        ('checkpoint/state.pt', as_pipe, 'is a pipe'),
+        ('checkpoint/state.pt', as_folder, 'is a folder'),
+        ('scenario.yaml', Path.unlink, 'No such file'),
+        ('scenario.yaml', as_folder, 'scenario.yaml'),
+        ('scenario.yaml', edited('cells_per_side: 4', 'cells_per_side: 5'), 'its fingerprint is'),
+        ('scenario.yaml', edited('name: field', 'name: meadow'), 'its name is meadow: must be'),
+        ('training.yaml', Path.unlink, 'No such file'),
+        ('training.yaml', edited('hidden_size: 8', 'hidden_size: 9'), 'its fingerprint is'),
+        ('run.json', edited('"seed": 0', '"seed": 1'), 'seeds are (0,): lack 1'),
+        ('run.json', edited('"aqmix"', '"qmix"'), "state.pt: algorithm is 'aqmix': must be"),
+        ('run.json', edited('"cpu"', '"tpu"'), "device is 'tpu'"),
+        ('run.json', edited('training/1', 'training/2'), "format is 'uav_collect.training/2'"),
+        ('run.json', as_pipe, 'run.json'),
+        ('progress.csv', edited('\n', '\nx'), 'progress.csv:2: is no row of 13 numbers'),
+        ('progress.csv', edited('n_updates', 'n_update'), 'progress.csv:1: is no table'),
+        ('validation.csv', as_pipe, 'validation.csv'),
+        ('validation.csv', as_folder, 'validation.csv'),
+    ],
+)
+def test_a_run_that_was_tampered_with_is_refused_by_the_file_and_stays_as_it_is(
+    name: str,
+    tamper: Callable[[Path], object],
+    words: str,
     finished: Finished,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    for name in ('run.json', 'scenario.yaml', 'training.yaml'):
-        (tmp_path / name).write_bytes((finished[0] / name).read_bytes())
-    (tmp_path / 'checkpoint').mkdir()
-    (tmp_path / 'checkpoint' / 'state.pt').write_bytes(b'nothing')
-    assert main(['train', '--resume', str(tmp_path), '--decisions', '2000']) == 2
-    assert f'{tmp_path}/checkpoint/state.pt: is no whole checkpoint' in said(capsys)
+    run = copied(finished[0], tmp_path / 'run')
+    tamper(run / name)
+    before = contents(run)
+    assert main(['train', '--resume', str(run)]) == 2
+    line = said(capsys)
+    assert line.startswith('error: ')
+    assert Path(name).name in line or 'state.pt' in line
+    assert words in line
+    assert contents(run) == before
+
+
+def test_a_run_is_not_gone_on_with_from_the_checkpoint_of_another(
+    finished: Finished, settings: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run, other = copied(finished[0], tmp_path / 'run'), tmp_path / 'other'
+    assert main(['train', *settings, '--seed', '1', '--output', str(other)]) == 0
+    capsys.readouterr()
+    shutil.copyfile(other / 'checkpoint' / 'state.pt', run / 'checkpoint' / 'state.pt')
+    before = contents(run)
+    assert main(['train', '--resume', str(run)]) == 2
+    assert said(capsys) == f'error: {run}/checkpoint/state.pt: seed is 1: must be 0'
+    assert contents(run) == before
+
+
+def test_what_a_checkpoint_holds_is_put_back_where_it_is_missing(
+    finished: Finished, tmp_path: Path
+) -> None:
+    run = copied(finished[0], tmp_path / 'run')
+    (run / 'policy.safetensors').write_bytes(b'damaged')
+    (run / 'progress.csv').unlink()
+    assert main(['train', '--resume', str(run)]) == 0
+    assert learned(run) == learned(finished[0])
+    assert (run / 'progress.csv').read_text().startswith('n_decisions,')
 
 
 def test_training_without_torch_says_how_to_get_it(

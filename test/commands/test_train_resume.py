@@ -24,6 +24,7 @@ from uav_collect.__main__ import main
 from uav_collect.training.run_record import read_run
 
 pytest.importorskip('torch', reason='training needs torch')
+from uav_collect.learning.trainer import Trainer
 
 EFFICIENCY = 'efficiency_kbit_per_j'
 
@@ -71,11 +72,16 @@ def test_rows_that_a_killed_run_wrote_after_its_checkpoint_do_not_come_twice(
     assert steps == [int(text) for text in columns(run / 'validation.csv')['n_decisions']]
 
 
-def test_a_run_that_was_killed_before_its_first_checkpoint_begins_again(
-    finished: Finished, tmp_path: Path
+def test_a_run_that_was_killed_before_its_first_look_goes_on_from_its_beginning(
+    finished: Finished, settings: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    run = copied(finished[0], tmp_path / 'run')
-    shutil.rmtree(run / 'checkpoint')
+    def killed(*arguments: object) -> None:
+        raise KeyboardInterrupt
+
+    run = tmp_path / 'run'
+    with monkeypatch.context() as patched:
+        patched.setattr(Trainer, 'run', killed)
+        assert main(['train', *settings, '--output', str(run)]) == 130
     assert main(['train', '--resume', str(run)]) == 0
     assert learned(run) == learned(finished[0])
 

@@ -53,7 +53,8 @@ def write_run(
         changes: of the record.
     """
     folder.mkdir(parents=True)
-    record = replace(RECORD, **changes)  # type: ignore[arg-type]
+    seeds = (changes.get('seed', RECORD.seed),)
+    record = replace(RECORD, **{'seeds': seeds, **changes})  # type: ignore[arg-type]
     (folder / RUN_FILE).write_bytes(record.to_json())
     for name, columns, efficiencies in (
         (VALIDATION_FILE, VALIDATION_COLUMNS, validations),

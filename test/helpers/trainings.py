@@ -74,7 +74,8 @@ def config_of(**values: object) -> TrainingConfig:
 
 def replayed(folder: Path) -> tuple[list[Episode], dict[str, Any]]:
     """The missions that a saved trainer holds, in the order in which they came; its state."""
-    trainer = Trainer.resume(folder / 'checkpoint', sources=[FleetSource(NEVER)])
+    trainer = Trainer([SCENARIO], config_of(), 'aqmix', 0, sources=[FleetSource(NEVER)])
+    trainer.load(folder / 'checkpoint')
     replay = trainer._tasks[0].replay
     held = [replay._episode(mission) for mission in replay._missions]
     return held, read_checkpoint(folder / 'checkpoint')

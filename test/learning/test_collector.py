@@ -3,12 +3,12 @@
 from collections.abc import Sequence
 from itertools import pairwise
 
+from checkpoints import read_back
 from episodes import single_threaded_torch, small
 import numpy as np
 import pytest
 from tiny_world import HOVER_W, MOVE_5_J, MOVE_10_J, rate_bps, Script, tiny, TOTAL_BIT, uav
 from uav_collect.kernels.arrays import Floats
-from uav_collect.kernels.compile import kernels_are_compiled
 from uav_collect.learning.minibatch import Algorithm
 from uav_collect.missions.experience import Episode
 from uav_collect.missions.rollout import fly
@@ -189,11 +189,10 @@ def test_recent_figures_are_those_of_the_missions_that_ended() -> None:
     assert collector.recent.efficiency_kbit_per_j == pytest.approx(np.mean(efficiencies))
 
 
-@pytest.mark.skipif(not kernels_are_compiled(), reason='lists cannot be set back')
 def test_a_restored_collector_flies_on_as_the_one_that_was_saved() -> None:
     collector, other = collector_of(), collector_of(seed=5)
     collector.collect(agent(), 130, 0.5)
-    other.restore(collector.state())
+    other.restore(read_back(collector.state()), collector._env.briefing)
     assert other.n_decisions == collector.n_decisions
     first, second = (each.collect(agent(), 200, 0.5) for each in (collector, other))
     assert len(first) == len(second) > 3

@@ -6,6 +6,7 @@ from pathlib import Path
 from threading import Thread
 from typing import Any
 
+from checkpoints import read_back
 from episodes import single_threaded_torch, small
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from tiny_world import tiny, uav
 from uav_collect.ingest.join import JoinedMission
 from uav_collect.missions.experience import Episode
 from uav_collect.training.config import TrainingConfig
+from uav_collect.uav.briefing import brief
 from uav_collect.uav.observation import Layout
 
 torch = single_threaded_torch()
@@ -77,10 +79,9 @@ def trained(
             raise EnoughError
 
     sources = [source_of(missions, fly=fly)]
-    if saved is None:
-        trainer = Trainer([SETUP.scenario], settings(50), algorithm, 0, sources=sources)
-    else:
-        trainer = Trainer.resume(saved, sources=sources)
+    trainer = Trainer([SETUP.scenario], settings(50), algorithm, 0, sources=sources)
+    if saved is not None:
+        trainer.load(saved)
     with pytest.raises(EnoughError):
         deque(trainer.run(LONG), 0)
     return trainer
@@ -144,7 +145,7 @@ def test_a_learner_that_is_too_slow_takes_what_waits_without_an_update_each() ->
 def test_a_restored_source_goes_on_and_knows_what_was_learned_from() -> None:
     source, other = source_of(episodes(range(20))), FleetSource(10**9)
     source.collect(agent(), 40, 0.5)
-    other.restore(source.state())
+    other.restore(read_back(source.state()), brief(SETUP.scenario))
     assert other.known.state() == source.known.state() == {'world': [0, 20]}
     assert other.n_decisions == source.n_decisions
     first, second = (each.collect(agent(), 30, 0.5) for each in (source, other))

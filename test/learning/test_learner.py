@@ -8,6 +8,7 @@ import platform
 import subprocess
 import sys
 
+from checkpoints import read_back
 from episodes import batch_of, drawn_episode, single_threaded_torch, small
 import numpy as np
 import pytest
@@ -216,7 +217,7 @@ def test_a_restored_learner_goes_on_as_the_one_that_was_saved(algorithm: Algorit
     for _ in range(3):
         learner.update(batch, RATE)
     other = Learner(small(), [brief(tiny())], algorithm, seed=99)
-    other.restore(learner.state())
+    other.restore(read_back(learner.state()))
     assert other.n_updates == 3
     assert torch.equal(weights(other.target), weights(learner.target))
     losses = [[each.update(batch, RATE) for _ in range(3)] for each in (learner, other)]

@@ -2,6 +2,7 @@
 
 from copy import deepcopy
 
+from checkpoints import read_back
 from episodes import drawn_episode
 import numpy as np
 import pytest
@@ -112,7 +113,7 @@ def test_a_restored_replay_holds_the_same_and_goes_on_alike() -> None:
     replay, other = Replay(40, BRIEFING), Replay(40, BRIEFING)
     for seed in range(7):
         replay.add(episode(9, seed))
-    other.restore(replay.state())
+    other.restore(read_back({'held': replay.state()}).part('held'))
     for seed in range(7, 12):
         found = held(replay)
         assert set(held(other)) == set(found)
@@ -123,7 +124,9 @@ def test_a_restored_replay_holds_the_same_and_goes_on_alike() -> None:
 
 def test_an_empty_replay_is_restored_empty() -> None:
     replay = Replay(40, BRIEFING)
-    replay.restore(Replay(40, BRIEFING).state())
+    assert Replay(40, BRIEFING).state() is None
+    replay.add(episode(9, 0))
+    replay.restore(None)
     assert (replay.n_missions, replay.n_decisions) == (0, 0)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from tiny_world import tiny, uav
 from uav_collect.errors import PolicyMismatchError
-from uav_collect.kernels.compile import kernels_are_compiled
+from uav_collect.learning.checkpoint import read_checkpoint
 from uav_collect.learning.minibatch import Algorithm
 from uav_collect.learning.replay import replay_bytes
 from uav_collect.missions.rollout import fly
@@ -20,7 +20,7 @@ from uav_collect.uav.learned_on import learned_on
 from uav_collect.uav.policy_network import LearnedPolicy
 
 torch = single_threaded_torch()
-from uav_collect.errors import CheckpointError, ConfigError
+from uav_collect.errors import ConfigError
 from uav_collect.learning.trainer import Trainer
 from uav_collect.training.progress import Budget, Progress
 from uav_collect.uav.briefing import brief
@@ -28,10 +28,6 @@ from uav_collect.uav.briefing import brief
 DECISIONS = 1000
 BUDGET = Budget(decisions=DECISIONS)
 FLEET = uav(5.0, energy_budget_kj=25.0), uav(10.0, energy_budget_kj=12.0)
-
-needs_compiled_kernels = pytest.mark.skipif(
-    not kernels_are_compiled(), reason='a checkpoint of lists cannot be set back'
-)
 
 
 def trainer_of(
@@ -51,11 +47,18 @@ def trained(trainer: Trainer, budget: Budget = BUDGET) -> list[Progress]:
 def state_of(trainer: Trainer, folder: Path) -> dict[str, Any]:
     """All that a trainer holds, but for the time that it took."""
     trainer.save(folder)
-    state: dict[str, Any] = torch.load(folder / 'state.pt', weights_only=False)
+    state = read_checkpoint(folder)
     for name in ('validation', 'best'):
         state[name]['wall_s'] = 0.0
     state['trained_s'] = 0.0
     return state
+
+
+def loaded(folder: Path, trainer: Trainer | None = None) -> Trainer:
+    """A new trainer that goes on from what another one saved."""
+    trainer = trainer or trainer_of()
+    trainer.load(folder)
+    return trainer
 
 
 def differences(one: object, other: object, path: str = '') -> list[str]:
@@ -74,7 +77,6 @@ def differences(one: object, other: object, path: str = '') -> list[str]:
     return [it for key, mine, theirs in pairs for it in differences(mine, theirs, f'{path}/{key}')]
 
 
-@needs_compiled_kernels
 @pytest.mark.parametrize('algorithm', [it.value for it in Algorithm])
 def test_a_run_that_stopped_half_way_ends_as_the_one_that_went_on(
     algorithm: str, tmp_path: Path
@@ -88,14 +90,13 @@ def test_a_run_that_stopped_half_way_ends_as_the_one_that_went_on(
     assert stopped.n_decisions < DECISIONS
     assert stopped.n_updates > 0
     stopped.save(tmp_path / 'half')
-    resumed = Trainer.resume(tmp_path / 'half')
+    resumed = loaded(tmp_path / 'half', trainer_of(algorithm))
     trained(resumed)
     one, other = state_of(straight, tmp_path / 'one'), state_of(resumed, tmp_path / 'other')
     assert differences(one, other) == []
     assert one['learner']['n_updates'] > stopped.n_updates
 
 
-@needs_compiled_kernels
 def test_a_run_over_several_areas_and_fleets_is_resumed_alike(tmp_path: Path) -> None:
     scenarios = tiny(*FLEET), tiny(*FLEET, uav(7.5, energy_budget_kj=20.0), area__cells_per_side=5)
     straight = trainer_of(scenarios=scenarios)
@@ -103,28 +104,26 @@ def test_a_run_over_several_areas_and_fleets_is_resumed_alike(tmp_path: Path) ->
     stopped = trainer_of(scenarios=scenarios)
     next(it for it in stopped.run(BUDGET) if it.n_decisions >= DECISIONS // 2)
     stopped.save(tmp_path / 'half')
-    resumed = Trainer.resume(tmp_path / 'half')
+    resumed = loaded(tmp_path / 'half', trainer_of(scenarios=scenarios))
     trained(resumed)
     one, other = state_of(straight, tmp_path / 'one'), state_of(resumed, tmp_path / 'other')
     assert differences(one, other) == []
 
 
-@needs_compiled_kernels
 def test_saving_changes_nothing_and_a_checkpoint_is_saved_again_alike(tmp_path: Path) -> None:
     trainer = trainer_of()
     trained(trainer)
     first, second = (state_of(trainer, tmp_path / name) for name in ('first', 'second'))
-    again = state_of(Trainer.resume(tmp_path / 'first'), tmp_path / 'again')
+    again = state_of(loaded(tmp_path / 'first'), tmp_path / 'again')
     assert differences(first, second) == []
     assert differences(first, again) == []
 
 
-@needs_compiled_kernels
 def test_a_resumed_run_has_its_best_policy(tmp_path: Path) -> None:
     trainer = trainer_of()
     trained(trainer)
     trainer.save(tmp_path)
-    before, after = trainer.best_policy(), Trainer.resume(tmp_path).best_policy()
+    before, after = trainer.best_policy(), loaded(tmp_path).best_policy()
     assert before is not None
     assert after is not None
     assert after.header == before.header
@@ -222,61 +221,3 @@ def test_a_policy_of_another_network_is_no_start() -> None:
     wider = small(network__hidden_size=9)
     with pytest.raises(PolicyMismatchError, match=r'hidden size is 8: must be 9'):
         Trainer([tiny(*FLEET)], wider, 'aqmix', 0, initial=policy)
-
-
-def test_a_folder_without_a_checkpoint_is_named(tmp_path: Path) -> None:
-    with pytest.raises(CheckpointError, match=r'state\.pt: cannot be read: No such file'):
-        Trainer.resume(tmp_path)
-
-
-@pytest.mark.parametrize('share', [0.0, 0.1, 0.5, 0.999])
-def test_a_truncated_checkpoint_is_named(share: float, tmp_path: Path) -> None:
-    trainer = trainer_of()
-    trained(trainer, Budget(decisions=200))
-    trainer.save(tmp_path)
-    path = tmp_path / 'state.pt'
-    whole = path.read_bytes()
-    path.write_bytes(whole[: int(share * len(whole))])
-    with pytest.raises(
-        CheckpointError, match=r'state\.pt: (is no whole checkpoint|cannot be read)'
-    ):
-        Trainer.resume(tmp_path)
-
-
-@pytest.mark.parametrize('thing', [{'weights': 1}, ['a list'], 3])
-def test_a_file_that_is_something_else_is_named(thing: object, tmp_path: Path) -> None:
-    torch.save(thing, tmp_path / 'state.pt')
-    with pytest.raises(CheckpointError, match='is no checkpoint of this version'):
-        Trainer.resume(tmp_path)
-
-
-@needs_compiled_kernels
-@pytest.mark.parametrize('name', ['config', 'learner', 'replays', 'rng', 'turn'])
-def test_a_checkpoint_that_lacks_something_is_named(name: str, tmp_path: Path) -> None:
-    trainer = trainer_of()
-    trained(trainer, Budget(decisions=200))
-    trainer.save(tmp_path)
-    state = torch.load(tmp_path / 'state.pt', weights_only=False)
-    del state[name]
-    torch.save(state, tmp_path / 'state.pt')
-    with pytest.raises(CheckpointError, match=rf'{tmp_path}: is no checkpoint.*{name}'):
-        Trainer.resume(tmp_path)
-
-
-def test_a_checkpoint_takes_the_place_of_the_one_before_whole_or_not_at_all(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    trainer = trainer_of()
-    trained(trainer, Budget(decisions=200))
-    trainer.save(tmp_path)
-    before = (tmp_path / 'state.pt').read_bytes()
-
-    def full(state: object, file: Any) -> None:  # noqa: ANN401 - a binary file
-        file.write(b'half')
-        raise OSError(28, 'No space left on device')
-
-    monkeypatch.setattr(torch, 'save', full)
-    with pytest.raises(OSError, match='No space left'):
-        trainer.save(tmp_path)
-    assert (tmp_path / 'state.pt').read_bytes() == before
-    assert [path.name for path in tmp_path.iterdir()] == ['state.pt']

@@ -56,7 +56,7 @@ def test_each_mission_of_two_bags_that_a_restart_parted_is_learned_from_once(
     assert min(int(first[2]), int(second[2]), int(second[3])) > 5
     episodes, state = replayed(run)
     seeds = [one.mission_seed for one in episodes]
-    assert state['collectors'][0]['n_missions'] == int(first[2]) + int(second[2])
+    assert state['sources'][0]['n_missions'] == int(first[2]) + int(second[2])
     assert sorted({*seeds}) == sorted(seeds)
     # A later run of the same trainer knows them all.
     policy = (run / 'policy.safetensors').read_bytes()

@@ -27,7 +27,14 @@ from trainings import (
     start_trainer,
     TRAINED_S,
 )
-from uav_collect.errors import ConfigError, PolicyMismatchError, TrainingRunError
+from uav_collect.errors import (
+    CheckpointError,
+    ConfigError,
+    PolicyMismatchError,
+    TrainingRunError,
+)
+from uav_collect.learning.fleet_source import FleetSource
+from uav_collect.learning.loop import open_trainer
 from uav_collect.nodes import topics
 from uav_collect.nodes.trainer.settings import PARAMETERS, planned_run, TrainerSettings
 from uav_collect.training.folder import open_training_folder
@@ -112,7 +119,7 @@ def test_a_trainer_that_is_stopped_or_killed_goes_on_from_where_it_was_saved(
     assert trainer.wait_for_exit(TRAINED_S) == 0
     assert read_run(folder).is_done
     episodes, state = replayed(folder)
-    assert state['collectors'][0]['n_decisions'] >= n_decisions
+    assert state['sources'][0]['n_decisions'] >= n_decisions
     seeds = [one.mission_seed for one in episodes]
     assert len(seeds) == len(set(seeds))  # none was learned from twice
     rows = read_columns(folder / 'progress.csv', ('n_decisions',))['n_decisions']
@@ -243,7 +250,7 @@ def test_a_run_is_gone_on_with_as_it_was_begun_and_for_as_long_as_is_asked(
 ) -> None:
     folder = tmp_path / 'run'
     begun = planned_run(settings_of(folder, minutes=5.0))
-    with open_training_folder(begun, 0):
+    with open_training_folder(begun, 0, lambda: None):
         pass
     again = planned_run(settings_of(folder, decisions=7))
     assert (again.record.minutes, again.record.decisions) == (None, 7)
@@ -264,6 +271,25 @@ def test_a_folder_of_something_else_is_no_place_for_a_run(tmp_path: Path) -> Non
         planned_run(settings_of(tmp_path / 'run'))
 
 
+@pytest.mark.parametrize('name', ['policy.safetensors', 'progress.csv', 'validation.csv'])
+def test_what_a_run_left_without_its_record_is_not_written_over(name: str, tmp_path: Path) -> None:
+    folder = tmp_path / 'run'
+    with open_training_folder(planned_run(settings_of(folder)), 0, lambda: None):
+        pass
+    (folder / name).touch()
+    (folder / 'run.json').unlink()
+    with pytest.raises(TrainingRunError, match=f'{folder}: holds .* of a run, but no run.json'):
+        planned_run(settings_of(folder))
+
+
+def test_a_run_without_its_checkpoint_is_not_begun_anew(tmp_path: Path) -> None:
+    folder = tmp_path / 'run'
+    with open_training_folder(planned_run(settings_of(folder)), 0, lambda: None):
+        pass
+    with pytest.raises(CheckpointError, match=r'run/checkpoint/state\.pt: is missing'):
+        open_trainer(planned_run(settings_of(folder)), [FleetSource(NEVER)])
+
+
 def test_a_disk_that_fills_up_ends_the_training_with_one_line(
     processes: Processes, tmp_path: Path
 ) -> None:
@@ -271,5 +297,5 @@ def test_a_disk_that_fills_up_ends_the_training_with_one_line(
     # No file may have more than 20 blocks: a checkpoint has.
     limited = start_trainer(processes, tmp_path / 'run', checkpoint_period_s=0.1, n_blocks=20)
     assert limited.wait_for_exit(TRAINED_S) == 1
-    assert f'{tmp_path}/run/checkpoint: File too large' in limited.output
+    assert f'{tmp_path}/run/checkpoint/state.pt: File too large' in limited.output
     assert 'Traceback' not in limited.output

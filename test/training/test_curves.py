@@ -4,6 +4,7 @@ from collections.abc import Callable
 import csv
 from dataclasses import replace
 import io
+import json
 from pathlib import Path
 
 from matplotlib.axes import Axes
@@ -17,6 +18,7 @@ from uav_collect.training import curves as curves
 from uav_collect.training.run_record import (
     CURVE_AXES,
     CURVE_MEASURES,
+    PROGRESS_COLUMNS,
     PROGRESS_FILE,
     read_columns,
     read_run,
@@ -290,7 +292,70 @@ def test_a_reference_is_a_name_and_a_number(text: str, capsys: pytest.CaptureFix
 
 def test_a_table_of_something_else_is_refused(tmp_path: Path) -> None:
     path = tmp_path / PROGRESS_FILE
-    for content in ('a,b\n1,2\n', 'n_decisions\nmany\n', 'n_decisions,b\n\n,2\n'):
-        path.write_text(content)
-        with pytest.raises(TrainingRunError, match='is no table with n_decisions'):
-            read_columns(path, ('n_decisions', 'b'))
+    header = ','.join(PROGRESS_COLUMNS)
+    row = ','.join('1' for _ in PROGRESS_COLUMNS)
+    path.write_text(f'{header}\n{row}\n')
+    assert read_columns(path, ('loss',))['loss'].tolist() == [1.0]
+    for content, words in (
+        (b'a,b\n1,2\n', ':1: is no table with n_decisions'),
+        (b'\xff\n', ': is no text'),
+        *(
+            (f'{header}\n{row}\n{wrong}\n'.encode(), ':3: is no row of 13 numbers')
+            for wrong in ('', '1,2', f'{row},1', row.replace('1', 'x', 1), f'-{row}', f'{row}x')
+        ),
+    ):
+        path.write_bytes(content)
+        with pytest.raises(TrainingRunError) as raised:
+            read_columns(path, ('loss',))
+        assert str(raised.value).startswith(f'{path}{words}')
+
+
+@pytest.mark.parametrize(
+    ('change', 'words'),
+    [
+        ({'seed': -1}, 'seed is -1'),
+        ({'seed': True}, 'seed is True'),
+        ({'seed': 1}, 'seeds are (0,): lack 1'),
+        ({'seeds': 3}, 'seeds is 3'),
+        ({'seeds': ['0']}, "seeds is '0'"),
+        ({'algorithm': 'dqn'}, "algorithm is 'dqn'"),
+        ({'device': 'tpu'}, "device is 'tpu'"),
+        ({'minutes': 1.0}, 'has not minutes or decisions'),
+        ({'decisions': None}, 'has not minutes or decisions'),
+        ({'decisions': 1.5}, 'decisions is 1.5'),
+        ({'minutes': float('nan'), 'decisions': None}, 'minutes is nan'),
+        ({'n_uavs': []}, 'n_uavs has 0 entries: needs 1'),
+        ({'scenario_fingerprint': 'a b'}, 'n_uavs has 1 entries: needs 2'),
+        ({'versions': {'numpy': 1}}, "versions is {'numpy': 1}"),
+        ({'training': 'x' * 100, 'is_done': 'x' * 100}, "is_done is 'xxx"),
+    ],
+)
+def test_a_field_of_a_record_that_no_run_writes_is_named(
+    change: dict[str, object], words: str, tmp_path: Path
+) -> None:
+    path = write_run(tmp_path / 'run', {}) / RUN_FILE
+    path.write_text(json.dumps({**json.loads(path.read_text()), **change}))
+    with pytest.raises(TrainingRunError) as raised:
+        read_run(path.parent)
+    assert str(raised.value).startswith(f'{path}: {words}')
+    assert len(str(raised.value)) < len(str(path)) + 100
+
+
+def test_a_record_that_is_no_json_lacks_a_field_or_is_no_file_is_refused(tmp_path: Path) -> None:
+    path = write_run(tmp_path / 'run', {}) / RUN_FILE
+    values = json.loads(path.read_text())
+    del values['device']
+    for content, words in (
+        (b'', 'is not JSON'),
+        (b'{', 'is not JSON'),
+        (b'\xff', 'is not JSON'),
+        (b'[' * 100_000, 'is not JSON'),
+        (b'[]', 'format is []'),
+        (b'{"format": "uav_collect.training/2"}', "format is 'uav_collect.training/2'"),
+        (json.dumps(values).encode(), 'device is missing'),
+        (b' ' * 2**21, 'cannot be read: has 2,097,152 bytes'),
+    ):
+        path.write_bytes(content)
+        with pytest.raises(TrainingRunError) as raised:
+            read_run(path.parent)
+        assert str(raised.value).startswith(f'{path}: {words}')

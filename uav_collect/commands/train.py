@@ -7,7 +7,7 @@ from uav_collect.commands import options, terminal
 from uav_collect.commands.terminal import deferred_interruption, say
 from uav_collect.commands.training_plan import plan_training, TrainingPlan
 from uav_collect.errors import DivergedError, InterruptedRunError, TrainingRunError
-from uav_collect.limits import ALGORITHMS, MAX_SEED
+from uav_collect.limits import ALGORITHMS, DEVICES, MAX_SEED
 
 _DESCRIPTION = """
 Learns the policy of a fleet's UAVs by flying missions of a scenario, or of several in turn, and
@@ -75,7 +75,7 @@ def _add_learning_options(parser: argparse.ArgumentParser) -> None:
         ' (default: 0)',
     )
     parser.add_argument(
-        '--device', choices=('cpu', 'cuda'), help='what computes the updates (default: cpu)'
+        '--device', choices=DEVICES, help='what computes the updates (default: cpu)'
     )
 
 

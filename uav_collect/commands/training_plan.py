@@ -24,6 +24,10 @@ _OWN = (
     'scenario', 'set', 'uavs', 'algorithm', 'preset', 'override', 'start_from', 'seed', 'device',
     'output',
 )  # fmt: skip
+_SHARED = (
+    'seed', 'training', 'algorithm', 'scenario_fingerprint', 'training_fingerprint', 'initial',
+    'seeds',
+)  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,16 +135,31 @@ def _resumed_training(arguments: argparse.Namespace) -> TrainingPlan:
     for seed, other in zip(record.seeds, folders, strict=False):
         if other.resolve() == folder.resolve():
             continue
-        if (other / RUN_FILE).is_file():
-            runs.append(stored_run(other, _with_budget(read_run(other), arguments)))
+        planned = replace(record, seed=seed)
+        if (other / RUN_FILE).exists():
+            found = _with_budget(read_run(other), arguments)
+            _check_sibling(other, found, planned)
+            runs.append(stored_run(other, found))
         else:
-            runs.append(replace(runs[0], folder=other, record=replace(record, seed=seed)))
+            _check_new(other)
+            runs.append(replace(runs[0], folder=other, record=planned, is_begun=False))
     pending = [run for run in runs if not run.record.is_done]
     if not pending:
         raise TrainingRunError(
             f'{folder}: has had its {record.budget_text}: give it more by --minutes or --decisions'
         )
     return TrainingPlan(runs=tuple(pending), folders=folders)
+
+
+def _check_sibling(folder: Path, found: RunRecord, planned: RunRecord) -> None:
+    """Refuse a run that is not of the same training, by another seed of it."""
+    for name in _SHARED:
+        value, wanted = getattr(found, name), getattr(planned, name)
+        if value != wanted:
+            raise TrainingRunError(
+                f'{folder / RUN_FILE}: {name} is {value!r}: must be {wanted!r}: it is no run of'
+                f' {planned.training}'
+            )
 
 
 def _seed_folders(folder: Path, record: RunRecord) -> tuple[Path, ...]:

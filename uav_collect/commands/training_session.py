@@ -8,10 +8,10 @@ from uav_collect.commands import curves
 from uav_collect.commands.terminal import Interruption, say
 from uav_collect.commands.training_plan import resume_command
 from uav_collect.errors import InterruptedRunError
-from uav_collect.learning.loop import has_checkpoint, open_trainer, train
+from uav_collect.learning.loop import open_trainer, opened_folder, train
 from uav_collect.training.curves import learning_curves
 from uav_collect.training.display import minutes_text, progress_display
-from uav_collect.training.folder import BEST_POLICY, CURVE, open_training_folder
+from uav_collect.training.folder import BEST_POLICY, CURVE
 from uav_collect.training.planned_run import PlannedRun
 from uav_collect.training.progress import Progress
 from uav_collect.training.run_record import CURVE_AXES, CURVE_MEASURES
@@ -32,7 +32,7 @@ def train_with_display(run: PlannedRun, checkpoint_s: float, interruption: Inter
         OSError: the folder cannot be written.
     """
     trainer = open_trainer(run)
-    with open_training_folder(run, trainer.n_decisions) as folder:
+    with opened_folder(run, trainer) as folder:
         say(f'{run.title}, seed {run.record.seed}, {run.record.budget_text}: {run.folder}')
         try:
             with progress_display(run.folder.name) as show:
@@ -49,8 +49,11 @@ def train_with_display(run: PlannedRun, checkpoint_s: float, interruption: Inter
                 f'{stopped}. To go on:\n  {resume_command(run.folder)}'
             ) from stopped
         except OSError:
-            if has_checkpoint(folder.checkpoint):
-                say(f'to go on from the last checkpoint:\n  {resume_command(run.folder)}')
+            n_lost = trainer.n_decisions - folder.n_decisions_saved
+            say(
+                f'{n_lost:,} of {trainer.n_decisions:,} decisions are lost, those after the last'
+                f' checkpoint. To go on from there:\n  {resume_command(run.folder)}'
+            )
             raise
     if last is not None:
         _report(run, last)

@@ -2,6 +2,7 @@
 
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator
+from operator import ge
 
 
 class MissionIds:
@@ -45,7 +46,14 @@ class MissionIds:
         return {world: [*bounds] for world, bounds in self._bounds.items()}
 
     def restore(self, state: dict[str, list[int]]) -> None:
-        """Take over the state of another one."""
+        """Take over the state of another one.
+
+        Raises:
+            ValueError: the numbers of a world are no ranges.
+        """
+        for world, bounds in state.items():
+            if len(bounds) % 2 or any(map(ge, bounds, bounds[1:])):
+                raise ValueError(f'the numbers of world {world!r} are no ranges')
         self._bounds.clear()
         self._bounds.update({world: [*bounds] for world, bounds in state.items()})
 

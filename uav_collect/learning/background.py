@@ -8,9 +8,9 @@ from threading import Thread
 from uav_collect.errors import DivergedError, InterruptedRunError, TrainingRunError
 from uav_collect.kernels.compile import kernels_are_compiled
 from uav_collect.learning.fleet_source import FleetSource
-from uav_collect.learning.loop import has_checkpoint, open_trainer, save, train
+from uav_collect.learning.loop import open_trainer, opened_folder, train
 from uav_collect.learning.trainer import Trainer
-from uav_collect.training.folder import BEST_POLICY, open_training_folder
+from uav_collect.training.folder import BEST_POLICY
 from uav_collect.training.planned_run import PlannedRun
 from uav_collect.training.progress import Budget, Progress
 from uav_collect.uav.policy_network import FrozenPolicy
@@ -101,7 +101,8 @@ class BackgroundTraining:
         except (DivergedError, TrainingRunError) as error:
             self.ending = Ending(text=str(error), has_failed=True)
         except OSError as error:
-            text = f'{error.filename or self._run.folder}: {error.strerror or error}'
+            why = f'{error.filename or self._run.folder}: {error.strerror or error}'
+            text = f'{why}; start it again to go on from the last checkpoint'
             self.ending = Ending(text=text, has_failed=True)
         except BaseException as error:  # whatever it is, the other thread must see it
             self.ending = Ending(text=f'learning broke off: {error!r}', has_failed=True)
@@ -112,9 +113,7 @@ class BackgroundTraining:
         run, trainer = self._run, self._trainer
         budget = Budget(minutes=run.record.minutes, decisions=run.record.decisions)
         share_done = trainer.share_done(budget)
-        with open_training_folder(run, trainer.n_decisions) as folder:
-            if not has_checkpoint(folder.checkpoint):  # before anybody can fly what a kill loses
-                save(trainer, folder.checkpoint)
+        with opened_folder(run, trainer) as folder:
             self._publish_if_due(trainer.config.epsilon(share_done))
             # Minutes count from the first mission on.
             if share_done < 1.0 and not self.source.wait():

@@ -3,18 +3,24 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 import torch
 from uav_collect.kernels.arrays import Ints
 from uav_collect.learning.minibatch import Algorithm
 from uav_collect.learning.network import Drqn
+from uav_collect.learning.saved import SavedPart
 from uav_collect.missions.experience import Episode
-from uav_collect.missions.vector_env import AwaitedDecisions, VectorEnv, VectorEnvConfig
+from uav_collect.missions.vector_env import (
+    AwaitedDecisions,
+    Flights,
+    VectorEnv,
+    VectorEnvConfig,
+)
 from uav_collect.scenario.site import Site
 from uav_collect.training.config import TrainingConfig
 from uav_collect.training.progress import RecentMissions
 from uav_collect.training.seeds import first_training_seed
 from uav_collect.uav.action_codes import NONE
+from uav_collect.uav.briefing import Briefing
 
 
 class Collector:
@@ -82,7 +88,7 @@ class Collector:
     def state(self) -> dict[str, Any]:
         """All that a collector needs to go on; the inverse is `restore`."""
         return {
-            'flights': [np.array(array) for array in self._env.arrays()],
+            **self._env.flights()._asdict(),
             'hidden': self._hidden.cpu().numpy(),
             'recent': self.recent.state(),
             'next_seed': self._next_seed,
@@ -90,16 +96,25 @@ class Collector:
             'n_missions': self.n_missions,
         }
 
-    def restore(self, state: dict[str, Any]) -> None:
-        """Go on from where another collector of the same settings was."""
-        arrays: list[NDArray[Any]] = self._env.arrays()
-        for array, saved in zip(arrays, state['flights'], strict=True):
-            array[...] = saved
-        self._hidden.copy_(torch.from_numpy(state['hidden']))
-        self.recent.restore(state['recent'])
-        self._next_seed = state['next_seed']
-        self.n_decisions = state['n_decisions']
-        self.n_missions = state['n_missions']
+    def restore(self, saved: SavedPart, briefing: Briefing) -> None:
+        """Go on from where another collector of the same settings was.
+
+        Raises:
+            CheckpointError: something that was saved is not what one of these settings saves.
+        """
+        del briefing  # its own missions are flown again, not read
+        like = self._env.flights()
+        flights = Flights(*(saved.array_like(name, getattr(like, name)) for name in like._fields))
+        try:
+            self._env.fly_again(flights)
+        except ValueError as error:
+            raise saved.refusal('actions', f'cannot be flown: {error}') from error
+        hidden = saved.array('hidden', np.float32, tuple(self._hidden.shape))
+        self._hidden.copy_(torch.from_numpy(hidden))
+        self.recent.restore(saved.array('recent', np.float64, (None, 2)))
+        self._next_seed = saved.whole('next_seed')
+        self.n_decisions = saved.whole('n_decisions')
+        self.n_missions = saved.whole('n_missions')
 
     def _choose_actions(self, agent: Drqn, waiting: AwaitedDecisions, epsilon: float) -> Ints:
         uav = torch.from_numpy(waiting.uav).to(self._device)

@@ -12,8 +12,11 @@ import numpy as np
 from uav_collect.ingest.join import JoinedMission
 from uav_collect.ingest.mission_ids import MissionIds
 from uav_collect.learning.network import Drqn
+from uav_collect.learning.packing import packed, unpacked
+from uav_collect.learning.saved import SavedPart
 from uav_collect.missions.experience import Episode
 from uav_collect.training.progress import RecentMissions
+from uav_collect.uav.briefing import Briefing
 
 
 def _ignore(epsilon: float) -> None:
@@ -97,7 +100,7 @@ class FleetSource:
         """All that it needs to go on; the inverse is `restore`."""
         with self._changed:
             return {
-                'waiting': [*self._waiting],
+                'waiting': [*map(_joined_state, self._waiting)],
                 'known': self.known.state(),
                 'recent': self.recent.state(),
                 'credit': self._credit,
@@ -105,16 +108,28 @@ class FleetSource:
                 'n_missions': self.n_missions,
             }
 
-    def restore(self, state: dict[str, Any]) -> None:
-        """Take over the state of another one."""
+    def restore(self, saved: SavedPart, briefing: Briefing) -> None:
+        """Take over the state of another one.
+
+        Raises:
+            CheckpointError: something that was saved is not what such a source saves.
+        """
+        waiting = [_restored(each, briefing) for each in saved.parts('waiting')]
         with self._changed:
-            self._waiting.extend(state['waiting'])
+            self._waiting.extend(waiting)
             self._n_waiting = sum(_n_made(it.episode) for it in self._waiting)
-            self.known.restore(state['known'])
-            self.recent.restore(state['recent'])
-            self._credit = state['credit']
-            self.n_decisions = state['n_decisions']
-            self.n_missions = state['n_missions']
+            self._restore_known(saved)
+            self.recent.restore(saved.array('recent', np.float64, (None, 2)))
+            self._credit = saved.whole('credit')
+            self.n_decisions = saved.whole('n_decisions')
+            self.n_missions = saved.whole('n_missions')
+
+    def _restore_known(self, saved: SavedPart) -> None:
+        known = saved.part('known')
+        try:
+            self.known.restore({world: known.wholes(world) for world in known.names})
+        except ValueError as error:
+            raise saved.refusal('known', f'is no set of missions: {error}') from error
 
     def _pop(self) -> Episode:
         joined = self._waiting.popleft()
@@ -124,6 +139,25 @@ class FleetSource:
         self.n_decisions += _n_made(episode)
         self.n_missions += 1
         return episode
+
+
+def _joined_state(joined: JoinedMission) -> dict[str, Any]:
+    return {
+        'mission_id': joined.mission_id,
+        'efficiency_kbit_per_j': joined.efficiency_kbit_per_j,
+        'episode': packed([joined.episode]),
+    }
+
+
+def _restored(saved: SavedPart, briefing: Briefing) -> JoinedMission:
+    episodes = unpacked(saved.part('episode'), briefing)
+    if len(episodes) != 1:
+        raise saved.refusal('episode', f'holds {len(episodes)} missions: must hold 1')
+    return JoinedMission(
+        mission_id=saved.text('mission_id'),
+        episode=episodes[0],
+        efficiency_kbit_per_j=saved.number('efficiency_kbit_per_j'),
+    )
 
 
 def _n_made(episode: Episode) -> int:

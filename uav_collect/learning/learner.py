@@ -13,6 +13,7 @@ from torch import nn, Tensor
 from uav_collect.learning.minibatch import Algorithm, Minibatch
 from uav_collect.learning.mixer import Mixer
 from uav_collect.learning.network import Drqn
+from uav_collect.learning.saved import SavedPart
 from uav_collect.missions.experience import N_UAV_SCALARS
 from uav_collect.training.config import TrainingConfig
 from uav_collect.uav.briefing import Briefing
@@ -137,20 +138,44 @@ class Learner:
 
     def state(self) -> dict[str, Any]:
         """All that a learner needs to go on; the inverse is `restore`."""
+        moments = {
+            name: _arrays(self.optimiser.state[parameter])
+            for name, parameter in self.networks.named_parameters()
+            if parameter in self.optimiser.state  # a mixer that was not used yet has none
+        }
         return {
-            'networks': self.networks.state_dict(),
-            'target': self.target.state_dict(),
-            'optimiser': self.optimiser.state_dict(),
+            'networks': _arrays(self.networks.state_dict()),
+            'target': _arrays(self.target.state_dict()),
+            'moments': moments,
             'n_updates': self.n_updates,
         }
 
-    def restore(self, state: dict[str, Any]) -> None:
-        """Go on from where another learner of the same settings was."""
-        self.networks.load_state_dict(state['networks'])
-        self.target.load_state_dict(state['target'])
-        # torch would go on writing into the other one's moments.
-        self.optimiser.load_state_dict(deepcopy(state['optimiser']))
-        self.n_updates = state['n_updates']
+    def restore(self, saved: SavedPart) -> None:
+        """Go on from where another learner of the same settings was.
+
+        Raises:
+            CheckpointError: something that was saved is not what one of these settings saves.
+        """
+        self.n_updates = saved.whole('n_updates')
+        for networks, name in ((self.networks, 'networks'), (self.target, 'target')):
+            weights = saved.part(name)
+            for key, tensor in networks.state_dict().items():
+                tensor.copy_(_tensor_of(weights, key, tensor))
+        moments = saved.part('moments')
+        for name, parameter in self.networks.named_parameters():
+            if name in moments.names:
+                self.optimiser.state[parameter] = self._moments(moments.part(name), parameter)
+
+    def _moments(self, saved: SavedPart, parameter: Tensor) -> dict[str, Tensor]:
+        """What Adam keeps of a parameter."""
+        first, second = (
+            _tensor_of(saved, name, parameter).to(self._device)
+            for name in ('exp_avg', 'exp_avg_sq')
+        )
+        step = torch.from_numpy(saved.array('step', np.float32, ())).to(self._device)
+        if step < 0 or (second < 0).any():
+            raise saved.refusal('exp_avg_sq', 'or step is negative')
+        return {'step': step, 'exp_avg': first, 'exp_avg_sq': second}
 
     def loss(self, minibatch: Minibatch, task: int = 0) -> Tensor:
         """Mean squared error of the entries' action values against their targets."""
@@ -243,6 +268,14 @@ class Learner:
 
     def _tensor(self, values: NDArray[Any]) -> Tensor:
         return torch.from_numpy(values).to(self._device)
+
+
+def _arrays(tensors: Mapping[str, Tensor]) -> dict[str, NDArray[Any]]:
+    return {name: tensor.detach().cpu().numpy() for name, tensor in tensors.items()}
+
+
+def _tensor_of(saved: SavedPart, name: str, like: Tensor) -> Tensor:
+    return torch.from_numpy(saved.array(name, np.float32, tuple(like.shape)))
 
 
 def reverse_scan(values: Tensor, factors: Tensor) -> Tensor:

@@ -1,11 +1,11 @@
 """The loop of one training run: trains, logs progress, saves policies and checkpoints."""
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import partial
 import math
-from pathlib import Path
 from time import monotonic
 
-from uav_collect import files
 from uav_collect.errors import (
     DivergedError,
     InterruptedRunError,
@@ -14,28 +14,31 @@ from uav_collect.errors import (
 )
 from uav_collect.learning.task import EpisodeSource
 from uav_collect.learning.trainer import Trainer
-from uav_collect.training.folder import BEST_POLICY, CHECKPOINT, LAST_POLICY, TrainingFolder
+from uav_collect.training.folder import (
+    BEST_POLICY,
+    CHECKPOINT,
+    LAST_POLICY,
+    open_training_folder,
+    TrainingFolder,
+)
 from uav_collect.training.planned_run import PlannedRun
 from uav_collect.training.progress import Budget, Progress
 
 
 def open_trainer(run: PlannedRun, sources: Sequence[EpisodeSource] | None = None) -> Trainer:
-    """The trainer of a run, as its last checkpoint has it.
+    """The trainer of a run: a new one, or as the last checkpoint of a run that is begun has it.
 
     Args:
         run: what is trained.
         sources: of each scenario's missions, which are flown in this process otherwise.
 
     Raises:
-        CheckpointError: the checkpoint cannot be read.
+        CheckpointError: a run that is begun has no whole checkpoint of its own.
         ConfigError: the scenario cannot be trained with these settings.
         PolicyMismatchError: the network is not that of the policy to start from.
     """
-    checkpoint = run.folder / CHECKPOINT
-    if has_checkpoint(checkpoint):
-        return Trainer.resume(checkpoint, sources)
     record = run.record
-    return Trainer(
+    trainer = Trainer(
         run.scenarios,
         run.config,
         record.algorithm,
@@ -44,11 +47,27 @@ def open_trainer(run: PlannedRun, sources: Sequence[EpisodeSource] | None = None
         initial=run.initial,
         sources=sources,
     )
+    if run.is_begun:
+        trainer.load(run.folder / CHECKPOINT)
+    return trainer
 
 
-def has_checkpoint(checkpoint: Path) -> bool:
-    """Whether a checkpoint was saved there."""
-    return any(file.suffix != '.part' for file in checkpoint.glob('*'))
+@contextmanager
+def opened_folder(run: PlannedRun, trainer: Trainer) -> Iterator[TrainingFolder]:
+    """The folder of a run, ready to be written as the trainer goes on.
+
+    A run has its first checkpoint before its folder counts as one: whenever it is killed, it can
+    be gone on with. Its best policy is then the checkpoint's.
+
+    Raises:
+        TrainingRunError: another process trains in the folder, or a table of it is damaged.
+        OSError: naming what cannot be written.
+    """
+    checkpoint = run.folder / CHECKPOINT
+    begin = partial(trainer.save, checkpoint)
+    with open_training_folder(run, trainer.n_decisions, begin) as folder:
+        folder.save(trainer.best_policy(), BEST_POLICY)
+        yield folder
 
 
 def train(
@@ -78,22 +97,22 @@ def train(
     """
     budget = Budget(minutes=run.record.minutes, decisions=run.record.decisions)
     saved_s = monotonic()
-    best = None
+    best = trainer.best_policy()
     progress = None
     for progress in _checked_progress(run, trainer, budget):
         folder.log(progress)
         show(progress)
-        if progress.best != best:
-            best = progress.best
-            folder.save(trainer.best_policy(), BEST_POLICY)
+        if trainer.best_policy() is not best:
+            best = trainer.best_policy()
+            folder.save(best, BEST_POLICY)
         is_interrupted = is_stopped()
         if is_interrupted or monotonic() - saved_s >= checkpoint_s:
-            save(trainer, folder.checkpoint)
+            _save(trainer, folder)
             saved_s = monotonic()
         if is_interrupted:
             what = f'{progress.share_done:.0%} of {run.record.budget_text}'
             raise InterruptedRunError(f'interrupted after {what}; saved')
-    save(trainer, folder.checkpoint)
+    _save(trainer, folder)
     if trainer.n_updates == 0 and run.initial is None:  # random weights are no policy
         raise TrainingRunError(
             f'{run.folder}: nothing was learned: {trainer.n_decisions:,} decisions came, too few'
@@ -129,11 +148,6 @@ def _divergence(run: PlannedRun, trainer: Trainer, what: str) -> str:
     )
 
 
-def save(trainer: Trainer, checkpoint: Path) -> None:
-    """Save a trainer.
-
-    Raises:
-        OSError: naming the checkpoint.
-    """
-    with files.naming(checkpoint):
-        trainer.save(checkpoint)
+def _save(trainer: Trainer, folder: TrainingFolder) -> None:
+    trainer.save(folder.checkpoint)
+    folder.n_decisions_saved = trainer.n_decisions

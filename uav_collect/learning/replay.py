@@ -6,7 +6,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from uav_collect.kernels.arrays import Floats
+from uav_collect.kernels.arrays import Floats, Ints
+from uav_collect.learning.packing import packed, unpacked
+from uav_collect.learning.saved import SavedPart
 from uav_collect.missions.experience import Episode, new_records, record_bytes, Records
 from uav_collect.uav.briefing import Briefing
 
@@ -22,6 +24,7 @@ class Replay:
         """
         self._capacity = capacity
         self.n_bytes = replay_bytes(capacity, briefing)
+        self._briefing = briefing
         self._records = new_records(capacity, briefing)
         self._missions: deque[_Mission] = deque()
         self._next = 0
@@ -51,6 +54,42 @@ class Replay:
             self._drop(self._next, self._capacity)
             self._next = 0
         self._drop(self._next, self._next + size)
+        self._append(episode)
+
+    def sample(self, n_missions: int, rng: np.random.Generator) -> list[Episode]:
+        """Missions drawn at random, each with the same chance, one perhaps twice."""
+        drawn = rng.integers(len(self._missions), size=n_missions)
+        return [self._episode(self._missions[index]) for index in drawn.tolist()]
+
+    def state(self) -> dict[str, NDArray[Any]] | None:
+        """What it holds, as arrays; None where it is empty; the inverse is `restore`."""
+        if not self._missions:
+            return None
+        first = np.array([it.first for it in self._missions], dtype=np.int64)
+        return packed([*map(self._episode, self._missions)]) | {'first': first}
+
+    def restore(self, saved: SavedPart | None) -> None:
+        """Hold what another one of the same size held.
+
+        Raises:
+            CheckpointError: what it says that it held cannot be held.
+        """
+        self._missions = deque()
+        self._next = 0
+        if saved is None:
+            return
+        episodes = unpacked(saved, self._briefing)
+        first = saved.array('first', np.int64, [len(episodes)])
+        sizes = np.array([it.n_decisions for it in episodes], dtype=np.int64)
+        if not _lie_in_ring(first, sizes, self._capacity):
+            raise saved.refusal('first', 'does not place the missions in the order of a ring')
+        for start, episode in zip(first.tolist(), episodes, strict=True):
+            self._next = start
+            self._append(episode)
+
+    def _append(self, episode: Episode) -> None:
+        """Write a mission from the next row on."""
+        size = episode.n_decisions
         rows = slice(self._next, self._next + size)
         for kept, new in zip(self._records, episode.records, strict=True):
             kept[rows] = new
@@ -58,44 +97,6 @@ class Replay:
             _Mission(self._next, size, episode.mission_seed, episode.demand_bit, episode.is_whole)
         )
         self._next += size
-
-    def sample(self, n_missions: int, rng: np.random.Generator) -> list[Episode]:
-        """Missions drawn at random, each with the same chance, one perhaps twice."""
-        drawn = rng.integers(len(self._missions), size=n_missions)
-        return [self._episode(self._missions[index]) for index in drawn.tolist()]
-
-    def state(self) -> dict[str, NDArray[Any]]:
-        """What it holds, as arrays; the inverse is `restore`."""
-        missions = self._missions
-        held = np.concatenate(
-            [np.arange(it.first, it.first + it.n_decisions) for it in missions]
-            or [np.zeros(0, dtype=np.int64)]
-        )
-        tables = {name: getattr(self._records, name)[held] for name in Records._fields}
-        return tables | {
-            'first': np.array([it.first for it in missions], dtype=np.int64),
-            'n_decisions': np.array([it.n_decisions for it in missions], dtype=np.int64),
-            'mission_seed': np.array([it.mission_seed for it in missions], dtype=np.int64),
-            'is_whole': np.array([it.is_whole for it in missions], dtype=bool),
-            'demand_bit': np.array([it.demand_bit for it in missions]),
-            'next': np.array(self._next),
-        }
-
-    def restore(self, state: dict[str, NDArray[Any]]) -> None:
-        """Hold what another one of the same size held."""
-        columns = ('first', 'n_decisions', 'mission_seed', 'demand_bit', 'is_whole')
-        rows = zip(*(state[name] for name in columns), strict=True)
-        self._missions = deque(
-            _Mission(int(first), int(size), int(seed), demand_bit, bool(is_whole))
-            for first, size, seed, demand_bit, is_whole in rows
-        )
-        self._next = int(state['next'])
-        start = 0
-        for mission in self._missions:
-            for name in Records._fields:
-                held = state[name][start : start + mission.n_decisions]
-                getattr(self._records, name)[mission.rows] = held
-            start += mission.n_decisions
 
     def _drop(self, start: int, stop: int) -> None:
         """Forget the missions that have rows in a range; they are the oldest ones."""
@@ -130,3 +131,14 @@ class _Mission:
 def replay_bytes(capacity: int, briefing: Briefing) -> int:
     """Memory that a replay of so many decisions takes."""
     return capacity * record_bytes(briefing)
+
+
+def _lie_in_ring(first: Ints, sizes: Ints, capacity: int) -> bool:
+    """Whether missions, the oldest first, lie beside each other and begin again but once."""
+    place = np.argsort(first, kind='stable')
+    ends = first + sizes
+    is_apart = bool((ends[place][:-1] <= first[place][1:]).all())
+    is_within = bool((first >= 0).all() and (ends <= capacity).all())
+    n_turns = int((np.diff(first) < 0).sum())
+    is_in_order = n_turns == 0 or (n_turns == 1 and first[-1] < first[0])
+    return is_apart and is_within and is_in_order

@@ -3,20 +3,21 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 import numpy as np
 from uav_collect.analysis.metrics import mission_metrics
 from uav_collect.analysis.statistics import MEASURES, mission_seeds
 from uav_collect.errors import CheckpointError, PolicyMismatchError
-from uav_collect.learning.checkpoint import read_checkpoint, write_checkpoint
+from uav_collect.learning.checkpoint import read_checkpoint, STATE_FILE, write_checkpoint
 from uav_collect.learning.learner import Learner
 from uav_collect.learning.minibatch import Algorithm
+from uav_collect.learning.saved import SavedPart
 from uav_collect.learning.task import EpisodeSource, make_tasks
 from uav_collect.revision import git_revision
-from uav_collect.scenario.load import fingerprint, from_yaml
+from uav_collect.scenario.load import fingerprint
 from uav_collect.scenario.model import Scenario
-from uav_collect.training.config import from_mapping, TrainingConfig
+from uav_collect.training.config import TrainingConfig
 from uav_collect.training.progress import Budget, Progress, SpeedMeter, ValidationResult
 from uav_collect.training.seeds import VALIDATION_SEED
 from uav_collect.uav import policy_network
@@ -152,70 +153,78 @@ class Trainer:
         Raises:
             OSError: it cannot be written.
         """
+        write_checkpoint(folder, self.state())
+
+    def load(self, folder: Path) -> None:
+        """Go on from what a trainer of the same run wrote by `save`.
+
+        Raises:
+            CheckpointError: one line: there is nothing, it is broken, or of another run; this
+                trainer is of no use then.
+        """
+        state = read_checkpoint(folder)
+        try:
+            self.restore(SavedPart(state))
+        except CheckpointError as error:
+            raise CheckpointError(f'{folder / STATE_FILE}: {error}') from error
+
+    def state(self) -> dict[str, Any]:
+        """All that the run needs to go on, see `checkpoint`; the inverse is `restore`."""
         best = self._best_policy
-        state = {
-            'scenarios': [scenario.to_yaml() for scenario in self.scenarios],
-            'config': self.config.as_mapping(),
-            'algorithm': self.algorithm.value,
-            'seed': self.seed,
-            'device': self._device,
+        return {
+            **self._identity(),
             'learner': self._learner.state(),
-            'collectors': [task.source.state() for task in self._tasks],
-            'replays': [task.replay.state() for task in self._tasks],
+            'sources': [task.source.state() for task in self._tasks],
+            'replays': [{'held': task.replay.state()} for task in self._tasks],
             'turn': self._turn,
-            'rng': self._rng.bit_generator.state,
+            'rng': _rng_state(self._rng),
             'trained_s': self._trained_s,
             'validation': self._validation and asdict(self._validation),
             'best': self._best and asdict(self._best),
             'best_weights': best and dict(best.weights),
         }
-        write_checkpoint(folder, state)
 
-    @classmethod
-    def resume(cls, folder: Path, sources: Sequence[EpisodeSource] | None = None) -> 'Trainer':
-        """Load a trainer from what `save` wrote.
-
-        Args:
-            sources: as it was made with.
+    def restore(self, saved: SavedPart) -> None:
+        """Go on from the state of another trainer of the same run.
 
         Raises:
-            CheckpointError: there is nothing, or it is broken.
+            CheckpointError: one line: which of its values is not what such a trainer saves.
         """
-        state = read_checkpoint(folder)
-        try:
-            scenarios = [from_yaml(text) for text in state['scenarios']]
-            config = from_mapping(state['config'])
-            trainer = cls(
-                scenarios,
-                config,
-                state['algorithm'],
-                state['seed'],
-                state['device'],
-                sources=sources,
-            )
-            trainer._restore(state)
-        except (KeyError, TypeError, ValueError, RuntimeError) as error:
-            raise CheckpointError(
-                f'{folder}: is no checkpoint of this version: {error}'
-            ) from error
-        return trainer
+        for name, value in self._identity().items():
+            saved.must_be(name, value)
+        self._learner.restore(saved.part('learner'))
+        n_tasks = len(self._tasks)
+        parts = zip(
+            self._tasks, saved.parts('sources', n_tasks), saved.parts('replays', n_tasks),
+            strict=True,
+        )  # fmt: skip
+        for task, source, replay in parts:
+            task.source.restore(source, task.briefing)
+            task.replay.restore(replay.optional('held'))
+        self._turn = saved.whole('turn')
+        _restore_rng(self._rng, saved.part('rng'))
+        self._trained_s = saved.number('trained_s', low=0.0)
+        self._validation = _validation_of(saved.optional('validation'))
+        self._best = _validation_of(saved.optional('best'))
+        weights = saved.optional('best_weights')
+        if (self._best is None) != (weights is None):
+            raise saved.refusal('best_weights', 'and best must both be there, or neither')
+        if self._best is not None and weights is not None:
+            arrays = {
+                name: weights.array(name, np.float32, like.shape)
+                for name, like in self._learner.weights().items()
+            }
+            self._best_policy = FrozenPolicy(self._header(self._best, arrays), arrays)
 
-    def _restore(self, state: dict[str, Any]) -> None:
-        self._learner.restore(state['learner'])
-        for task, source, replay in zip(
-            self._tasks, state['collectors'], state['replays'], strict=True
-        ):
-            task.source.restore(source)
-            task.replay.restore(replay)
-        self._turn = state['turn']
-        self._rng.bit_generator.state = state['rng']
-        self._trained_s = state['trained_s']
-        if state['validation']:
-            self._validation = ValidationResult(**state['validation'])
-        if state['best']:
-            self._best = ValidationResult(**state['best'])
-            header = self._header(self._best, state['best_weights'])
-            self._best_policy = FrozenPolicy(header, state['best_weights'])
+    def _identity(self) -> dict[str, object]:
+        """What only checkpoints of this run have in common."""
+        return {
+            'scenarios': ' '.join(map(fingerprint, self.scenarios)),
+            'settings': self.config.fingerprint,
+            'algorithm': self.algorithm.value,
+            'seed': self.seed,
+            'device': self._device,
+        }
 
     def _collect_and_update(self, share_done: float, speed: SpeedMeter) -> float | None:
         """Fly a little, then learn once.
@@ -330,6 +339,35 @@ def _check_same_network(initial: FrozenPolicy, wanted: PolicyHeader) -> None:
             raise PolicyMismatchError(
                 f'initial policy {header.version}: its {name} is {value}: must be {known}'
             )
+
+
+def _rng_state(rng: np.random.Generator) -> dict[str, Any]:
+    """What changes of it, the numbers of a Philox; the inverse is `_restore_rng`."""
+    state: Any = rng.bit_generator.state
+    return {
+        'counter': state['state']['counter'],
+        **{name: state[name] for name in ('buffer', 'buffer_pos', 'has_uint32', 'uinteger')},
+    }
+
+
+def _restore_rng(rng: np.random.Generator, saved: SavedPart) -> None:
+    state: Any = rng.bit_generator.state
+    state['state']['counter'] = saved.array('counter', np.uint64, [4])
+    state['buffer'] = saved.array('buffer', np.uint64, [4])
+    state['buffer_pos'] = saved.whole('buffer_pos', high=4)
+    state['has_uint32'] = saved.whole('has_uint32', high=1)
+    state['uinteger'] = saved.whole('uinteger', high=2**32 - 1)
+    rng.bit_generator.state = state
+
+
+def _validation_of(saved: SavedPart | None) -> ValidationResult | None:
+    if saved is None:
+        return None
+    values: dict[str, Any] = {
+        name: saved.whole(name) if kind is int else saved.number(name)
+        for name, kind in get_type_hints(ValidationResult).items()
+    }
+    return ValidationResult(**values)
 
 
 def _mean(values: Any) -> float:  # noqa: ANN401 - any iterable of numbers

@@ -5,10 +5,10 @@ out a decision of each mission and goes on to the next one; everything in betwee
 `batch_kernels.fly_on`, whoever decides.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,6 +74,15 @@ class AwaitedDecisions:
     duration_s: Floats  # (W,) since the decision before
 
 
+class Flights(NamedTuple):
+    """What missions in flight came from: flown again they are the same to the bit."""
+
+    mission_seeds: Ints  # (W,)
+    actions: NDArray[
+        np.int8
+    ]  # (W, max_decisions) in the order of a mission's decisions, then NONE
+
+
 class VectorEnv:
     """Missions in flight that ask for one decision each."""
 
@@ -129,14 +138,10 @@ class VectorEnv:
         Raises:
             ValueError: an action is not legal.
         """
-        waiting = self.decisions
-        check_shape(actions, waiting.uav.shape, 'actions')
-        is_legal = waiting.legal[np.arange(len(actions)), np.clip(actions, 0, N_ACTIONS - 1)]
-        is_legal &= (actions >= 0) & (actions < N_ACTIONS)
-        refused = np.flatnonzero((waiting.uav != NONE) & ~is_legal)
-        if len(refused):
-            raise ValueError(self._refusal(refused[0], actions[refused[0]]))
-        self._answer(np.where(waiting.uav == NONE, HOVER, actions))
+        uav = self.decisions.uav
+        check_shape(actions, uav.shape, 'actions')
+        self._check_legal(actions, uav != NONE)
+        self._answer(np.where(uav == NONE, HOVER, actions))
         return self.decisions
 
     def fly_by_network(self, policy: FrozenPolicy) -> None:
@@ -259,15 +264,35 @@ class VectorEnv:
         spent_j = sum(self._batch.briefing.energy_budget_j) - sum(missions.energy_left_j[world])
         return missions.collected_bit[world][0] / spent_j / 1e3 if spent_j > 0.0 else 0.0
 
-    def arrays(self) -> list[NDArray[Any]]:
-        """All that changes in flight, in a fixed order; writing into them sets the flights back.
+    def flights(self) -> Flights:
+        """What the missions in flight came from; their decisions must all be recorded."""
+        n_worlds, most = len(self.n_recorded), self._config.max_decisions
+        chosen = self._batch.records.action.reshape(n_worlds, -1)[:, :most]
+        is_recorded = np.arange(most) < self.n_recorded[:, None]
+        seeds = [row[0] for row in self._batch.missions.seed]
+        return Flights(
+            mission_seeds=np.array(seeds, dtype=np.int64),
+            actions=np.where(is_recorded, chosen, NONE).astype(np.int8),
+        )
 
-        What guards keep is left out: learners fly without.
-        Only where kernels are compiled: interpreted ones work on lists.
+    def fly_again(self, flights: Flights) -> None:
+        """Put all missions to where others were that had the same settings.
+
+        Raises:
+            ValueError: a seed is none, or an action is not legal.
         """
-        batch = self._batch
-        parts = (batch.missions, batch.airwaves, batch.beliefs, batch.complete, batch.n_events)
-        return [*_arrays((*parts, batch.earnings, batch.waiting, batch.records))]
+        if (flights.mission_seeds < 0).any():
+            raise ValueError('a mission seed is negative')
+        for world, seed in enumerate(flights.mission_seeds.tolist()):
+            self._batch.missions.seed[world][0] = seed
+            restart(self._batch, world)
+        self._fly(new_row(len(flights.mission_seeds), NONE))
+        for actions in flights.actions.T.astype(np.int64):
+            is_known = actions != NONE
+            if not is_known.any():
+                break
+            self._check_legal(actions, is_known & (self.decisions.uav != NONE))
+            self._answer(actions)
 
     def _answer(self, actions: Ints) -> None:
         """Carry out a legal action of each mission that waits; any for those that are over."""
@@ -281,6 +306,15 @@ class VectorEnv:
             n_worlds = len(self._batch.n_events)
             self._batch = self._batch._replace(log=grown_log(self._batch.log, n_worlds))
             n_in_flight = fly_batch(self._batch, new_row(n_worlds, NONE))
+
+    def _check_legal(self, actions: Ints, is_asked: Bools) -> None:
+        """Raise ValueError if an action of a mission that is asked is not legal."""
+        legal = self.decisions.legal
+        is_legal = legal[np.arange(len(actions)), np.clip(actions, 0, N_ACTIONS - 1)]
+        is_legal &= (actions >= 0) & (actions < N_ACTIONS)
+        refused = np.flatnonzero(is_asked & ~is_legal)
+        if len(refused):
+            raise ValueError(self._refusal(refused[0], actions[refused[0]]))
 
     def _refusal(self, world: int, action: int) -> str:
         seed, uav = self._batch.missions.seed[world][0], self._batch.waiting.uav[world]
@@ -300,14 +334,6 @@ def _explore(batch: Batch, epsilon: float, hover_share: float, actions: Row[int]
             seed, decision = mission.seed[0], mission.n_decisions[uav]
             legal = batch.waiting.legal[world]
             actions[world] = explore(seed, uav, decision, epsilon, hover_share, legal)
-
-
-def _arrays(rows: tuple[Any, ...]) -> Iterator[NDArray[Any]]:
-    for part in rows:
-        if isinstance(part, tuple):
-            yield from _arrays(part)
-        else:
-            yield part
 
 
 def _settings(config: VectorEnvConfig) -> Settings:

@@ -4,8 +4,9 @@ config/training/paper.yaml says what each one means.
 """
 
 from collections.abc import Mapping
+import hashlib
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from uav_collect.config import layers, yaml_text
 from uav_collect.config.installed import shared_folders
@@ -134,6 +135,11 @@ class TrainingConfig(Section):
         """After how many decisions a mission is cut off."""
         return max(2, round(self.rollout.max_decisions_per_cell * n_cells))
 
+    @property
+    def fingerprint(self) -> str:
+        """16 hex digits that change with any setting."""
+        return hashlib.sha256(self.to_yaml().encode()).hexdigest()[:16]
+
     def to_yaml(self) -> str:
         """The settings as a file that stands alone."""
         return yaml_text.dump(self.as_mapping())
@@ -154,15 +160,6 @@ def load_preset(
     folders = shared_folders('training')
     document = layers.load(name_or_path, folders, field='preset', overrides=overrides)
     return validated(TrainingConfig, document)
-
-
-def from_mapping(values: Mapping[str, Any]) -> TrainingConfig:
-    """The settings that `TrainingConfig.as_mapping` gave.
-
-    Raises:
-        ConfigError: one line per problem.
-    """
-    return validated(TrainingConfig, layers.of_mapping(values, label='settings'))
 
 
 def preset_names() -> tuple[str, ...]:

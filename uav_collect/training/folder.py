@@ -4,9 +4,10 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, ExitStack, suppress
 from dataclasses import asdict, replace
 import fcntl
+from io import FileIO
 import os
 from pathlib import Path
-from typing import Any, TextIO, TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 from uav_collect import files
 from uav_collect.errors import TrainingRunError
@@ -14,6 +15,7 @@ from uav_collect.training.planned_run import CONFIG_FILE, INITIAL_POLICY, Planne
 from uav_collect.training.run_record import (
     PROGRESS_COLUMNS,
     PROGRESS_FILE,
+    read_rows,
     RUN_FILE,
     VALIDATION_COLUMNS,
     VALIDATION_FILE,
@@ -36,8 +38,9 @@ class TrainingFolder:
     def __init__(
         self,
         run: PlannedRun,
-        validations: TextIO,
-        progress: TextIO,
+        n_decisions: int,
+        validations: FileIO,
+        progress: FileIO,
         scalars: Callable[[int, Mapping[str, float]], None],
     ) -> None:
         """Append to open tables and an open TensorBoard file."""
@@ -46,6 +49,7 @@ class TrainingFolder:
         self._validations = validations
         self._progress = progress
         self._add_scalars = scalars
+        self.n_decisions_saved = n_decisions  # in the last checkpoint
 
     @property
     def checkpoint(self) -> Path:
@@ -68,10 +72,11 @@ class TrainingFolder:
                 'validation', VALIDATION_COLUMNS, row, progress.validation.n_decisions
             )
 
-    def _append(self, file: TextIO, columns: tuple[str, ...], row: Mapping[str, Any]) -> None:
-        with files.naming(Path(file.name)):
-            file.write(files.csv_of([[row[column] for column in columns]]).decode())
-            file.flush()
+    def _append(self, file: FileIO, columns: tuple[str, ...], row: Mapping[str, Any]) -> None:
+        left = files.csv_of([[row[column] for column in columns]])
+        with files.naming(Path(str(file.name))):
+            while left:  # a disk may take a part only
+                left = left[file.write(left) :]
 
     def _log_scalars(
         self, group: str, columns: tuple[str, ...], row: Mapping[str, Any], n_decisions: int
@@ -95,14 +100,20 @@ class TrainingFolder:
 
 
 @contextmanager
-def open_training_folder(run: PlannedRun, n_decisions: int) -> Iterator[TrainingFolder]:
+def open_training_folder(
+    run: PlannedRun, n_decisions: int, begin: Callable[[], None]
+) -> Iterator[TrainingFolder]:
     """The folder of a run that starts, or goes on after so many decisions.
 
     Rows of tables and TensorBoard that lie after these decisions are dropped: they will be
-    written again.
+    written again. A table that is missing begins anew.
+
+    Args:
+        begin: writes the first checkpoint of a run that starts; where that fails nothing of the
+            run stays.
 
     Raises:
-        TrainingRunError: another process trains in the folder.
+        TrainingRunError: another process trains in the folder, or a table of it is damaged.
         OSError: naming what cannot be written.
     """
     from uav_collect.training.tensorboard import scalar_writer
@@ -112,10 +123,8 @@ def open_training_folder(run: PlannedRun, n_decisions: int) -> Iterator[Training
         stack.enter_context(_locked(run.folder))
         for folder in (run.folder, run.folder / CHECKPOINT):
             files.drop_partial(folder)
-        for path, scenario in zip(run.scenario_files, run.scenarios, strict=True):
-            files.write_atomically(path, scenario.to_yaml().encode())
-        files.write_atomically(run.folder / CONFIG_FILE, run.config.to_yaml().encode())
-        _save_policy(run.initial, run.folder / INITIAL_POLICY)
+        if not run.is_begun:
+            _begin(run, begin)
         files.write_atomically(run.folder / RUN_FILE, run.record.to_json())
         tables = [
             stack.enter_context(_table(run.folder / name, columns, n_decisions))
@@ -125,7 +134,25 @@ def open_training_folder(run: PlannedRun, n_decisions: int) -> Iterator[Training
         ]  # fmt: skip
         with files.naming(run.folder / TENSORBOARD):
             scalars = stack.enter_context(scalar_writer(run.folder / TENSORBOARD, n_decisions + 1))
-        yield TrainingFolder(run, tables[0], tables[1], scalars)
+        yield TrainingFolder(run, n_decisions, tables[0], tables[1], scalars)
+
+
+def _begin(run: PlannedRun, write_checkpoint: Callable[[], None]) -> None:
+    """Write what a run is gone on with; its record, which says that there is one, comes last."""
+    try:
+        for path, scenario in zip(run.scenario_files, run.scenarios, strict=True):
+            files.write_atomically(path, scenario.to_yaml().encode())
+        files.write_atomically(run.folder / CONFIG_FILE, run.config.to_yaml().encode())
+        _save_policy(run.initial, run.folder / INITIAL_POLICY)
+        write_checkpoint()
+    except OSError:
+        written = (*run.scenario_files, run.folder / CONFIG_FILE, run.folder / INITIAL_POLICY)
+        for path in written:
+            path.unlink(missing_ok=True)
+        for folder in (run.folder / CHECKPOINT, run.folder):
+            with suppress(OSError):  # not there, or others have more in it
+                folder.rmdir()
+        raise
 
 
 def _save_policy(policy: 'FrozenPolicy | None', path: Path) -> None:
@@ -153,12 +180,13 @@ def _locked(folder: Path) -> Iterator[None]:
 
 
 @contextmanager
-def _table(path: Path, columns: tuple[str, ...], n_decisions: int) -> Iterator[TextIO]:
+def _table(path: Path, columns: tuple[str, ...], n_decisions: int) -> Iterator[FileIO]:
     """A table to append to, with its header and the rows up to so many decisions."""
-    rows: list[str] = []
-    with suppress(FileNotFoundError):
-        rows = path.read_text(encoding='utf-8').splitlines(keepends=True)[1:]
-    kept = [row for row in rows if row.endswith('\n') and int(row.split(',')[0]) <= n_decisions]
-    files.write_atomically(path, files.csv_of([columns]) + ''.join(kept).encode())
-    with path.open('a', encoding='utf-8', newline='') as file:
+    rows: list[list[str]] = []
+    with suppress(FileNotFoundError), files.naming(path):
+        rows = read_rows(path, columns)
+    kept = [row for row in rows if int(row[0]) <= n_decisions]
+    files.write_atomically(path, files.csv_of([columns, *kept]))
+    # Unbuffered: what a full disk did not take is not tried again when the file is closed.
+    with path.open('ab', buffering=0) as file:
         yield file

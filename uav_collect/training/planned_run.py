@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 import datetime
-import hashlib
 from pathlib import Path
 import shlex
 import sys
@@ -11,7 +10,7 @@ from typing import Any, TYPE_CHECKING
 
 from uav_collect.errors import TrainingRunError
 from uav_collect.revision import git_revision, package_versions
-from uav_collect.training.run_record import RunRecord
+from uav_collect.training.run_record import RUN_FILE, RunRecord
 
 if TYPE_CHECKING:  # loaded when training, so that --help answers at once
     from uav_collect.scenario.model import Scenario
@@ -31,6 +30,7 @@ class PlannedRun:
     scenarios: 'tuple[Scenario, ...]'
     config: 'TrainingConfig'
     initial: 'FrozenPolicy | None'  # whose weights it starts from
+    is_begun: bool = False  # its folder holds it already: it goes on from its checkpoint
 
     @property
     def title(self) -> str:
@@ -63,7 +63,7 @@ def new_record(
         n_uavs=tuple(scenario.n_uavs for scenario in scenarios),
         scenario_fingerprint=' '.join(map(fingerprint, scenarios)),
         preset=config.name,
-        training_fingerprint=training_fingerprint(config),
+        training_fingerprint=config.fingerprint,
         initial='' if initial is None else initial.header.version,
         started=datetime.datetime.now().astimezone().isoformat(timespec='seconds'),
         git_revision=git_revision(),
@@ -78,30 +78,49 @@ def stored_run(folder: Path, record: RunRecord) -> PlannedRun:
     """Read a run back from its folder.
 
     Raises:
-        TrainingRunError: a file of it cannot be read.
+        TrainingRunError: a file of it is not the one that the record was written with.
+        ConfigError: a file of it cannot be read.
+        PolicyMismatchError: the policy that it started from cannot be read.
     """
-    from uav_collect.scenario.load import from_yaml
+    from uav_collect.scenario.load import fingerprint, load
     from uav_collect.training.config import load_preset
     from uav_collect.uav.policy_file import load_policy
 
+    run_file = folder / RUN_FILE
     scenarios = []
-    for path in _scenario_files(folder, len(record.n_uavs)):
-        try:
-            scenarios.append(from_yaml(path.read_text(encoding='utf-8')))
-        except OSError as error:
-            raise TrainingRunError(f'{path}: cannot be read: {error.strerror}') from error
+    for path, wanted in zip(
+        _scenario_files(folder, len(record.n_uavs)), record.scenario_fingerprint.split(),
+        strict=True,
+    ):  # fmt: skip
+        scenarios.append(load(path))
+        _check_same(path, 'fingerprint', fingerprint(scenarios[-1]), wanted, run_file)
+    first = _scenario_files(folder, 1)[0]
+    names = ' '.join(dict.fromkeys(scenario.name for scenario in scenarios))
+    _check_same(first, 'name', names, record.scenario, run_file)
+    config = load_preset(folder / CONFIG_FILE)
+    _check_same(
+        folder / CONFIG_FILE, 'fingerprint', config.fingerprint, record.training_fingerprint,
+        run_file,
+    )  # fmt: skip
+    initial = load_policy(folder / INITIAL_POLICY) if record.initial else None
+    if initial is not None:
+        path = folder / INITIAL_POLICY
+        _check_same(path, 'version', initial.header.version, record.initial, run_file)
     return PlannedRun(
         folder=folder,
         record=record,
         scenarios=tuple(scenarios),
-        config=load_preset(folder / CONFIG_FILE),
-        initial=load_policy(folder / INITIAL_POLICY) if record.initial else None,
+        config=config,
+        initial=initial,
+        is_begun=True,
     )
 
 
-def training_fingerprint(config: 'TrainingConfig') -> str:
-    """16 hex digits that change with any setting."""
-    return hashlib.sha256(config.to_yaml().encode()).hexdigest()[:16]
+def _check_same(path: Path, name: str, value: str, wanted: str, run_file: Path) -> None:
+    if value != wanted:
+        raise TrainingRunError(
+            f'{path}: its {name} is {value}: must be {wanted}, as {run_file} has it'
+        )
 
 
 def _scenario_files(folder: Path, n_scenarios: int) -> tuple[Path, ...]:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from time import monotonic
 
 import numpy as np
+from uav_collect.kernels.arrays import Floats
 from uav_collect.uav.policy_network import policy_rank
 
 _REPORT_EVERY_S = 1.0
@@ -83,13 +84,14 @@ class RecentMissions:
         """Mean undiscounted return; nan before the first mission."""
         return float(np.mean([it[1] for it in self._metrics])) if self._metrics else np.nan
 
-    def state(self) -> list[tuple[float, float]]:
-        """All that it needs to go on; the inverse is `restore`."""
-        return [*self._metrics]
+    def state(self) -> Floats:
+        """Efficiency and reward of each, (N, 2); the inverse is `restore`."""
+        return np.array(self._metrics, dtype=np.float64).reshape(-1, 2)
 
-    def restore(self, state: list[tuple[float, float]]) -> None:
+    def restore(self, state: Floats) -> None:
         """Take over the state of another one."""
-        self._metrics.extend(state)
+        self._metrics.clear()
+        self._metrics.extend((efficiency, reward) for efficiency, reward in state.tolist())
 
 
 class SpeedMeter:

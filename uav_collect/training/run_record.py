@@ -6,20 +6,27 @@ a share or a pure number.
 """
 
 from collections.abc import Mapping
-import csv
-from dataclasses import asdict, dataclass, fields
+from contextlib import suppress
+from dataclasses import asdict, dataclass
 import json
+import math
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args, get_origin, get_type_hints
 
 import numpy as np
+from uav_collect import files
 from uav_collect.errors import TrainingRunError
 from uav_collect.kernels.arrays import Floats
+from uav_collect.limits import ALGORITHMS, DEVICES, MAX_SEED
 
 RUN_FILE = 'run.json'
 VALIDATION_FILE = 'validation.csv'
 PROGRESS_FILE = 'progress.csv'
 FORMAT = 'uav_collect.training/1'
+_MAX_BYTES = 2**20  # of a record
+_MAX_TABLE_BYTES = 2**30
+_MAX_SHOWN = 60  # characters of a wrong value
+_MAX_DIGITS = 19  # of a count
 
 # A row for each validation of the policy as it was then.
 VALIDATION_COLUMNS = (
@@ -132,37 +139,113 @@ def read_run(folder: Path) -> RunRecord:
         what = f'holds no {RUN_FILE}' if folder.is_dir() else 'is no folder'
         raise TrainingRunError(f'{folder}: {what}: must be a run folder of the command train')
     try:
-        return _record(json.loads(path.read_text(encoding='utf-8')))
-    except (KeyError, TypeError, ValueError) as error:
-        raise TrainingRunError(f'{path}: cannot be read: {error}') from error
+        return _record(json.loads(files.read_bounded(path, _MAX_BYTES)))
+    except OSError as error:
+        raise TrainingRunError(f'{path}: cannot be read: {error.strerror}') from error
+    except (RecursionError, UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise TrainingRunError(f'{path}: is not JSON') from error
+    except ValueError as error:
+        raise TrainingRunError(f'{path}: {error}') from error
 
 
-def _record(values: Mapping[str, Any]) -> RunRecord:
-    if values['format'] != FORMAT:
-        raise ValueError(f'format is {values["format"]!r}: must be {FORMAT!r}')
-    known = {field.name: values[field.name] for field in fields(RunRecord)}
-    for name in ('n_uavs', 'overrides', 'seeds'):
-        known[name] = tuple(known[name])
-    return RunRecord(**known)
+def _record(values: object) -> RunRecord:
+    """The record that a run.json holds; raises ValueError, naming the field that is wrong."""
+    if not isinstance(values, dict) or values.get('format') != FORMAT:
+        found = values.get('format') if isinstance(values, dict) else values
+        raise ValueError(f'format is {_shown(found)}: must be {FORMAT!r}')
+    read = {}
+    for name, annotation in get_type_hints(RunRecord).items():
+        if name not in values:
+            raise ValueError(f'{name} is missing')
+        read[name] = _field(name, annotation, values[name])
+    record = RunRecord(**read)
+    n_uavs, n_fingerprints = len(record.n_uavs), len(record.scenario_fingerprint.split())
+    for is_right, what in (
+        (record.algorithm in ALGORITHMS, f'algorithm is {_shown(record.algorithm)}'),
+        (record.device in DEVICES, f'device is {_shown(record.device)}'),
+        (record.seed in record.seeds, f'seeds are {_shown(record.seeds)}: lack {record.seed}'),
+        (n_uavs == n_fingerprints > 0, f'n_uavs has {n_uavs} entries: needs {n_fingerprints}'),
+        ((record.minutes is None) != (record.decisions is None), 'has not minutes or decisions'),
+        (record.minutes is None or 0 < record.minutes < math.inf, f'minutes is {record.minutes}'),
+    ):
+        if not is_right:
+            raise ValueError(what)
+    return record
+
+
+def _field(name: str, annotation: object, value: object) -> Any:  # noqa: ANN401 - of that type
+    """A field's value, if it is of its type; numbers are counts, seeds or minutes, never < 0."""
+    kinds = get_args(annotation) or (annotation,)
+    if get_origin(annotation) is tuple:
+        if isinstance(value, list):
+            return tuple(_field(name, kinds[0], each) for each in value)
+    elif get_origin(annotation) is Mapping:
+        if isinstance(value, dict) and all(isinstance(each, str) for each in value.values()):
+            return value
+    elif type(value) in kinds or (float in kinds and type(value) is int):
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        if not is_number or 0 <= value <= MAX_SEED:  # type: ignore[operator]
+            return value
+    raise ValueError(f'{name} is {_shown(value)}')
+
+
+def _shown(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= _MAX_SHOWN else f'{text[: _MAX_SHOWN - 3]}...'
 
 
 def read_columns(path: Path, columns: tuple[str, ...]) -> dict[str, Floats]:
     """Read some columns of a validation.csv or progress.csv, each (K,).
 
+    Raises:
+        TrainingRunError: there is no such file, or it is not as a run writes it.
+    """
+    header = VALIDATION_COLUMNS if path.name == VALIDATION_FILE else PROGRESS_COLUMNS
+    try:
+        rows = read_rows(path, header)
+    except OSError as error:
+        raise TrainingRunError(f'{path}: cannot be read: {error.strerror}') from error
+    places = [header.index(column) for column in columns]
+    table = np.array([[float(row[place]) for place in places] for row in rows]).reshape(
+        -1, len(places)
+    )
+    return {column: table[:, index] for index, column in enumerate(columns)}
+
+
+def read_rows(path: Path, columns: tuple[str, ...]) -> list[list[str]]:
+    """The rows of a table of a run, as text; whole ones of numbers.
+
     A last line without its end, which a run that was killed may leave, does not count.
 
     Raises:
-        TrainingRunError: there is no such file, a column is missing, or a cell is no number.
+        OSError: there is no such file, or it cannot be read.
+        TrainingRunError: naming the line that is damaged.
     """
+    content = files.read_bounded(path, _MAX_TABLE_BYTES)
     try:
-        lines = path.read_text(encoding='utf-8').splitlines(keepends=True)
-    except OSError as error:
-        raise TrainingRunError(f'{path}: cannot be read: {error.strerror}') from error
-    rows = list(csv.DictReader(line for line in lines if line.endswith('\n')))
-    try:
-        return {
-            column: np.array([float(row[column]) for row in rows], dtype=np.float64)
-            for column in columns
-        }
-    except (KeyError, TypeError, ValueError) as error:
-        raise TrainingRunError(f'{path}: is no table with {", ".join(columns)}') from error
+        text = content.decode()
+    except UnicodeDecodeError as error:
+        raise TrainingRunError(f'{path}: is no text: delete it to go on without') from error
+    lines = [line for line in text.split('\n')[:-1]]
+    if lines and lines[0] != ','.join(columns):
+        raise TrainingRunError(f'{path}:1: is no table with {", ".join(columns)}')
+    rows = [line.split(',') for line in lines[1:]]
+    for number, row in enumerate(rows, 2):
+        if len(row) != len(columns) or not _are_numbers(row):
+            raise TrainingRunError(
+                f'{path}:{number}: is no row of {len(columns)} numbers: mend it, or delete the'
+                ' file to go on without its rows'
+            )
+    return rows
+
+
+def _are_numbers(row: list[str]) -> bool:
+    """Whether all are, the first one a count."""
+    with suppress(ValueError):
+        return (
+            row[0].isdecimal()
+            and row[0].isascii()
+            and len(row[0]) < _MAX_DIGITS
+            and all(isinstance(float(each), float) for each in row)
+        )
+    return False

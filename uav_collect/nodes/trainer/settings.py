@@ -9,8 +9,14 @@ from uav_collect.limits import FLEET_ALGORITHMS, MAX_DECISIONS, MAX_SEED
 from uav_collect.nodes.parameters import declare, Parameter, values_of
 from uav_collect.scenario.load import load, parse_override
 from uav_collect.training.config import load_preset
+from uav_collect.training.folder import BEST_POLICY
 from uav_collect.training.planned_run import new_record, PlannedRun, stored_run
-from uav_collect.training.run_record import read_run, RUN_FILE
+from uav_collect.training.run_record import (
+    PROGRESS_FILE,
+    read_run,
+    RUN_FILE,
+    VALIDATION_FILE,
+)
 from uav_collect.training.seeds import STARTS_FILE
 from uav_collect.uav.policy import frozen_policy
 
@@ -166,6 +172,12 @@ def planned_run(settings: TrainerSettings) -> PlannedRun:
         return _gone_on_with(run)
     if _holds_something(run.folder) and not run.scenario_files[0].exists():
         raise TrainingRunError(f'{run.folder}: holds something else: choose another output_dir')
+    for name in (PROGRESS_FILE, VALIDATION_FILE, BEST_POLICY):
+        if (run.folder / name).exists():
+            raise TrainingRunError(
+                f'{run.folder}: holds {name} of a run, but no {RUN_FILE} to go on with: put it'
+                ' back, or choose another output_dir'
+            )
     return run
 
 

@@ -3,16 +3,14 @@
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, replace
 import json
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from time import monotonic, process_time
 from typing import Any
 
 import torch
 from uav_collect import files
 from uav_collect.errors import DivergedError, PolicyMismatchError
-from uav_collect.learning.checkpoint import STATE_FILE
 from uav_collect.learning.learner import keep_freed_memory
+from uav_collect.learning.saved import SavedPart
 from uav_collect.learning.trainer import Trainer
 from uav_collect.revision import UNKNOWN
 from uav_collect.scenario.load import from_yaml
@@ -38,19 +36,23 @@ TrainingStep = float | tuple[float, Any] | Mapping[str, bytes]
 
 def run_training(
     job: TrainingJob,
-    state: Any,  # noqa: ANN401 - what an earlier step yielded
+    state: SavedPart | None,  # what an earlier step yielded
     checkpoint_s: float,
     is_stopping: Callable[[], bool],
 ) -> Iterator[TrainingStep]:
     """Train a policy.
 
     Raises:
+        CheckpointError: nothing can go on from the state.
         ConfigError: the scenario cannot be trained with these settings.
         DivergedError: it diverged at once.
     """
     torch.set_num_threads(1)  # others run beside; and the number decides the last bits of sums
     keep_freed_memory()
-    trainer, rows = _new_trainer(job) if state is None else _resumed_trainer(*state)
+    trainer, rows = _trainer_of(job), []
+    if state is not None:
+        trainer.restore(state.part('trainer'))
+        rows = state.rows('rows', len(CURVE_COLUMNS))
     saved_s = monotonic()
     diverged = ''
     try:
@@ -59,7 +61,7 @@ def run_training(
             yield progress.share_done
             stops = is_stopping()
             if stops or monotonic() - saved_s >= checkpoint_s:
-                yield progress.share_done, (_trainer_bytes(trainer), list(rows))
+                yield progress.share_done, {'trainer': trainer.state(), 'rows': rows}
                 saved_s = monotonic()
             if stops:
                 return
@@ -71,21 +73,8 @@ def run_training(
     yield _results(job, policy, rows, trainer.n_updates, diverged)
 
 
-def _new_trainer(job: TrainingJob) -> tuple[Trainer, list[list[float]]]:
-    scenario = from_yaml(job.scenario)
-    return Trainer([scenario], job_config(job), job.algorithm, job.seed), []
-
-
-def _resumed_trainer(saved: bytes, rows: list[list[float]]) -> tuple[Trainer, list[list[float]]]:
-    with TemporaryDirectory() as folder:
-        (Path(folder) / STATE_FILE).write_bytes(saved)
-        return Trainer.resume(Path(folder)), rows
-
-
-def _trainer_bytes(trainer: Trainer) -> bytes:
-    with TemporaryDirectory() as folder:
-        trainer.save(Path(folder))
-        return (Path(folder) / STATE_FILE).read_bytes()
+def _trainer_of(job: TrainingJob) -> Trainer:
+    return Trainer([from_yaml(job.scenario)], job_config(job), job.algorithm, job.seed)
 
 
 def _rows(progress: Progress) -> list[list[float]]:

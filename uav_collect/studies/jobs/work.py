@@ -6,10 +6,9 @@ kernels, while others that need them wait for its copy.
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 import fcntl
 import os
-import pickle
 import socket
 from time import monotonic, process_time
 
@@ -19,6 +18,8 @@ from uav_collect.kernels.compile import (
     kernels_are_compiled,
     sources_digest,
 )
+from uav_collect.learning.checkpoint import checkpoint_bytes, checkpoint_from_bytes
+from uav_collect.learning.saved import SavedPart
 from uav_collect.missions import batch_kernels
 from uav_collect.planning import bound
 from uav_collect.revision import git_revision, package_versions
@@ -107,7 +108,8 @@ def _perform(task: WorkItem, is_stopping: Callable[[], bool]) -> Iterator[JobEve
     yield Started(host=socket.gethostname(), process=os.getpid(), sources=sources_digest())
     state, before = None, Cost()
     if task.state is not None:
-        state, before = pickle.loads(task.state)
+        saved = SavedPart(checkpoint_from_bytes(task.state))
+        state, before = saved.part('job'), _cost_of(saved.part('cost'))
         before = replace(before, n_interruptions=before.n_interruptions + 1)
     meter = _Meter(before)
     match task.job:
@@ -123,8 +125,21 @@ def _perform(task: WorkItem, is_stopping: Callable[[], bool]) -> Iterator[JobEve
         match step:
             case float():
                 yield Advanced(share_done=step)
-            case (float() as share_done, saved):
-                state_bytes = pickle.dumps((saved, meter.cost()))
-                yield Saved(state=state_bytes, share_done=share_done)
+            case (float() as share_done, job_state):
+                content = checkpoint_bytes({'job': job_state, 'cost': asdict(meter.cost())})
+                yield Saved(state=content, share_done=share_done)
             case results:
                 yield Finished(results=results, cost=meter.cost())
+
+
+def _cost_of(cost: SavedPart) -> Cost:
+    versions = cost.part('versions')
+    return Cost(
+        cpu_s=cost.number('cpu_s', low=0.0),
+        wall_s=cost.number('wall_s', low=0.0),
+        n_interruptions=cost.whole('n_interruptions'),
+        host=cost.text('host'),
+        revision=cost.text('revision'),
+        sources=cost.text('sources'),
+        versions={name: versions.text(name) for name in versions.names},
+    )

@@ -1,0 +1,51 @@
+"""What a job goes on from is what was saved of it, or nothing goes on."""
+
+from collections.abc import Callable
+import os
+from pathlib import Path
+import pickle
+
+from checkpoints import forged
+import pytest
+from study_jobs import training
+from uav_collect.errors import CheckpointError
+from uav_collect.learning.checkpoint import checkpoint_bytes
+from uav_collect.studies.jobs.jobs import digest_of
+from uav_collect.studies.jobs.work import run_job
+from uav_collect.studies.jobs.worker_messages import Saved, WorkItem
+
+pytest.importorskip('torch', reason='training needs torch')
+
+
+class _Trap:
+    """What a pickle would do to whoever reads it."""
+
+    def __reduce__(self) -> tuple[Callable[..., object], tuple[str]]:
+        return os.mkdir, ('trapped',)
+
+
+def saved_by(state: bytes | None) -> bytes:
+    """What the first step of a job saves that goes on from a state."""
+    job = training(decisions=100_000)
+    work = WorkItem(digest=digest_of(job), job=job, inputs={}, state=state, checkpoint_s=0.0)
+    return next(event.state for event in run_job(work) if isinstance(event, Saved))
+
+
+def test_a_state_that_was_changed_or_runs_code_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    whole = saved_by(None)
+    assert saved_by(whole)
+    for state, words in (
+        (pickle.dumps((_Trap(), _Trap())), 'is no whole checkpoint'),
+        (whole[:-1], 'is no whole checkpoint'),
+        (whole[:200] + b'x' + whole[201:], 'some of its bytes were changed'),
+        (checkpoint_bytes({'job': {}}), 'cost is missing'),
+        (forged(whole.replace(b'"n_interruptions":0', b'"n_interruptions":-')), 'is not JSON'),
+        (forged(whole.replace(b'"cpu_s":', b'"cpu_x":')), 'cost/cpu_s is missing'),
+        (forged(whole.replace(b'"seed":0', b'"seed":9')), 'seed is 9: must be 0'),
+    ):
+        with pytest.raises(CheckpointError, match=words):
+            saved_by(state)
+    assert not (tmp_path / 'trapped').exists()
