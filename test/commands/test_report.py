@@ -14,7 +14,7 @@ from uav_collect.analysis.plan_shares import time_share
 from uav_collect.missions import rollout
 from uav_collect.planning.bound import bound_of
 from uav_collect.recording import bag_reader
-from uav_collect.recording.bag_reader import RecordedMission
+from uav_collect.recording.bag_reader import RecordedMission, Recording
 from uav_collect.recording.mission_log import MissionLog, read
 from uav_collect.scenario.load import load
 from uav_collect.scenario.model import Scenario
@@ -126,7 +126,7 @@ def test_report_of_a_bag_or_the_folder_around_it_tells_the_messages(
     log = read(run_folder / 'mission.jsonl')
     flown = recorded(small, log, is_complete=True)
     monkeypatch.setattr(
-        bag_reader, 'read_missions', lambda path: [flown] if path.name == 'bag' else []
+        bag_reader, 'read_recording', lambda _: Recording(missions=[flown], damages=[])
     )
     assert main(['report', os.path.normpath(tmp_path / 'bag' / inside)]) == 0
     assert 'radio messages' in capsys.readouterr().out
@@ -141,7 +141,8 @@ def test_report_of_a_recording_with_a_gap_says_so(
     log = read(run_folder / 'mission.jsonl')
     gappy = replace(log, events=np.delete(log.events, 3))
     flown = recorded(small, gappy, is_complete=False)
-    monkeypatch.setattr(bag_reader, 'read_missions', lambda _: [flown])
+    recording = Recording(missions=[flown], damages=[])
+    monkeypatch.setattr(bag_reader, 'read_recording', lambda _: recording)
     assert main(['report', str(tmp_path)]) == 0
     assert 'warning: not all of the mission was recorded' in capsys.readouterr().out
 
@@ -154,7 +155,7 @@ def test_report_of_a_broken_bag_says_what_to_do(
     shown = capsys.readouterr().err
     assert shown.startswith('error: ')
     assert shown.count('\n') == 1
-    assert 'recorder --repair' in shown
+    assert 'is not an MCAP file' in shown
 
 
 def test_report_of_a_run_whose_bag_is_broken_or_gappy_is_that_of_its_log(
@@ -171,7 +172,8 @@ def test_report_of_a_run_whose_bag_is_broken_or_gappy_is_that_of_its_log(
     log = read(report_folder / 'mission_4.jsonl')
     gappy = replace(log, events=np.delete(log.events, 3))
     flown = recorded(small, gappy, is_complete=False)
-    monkeypatch.setattr(bag_reader, 'read_missions', lambda _: [flown])
+    recording = Recording(missions=[flown], damages=[])
+    monkeypatch.setattr(bag_reader, 'read_recording', lambda _: recording)
     assert main(['report', str(report_folder)]) == 0
     shown = capsys.readouterr()
     assert shown.err.endswith('lacks 1 events; the figures are those of mission_4.jsonl\n')

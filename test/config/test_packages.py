@@ -59,13 +59,6 @@ def test_a_package_that_is_loaded_late_is_asked_for_in_one_line(tmp_path: Path) 
     assert 'Traceback' not in done.stderr
 
 
-@pytest.mark.ros
-def test_a_recorder_asks_for_what_mends_bags_when_it_is_to_mend_one(tmp_path: Path) -> None:
-    environment = without(tmp_path, ['mcap'], {})
-    done = run(environment, *executable('recorder'), '--repair', str(tmp_path))
-    assert (done.returncode, done.stderr) == (2, 'error: mcap is missing: pip install mcap\n')
-
-
 @pytest.mark.parametrize(
     ('package', 'built', 'words'),
     [

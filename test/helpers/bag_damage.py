@@ -6,7 +6,7 @@ import struct
 from typing import Any
 
 from rosbags.highlevel import AnyReader
-from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
 _RECORD = struct.Struct('<BQ')
 _SUMS_AT = {
@@ -43,6 +43,26 @@ def without_checksums(path: Path) -> None:
             content[start : start + 4] = bytes(4)
         at += _RECORD.size + length
     path.write_bytes(content)
+
+
+def copied(
+    bag: Path,
+    folder: Path,
+    storage: StoragePlugin = StoragePlugin.SQLITE3,
+    packed: CompressionMode = CompressionMode.NONE,
+) -> Path:
+    """Write a bag anew, stored and packed in another way."""
+    writer = Writer(folder, version=9, storage_plugin=storage)
+    if packed is not CompressionMode.NONE:
+        writer.set_compression(packed, CompressionFormat.ZSTD)
+    with AnyReader([bag]) as reader, writer:
+        topics = {
+            each.topic: writer.add_connection(each.topic, each.msgtype, typestore=reader.typestore)
+            for each in reader.connections
+        }
+        for connection, time_ns, content in reader.messages():
+            writer.write(topics[connection.topic], time_ns, content)
+    return folder
 
 
 def copied_without_checksums(bag: Path, folder: Path, change: Callable[[str, Any], None]) -> None:

@@ -21,6 +21,7 @@ from uav_collect.recording.mission_log import header_line, MissionLog
 from uav_collect.scenario.load import fingerprint
 from uav_collect.scenario.site import Site
 from uav_collect.uav.action_codes import HOME
+from uav_collect.world.sensor_field import demand_of
 
 STARTED, ENDED, ABORTED = 0, 1, 2
 QOS = Qos(
@@ -113,10 +114,12 @@ class HandMadeMessages:
 class HandMadeBag:
     """A bag that is written message by message; the time of reception counts up."""
 
-    def __init__(self, folder: Path, *, chunk_byte: int = 1_000_000) -> None:
+    def __init__(self, folder: Path, *, chunk_byte: int = 1_000_000, step_ns: int = 1) -> None:
+        self._step_ns = step_ns
         self.writer = BagWriter(folder, MessageTypes(definition_text), chunk_byte=chunk_byte)
         self._messages = HandMadeMessages()
         self.topics: dict[str, Connection] = {}
+        self._sites: dict[str, Site] = {}  # by world
         self._n_written = 0
 
     def add(self, topic: str, name: str, **fields: object) -> None:
@@ -129,10 +132,12 @@ class HandMadeBag:
     def add_bytes(self, topic: str, content: bytes) -> None:
         """Write what may be no message, on a topic that has one."""
         self._n_written += 1
-        self.writer.write(self.topics[topic], self._n_written, content)
+        log_ns = self._n_written * self._step_ns
+        self.writer.write(self.topics[topic], log_ns, content)
 
     def add_scenario(self, site: Site, world: str = 'world') -> None:
         """Write what a world says first."""
+        self._sites[world] = site
         self.add(
             '/world/scenario',
             'Scenario',
@@ -153,9 +158,17 @@ class HandMadeBag:
         phases: Iterable[int] = (STARTED, ENDED),
         leave_out: Iterable[int] = (),
         n_radio_messages: int = 0,
-        demand_bit: Sequence[float] = (),
+        demand_bit: Sequence[float] | None = None,
     ) -> None:
-        """Write a mission: its start, its events but those left out, its end."""
+        """Write a mission: its start, its events but those left out, its end.
+
+        Args:
+            demand_bit: None: as the site of its world has it, if that is known.
+        """
+        if demand_bit is None:
+            site = self._sites.get(world)
+            drawn = [] if site is None else demand_of(site, log.header.mission_seed)
+            demand_bit = [*drawn]
         about = {
             'mission_id': mission_id,
             'world_instance': world,

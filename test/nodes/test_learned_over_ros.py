@@ -7,7 +7,8 @@ from processes import Processes
 import pytest
 from random_policies import header, saved
 from uav_collect.nodes.process import FAILED
-from uav_collect.recording.bag_reader import messages, read_missions
+from uav_collect.recording.bag_messages import messages
+from uav_collect.recording.bag_reader import read_missions
 from uav_collect.uav.observation import Layout
 
 pytestmark = pytest.mark.ros

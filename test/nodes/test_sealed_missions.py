@@ -26,7 +26,8 @@ from uav_collect.lockstep.seals import KEY_FILE, read_secret
 from uav_collect.nodes import topics
 from uav_collect.nodes.process import ProcessNode
 from uav_collect.nodes.sealing import has_seal, SealedClient, seals_of_bag
-from uav_collect.recording.bag_reader import messages, read_missions
+from uav_collect.recording.bag_messages import messages
+from uav_collect.recording.bag_reader import read_missions
 from uav_collect_msgs.msg import Policy, RecorderStatus, Refusal, Seal
 from uav_collect_msgs.srv import ControlMission, Join
 

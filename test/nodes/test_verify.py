@@ -124,8 +124,8 @@ def in_log(run: Path) -> None:
 @pytest.mark.parametrize(
     ('change', 'words'),
     [
-        (in_chunk, 'bag/run_bag.mcap: damaged: chunk '),
-        (in_summary, 'bag/run_bag.mcap: damaged: summary before byte '),
+        (in_chunk, 'bag: damaged: run_bag.mcap: chunk '),
+        (in_summary, 'the summary is damaged: its checksum differs'),
         (in_metadata, 'metadata.yaml: '),
         (in_scenario, 'scenario.yaml: damaged: line '),
         (in_log, f'mission_{SEED}.jsonl: event '),

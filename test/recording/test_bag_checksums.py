@@ -12,9 +12,9 @@ from mcap.records import ChunkIndex
 from mcap.stream_reader import StreamReader
 import pytest
 from uav_collect.errors import BagError
-from uav_collect.recording.bag_checksums import check_file
-from uav_collect.recording.bag_reader import messages
+from uav_collect.recording.bag_messages import messages
 from uav_collect.recording.bag_repair import repair
+from uav_collect.recording.mcap_file import read_mcap
 
 TOPIC = '/uav_1/radio_rx'
 GOLDEN = Path(__file__).parents[1] / 'golden' / 'run_folder' / 'bag' / 'bag.mcap'
@@ -48,7 +48,7 @@ def chunks_of(path: Path) -> list[ChunkIndex]:
 
 
 def test_a_bag_is_written_with_checksums_that_other_readers_check(file: Path) -> None:
-    check = check_file(file)
+    check = read_mcap(file)
     assert check.has_checksums
     assert check.damages == []
     with file.open('rb') as content:
@@ -70,7 +70,7 @@ def test_any_changed_byte_is_seen(
     content[int(share * len(content))] ^= flipped
     changed = tmp_path_factory.getbasetemp() / 'changed.mcap'
     changed.write_bytes(content)
-    assert check_file(changed).damages != []
+    assert read_mcap(changed).damages != []
 
 
 def test_a_damaged_chunk_is_named_by_its_number_and_place(file: Path, tmp_path: Path) -> None:
@@ -79,11 +79,12 @@ def test_a_damaged_chunk_is_named_by_its_number_and_place(file: Path, tmp_path: 
     content[chunks[2] + 100] ^= 1
     changed = tmp_path / 'changed.mcap'
     changed.write_bytes(content)
-    [damage] = check_file(changed).damages
-    place, _, what = damage.rpartition(f'at byte {chunks[2]}: ')
-    assert place == 'chunk 3, '
-    assert re.match('chunk checksum mismatch|cannot be unpacked: .*data', what, re.IGNORECASE)
-    with pytest.raises(BagError, match='cannot be read'):
+    [damage] = read_mcap(changed).damages
+    place, _, what = str(damage).partition(': ')
+    end = chunks[2] + chunks_of(file)[2].chunk_length
+    assert place == f'chunk 3, bytes {chunks[2]} to {end}, simulated time 0.000 s to 0.000 s'
+    assert re.match('its checksum differs|cannot be unpacked|its lengths contradict', what)
+    with pytest.raises(BagError, match=r'changed\.mcap: chunk 3, '):
         sequences(changed)
 
 
@@ -92,7 +93,11 @@ def test_a_file_cut_anywhere_is_damaged(file: Path, tmp_path: Path) -> None:
     for length in (0, 5, 100, len(content) // 2, len(content) - 1):
         cut = tmp_path / 'cut.mcap'
         cut.write_bytes(content[:length])
-        assert check_file(cut).damages != []
+        if length < 9:
+            with pytest.raises(BagError, match='is not an MCAP file'):
+                read_mcap(cut)
+        else:
+            assert read_mcap(cut).damages != []
 
 
 def test_a_bag_without_checksums_stays_readable(file: Path, tmp_path: Path) -> None:
@@ -100,7 +105,7 @@ def test_a_bag_without_checksums_stays_readable(file: Path, tmp_path: Path) -> N
     bare.write_bytes(file.read_bytes())
     without_checksums(bare)
     for path in (bare, GOLDEN):
-        check = check_file(path)
+        check = read_mcap(path)
         assert not check.has_checksums
         assert check.damages == []
     assert sequences(bare) == [*range(15)]
@@ -110,14 +115,14 @@ def test_a_repaired_bag_has_checksums(tmp_path: Path) -> None:
     file = written(tmp_path / 'bag')
     file.write_bytes(file.read_bytes()[:-400])
     repair(file.parent)
-    check = check_file(file)
+    check = read_mcap(file)
     assert check.has_checksums
     assert check.damages == []
     assert sequences(file) == [*range(15)]
 
 
 def test_what_is_in_the_metadata_is_in_the_file_as_well(file: Path) -> None:
-    copy = check_file(file).metadata
+    copy = read_mcap(file).metadata
     assert copy is not None
     words = file.with_name('metadata.yaml').read_text().split()
     assert words == ['rosbag2_bagfile_information:', *copy.split()]

@@ -2,13 +2,16 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+import errno
+import os
 from pathlib import Path
 import random
+import re
 import resource
 import shutil
 import struct
 
-from bags import HandMadeBag
+from bags import HandMadeBag, QOS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.writer import CompressionType, Writer
@@ -17,6 +20,7 @@ import pytest
 from rosbags.highlevel import AnyReader
 from uav_collect.errors import BagError, RecordingError
 from uav_collect.recording.bag_repair import Repair, repair
+from uav_collect.recording.bag_storage import open_bag
 
 PER_CHUNK = 10
 N_CHUNKS = 6
@@ -77,7 +81,7 @@ def test_all_flushed_messages_of_a_killed_recorder_are_recovered(
         n_messages=60,
         last_sim_time_s=59.5,
         broken_file=bag / 'bag.mcap.broken',
-        n_cut_byte=0,
+        left_out=('bag.mcap: ends without a footer: its recorder was cut off, or the file',),
     )
 
 
@@ -164,7 +168,7 @@ def test_a_bag_killed_just_before_its_metadata_loses_nothing(tmp_path: Path) -> 
     bag.writer.close()
     (tmp_path / 'bag' / 'metadata.yaml').unlink()
     done = repair(tmp_path / 'bag')
-    assert (done.n_messages, done.n_cut_byte) == (4, 0)
+    assert (done.n_messages, done.left_out) == (4, ())
     assert sequences(tmp_path / 'bag') == [0, 1, 2, 3]
 
 
@@ -175,22 +179,52 @@ def test_zeros_left_by_a_power_failure_are_cut_off(
     with (bag / 'bag.mcap').open('ab') as file:
         file.write(bytes(5000))
     done = repair(bag)
-    assert (done.n_messages, done.n_cut_byte) == (3 * PER_CHUNK, 5000)
+    end = torn[1][3]
+    [left_out] = done.left_out
+    assert done.n_messages == 3 * PER_CHUNK
+    assert left_out.startswith(f'bag.mcap: bytes {end} to {end + 5000}: ends without a footer')
 
 
-def test_everything_before_a_damage_is_recovered(
+def test_everything_but_a_damaged_chunk_is_recovered(
     tmp_path: Path, torn: tuple[Path, list[int]]
 ) -> None:
     bag = copy_of(torn, tmp_path)
+    begin = torn[1][2]
     with (bag / 'bag.mcap').open('r+b') as file:
-        file.seek(torn[1][2] + 9 + 40 + 8)  # the first record of the third chunk
+        file.seek(begin + 9 + 40 + 8)  # the first record of the third chunk
         file.write(struct.pack('<BQ', 5, 2**40))
-    assert repair(bag).n_messages == 2 * PER_CHUNK
-    assert sequences(bag) == list(range(2 * PER_CHUNK))
+    done = repair(bag)
+    assert re.match(
+        rf'bag.mcap: chunk 3, bytes {begin} to \d+, simulated time 0.000 s to 0.000 s: ',
+        done.left_out[0],
+    )
+    lost = range(2 * PER_CHUNK, 3 * PER_CHUNK)
+    assert sequences(bag) == [it for it in range(N_CHUNKS * PER_CHUNK) if it not in lost]
+
+
+def test_where_records_cannot_be_followed_the_index_leads_to_the_next_chunk(
+    tmp_path: Path,
+) -> None:
+    bag = HandMadeBag(tmp_path / 'bag', step_ns=1_000_000_000)
+    ends = []
+    for chunk in range(3):
+        write_radio(bag, range(chunk * PER_CHUNK, (chunk + 1) * PER_CHUNK))
+        bag.writer.flush()
+        ends.append((tmp_path / 'bag' / 'bag.mcap').stat().st_size)
+    bag.writer.close()
+    with (tmp_path / 'bag' / 'bag.mcap').open('r+b') as file:
+        file.seek(ends[0] + 1)
+        file.write(struct.pack('<Q', 2**40))  # the length of the second chunk
+    done = repair(tmp_path / 'bag')
+    assert done.left_out == (
+        f'bag.mcap: chunk 2, bytes {ends[0]} to {ends[1]}, simulated time 11.000 s to 20.000 s:'
+        ' a record of 1,099,511,627,776 bytes cannot be there',
+    )
+    assert sequences(tmp_path / 'bag') == [*range(PER_CHUNK), *range(2 * PER_CHUNK, 3 * PER_CHUNK)]
 
 
 @pytest.mark.parametrize('compression', list(CompressionType))
-def test_a_damaged_chunk_ends_what_is_recovered_however_it_is_compressed(
+def test_a_damaged_chunk_is_left_out_however_it_is_compressed(
     tmp_path: Path, compression: CompressionType
 ) -> None:
     (tmp_path / 'bag').mkdir()
@@ -225,7 +259,7 @@ def test_an_interrupted_repair_can_be_repeated(
         return replace(source, target)
 
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        patch.setattr('uav_collect.recording.bag_repair.Path.replace', interrupted)
+        patch.setattr(Path, 'replace', interrupted)
         repair(bag)
     assert repair(bag).n_messages == N_CHUNKS * PER_CHUNK
     assert sequences(bag) == list(range(N_CHUNKS * PER_CHUNK))
@@ -252,8 +286,8 @@ def test_a_bag_that_is_being_recorded_is_not_touched(tmp_path: Path) -> None:
         (None, 'no such bag'),
         ({}, 'must hold one .mcap file to repair, holds 0'),
         ({'a.mcap': b'', 'b.mcap': b''}, 'holds 2'),
-        ({'a.mcap': b''}, 'a.mcap is not an MCAP file'),
-        ({'a.mcap': b'#!/bin/sh\necho not a bag'}, 'a.mcap is not an MCAP file'),
+        ({'a.mcap': b''}, 'a.mcap: is not an MCAP file'),
+        ({'a.mcap': b'#!/bin/sh\necho not a bag'}, 'a.mcap: is not an MCAP file'),
     ],
 )
 def test_what_is_no_bag_is_refused_and_left_alone(
@@ -297,6 +331,92 @@ def test_a_full_disk_costs_only_what_did_not_fit(tmp_path: Path) -> None:
     assert sequences(folder) == list(range(1000))
     with AnyReader([folder]) as reader:
         assert reader.message_count == 1000
+
+
+@pytest.mark.parametrize('room_byte', [0, 100, 2_500])
+def test_a_repair_without_room_leaves_all_as_it_was(
+    tmp_path: Path, torn: tuple[Path, list[int]], room_byte: int
+) -> None:
+    bag = copy_of(torn, tmp_path, cut_at=torn[1][3] + 100)
+    before = {file: file.read_bytes() for file in bag.iterdir()}
+    with full_disk(room_byte), pytest.raises(OSError, match='File too large'):
+        repair(bag)
+    assert {file: file.read_bytes() for file in bag.iterdir()} == before
+    assert repair(bag).n_messages == 3 * PER_CHUNK
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason='root may write anywhere')
+def test_a_repair_in_a_folder_that_cannot_be_written_says_so(
+    tmp_path: Path, torn: tuple[Path, list[int]]
+) -> None:
+    bag = copy_of(torn, tmp_path)
+    names = sorted(bag.iterdir())
+    bag.chmod(0o500)
+    with pytest.raises(PermissionError):
+        repair(bag)
+    bag.chmod(0o700)
+    assert sorted(bag.iterdir()) == names
+
+
+@pytest.mark.parametrize('n_steps', [0, 1, 2])
+def test_a_repair_that_fails_while_files_are_moved_moves_them_back(
+    tmp_path: Path,
+    torn: tuple[Path, list[int]],
+    monkeypatch: pytest.MonkeyPatch,
+    n_steps: int,
+) -> None:
+    bag = copy_of(torn, tmp_path)
+    before = {file: file.read_bytes() for file in bag.iterdir()}
+    replace, steps = Path.replace, iter(range(n_steps))
+
+    def failing(source: Path, target: Path) -> Path:
+        is_own = source.suffix != '.tmp' and source.suffix != '.broken'  # or goes back
+        if is_own and next(steps, None) is None:
+            raise OSError(errno.EIO, 'Input/output error', str(target))
+        return replace(source, target)
+
+    with monkeypatch.context() as patch, pytest.raises(OSError, match='Input/output'):
+        patch.setattr(Path, 'replace', failing)
+        repair(bag)
+    assert {file: file.read_bytes() for file in bag.iterdir()} == before
+
+
+def test_topics_without_messages_survive_a_repair(tmp_path: Path) -> None:
+    bag = HandMadeBag(tmp_path / 'bag')
+    for topic, name in (('/uav_1/command', 'Command'), ('/uav_2/command', 'Command')):
+        bag.writer.add_topic(topic, f'uav_collect_msgs/msg/{name}', QOS)
+    write_radio(bag, range(5))
+    bag.writer.close()
+    with AnyReader([tmp_path / 'bag']) as reader:
+        before = {
+            it.topic: (it.msgtype, it.msgdef, it.digest, it.ext) for it in reader.connections
+        }
+    (tmp_path / 'bag' / 'metadata.yaml').unlink()
+    with (tmp_path / 'bag' / 'bag.mcap').open('r+b') as file:
+        file.truncate(file.seek(0, 2) - 20)
+    assert repair(tmp_path / 'bag').n_messages == 5
+    with AnyReader([tmp_path / 'bag']) as reader:
+        after = {it.topic: (it.msgtype, it.msgdef, it.digest, it.ext) for it in reader.connections}
+    assert after == before
+    assert len(after) == 3
+
+
+def test_what_a_recorder_remarked_survives_a_repair(tmp_path: Path) -> None:
+    bag = HandMadeBag(tmp_path / 'bag', chunk_byte=1_000)
+    write_radio(bag, range(50))
+    bag.writer.remark('origin', 'here')
+    bag.writer.close()
+    with (tmp_path / 'bag' / 'bag.mcap').open('r+b') as file:
+        file.seek(3_000)
+        byte = file.read(1)
+        file.seek(3_000)
+        file.write(bytes([byte[0] ^ 1]))
+    done = repair(tmp_path / 'bag')
+    assert 0 < done.n_messages < 50
+    with open_bag(tmp_path / 'bag') as repaired:
+        assert repaired.custom_data['origin'] == 'here'
+        assert repaired.custom_data['left out by repair'] == '; '.join(done.left_out)
+        assert repaired.damages == repaired.remarks == []
 
 
 def test_a_disk_too_full_for_the_index_leaves_what_repair_can_read(tmp_path: Path) -> None:

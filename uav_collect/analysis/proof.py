@@ -14,8 +14,9 @@ from uav_collect.lockstep.published_policy import PolicyKey
 from uav_collect.missions.recorded_policies import Crew, RecordedPolicies
 from uav_collect.missions.reflight import fly_again, Reflight
 from uav_collect.missions.simulation import FAILSAFE_VERSION
-from uav_collect.recording.bag_reader import event_of, faults_of
+from uav_collect.recording.bag_reader import faults_of, row_of
 from uav_collect.recording.completeness import ENDED
+from uav_collect.recording.log_model import EVENT_DTYPE
 from uav_collect.recording.mission_log import (
     fault_from,
     FaultRecord,
@@ -383,7 +384,8 @@ def _header(line: str) -> tuple[MissionHeader | None, str]:
 def _lines(epoch: Any) -> tuple[str, ...]:  # noqa: ANN401 - a message
     """The lines of the mission log that an Epoch message stands for."""
     try:
-        return tuple(record_lines(np.array([event_of(epoch)]), faults_of([epoch])))
+        event = np.array([row_of(epoch)], dtype=EVENT_DTYPE)
+        return tuple(record_lines(event, faults_of([epoch])))
     except (IndexError, OverflowError, ValueError) as error:  # a code that there is not, say
         return (f'{type(error).__name__}: {error}',)
 

@@ -6,8 +6,8 @@ from itertools import zip_longest
 from pathlib import Path
 import re
 import struct
-from typing import Any
 
+from uav_collect import files
 from uav_collect.analysis.proof import (
     Account,
     bag_account,
@@ -18,9 +18,10 @@ from uav_collect.analysis.proof import (
 )
 from uav_collect.errors import BagError, ConfigError, MissionLogError, UavCollectError
 from uav_collect.missions.recorded_policies import RecordedPolicies
-from uav_collect.recording.bag_checksums import check_file
 from uav_collect.recording.bag_reader import recorded_site
-from uav_collect.recording.mission_folder import scenario_file, take_log
+from uav_collect.recording.bag_storage import Bag, open_bag
+from uav_collect.recording.mission_folder import is_bag, scenario_file, take_log
+from uav_collect.recording.mission_log import MOST_LOG_BYTE
 from uav_collect.recording.mission_messages import MissionMessages, MissionReader
 from uav_collect.recording.origin import (
     changed_since,
@@ -32,16 +33,14 @@ from uav_collect.recording.origin import (
 from uav_collect.scenario.load import fingerprint, from_yaml, load, scenario_names
 from uav_collect.scenario.site import build_site, Site
 from uav_collect.uav.policy_file import SUFFIX as POLICY_SUFFIX
-import yaml
 
 LOG_SUFFIX = '.jsonl'
-BAG_SUFFIX = '.mcap'
 _SCENARIO_FILES = 'scenario*.yaml'
-_METADATA = 'metadata.yaml'
-_METADATA_TOP = 'rosbag2_bagfile_information'
 # What reading a damaged bag may raise: it has no checksums if it comes that far.
-_DAMAGE = (AssertionError, EOFError, IndexError, KeyError, MemoryError, OSError, OverflowError,
-           RuntimeError, struct.error, TypeError, ValueError)  # fmt: skip
+_DAMAGE = (
+    *(AssertionError, AttributeError, EOFError, IndexError, KeyError, MemoryError, OSError),
+    *(OverflowError, RuntimeError, struct.error, TypeError, ValueError),
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,28 +60,37 @@ def prove_recording(path: Path, given: Given) -> Iterator[Proof]:
     """
     if not path.exists():
         raise MissionLogError(f'{path}: no such file or folder')
-    if _bag_files(path):
-        yield from _Bag(path, given.policy_files).proofs({}, ())
-    elif path.is_file():
-        yield from _proofs_of_logs([path], path.parent, given)
-    else:
+    if is_bag(path):
+        yield from _proofs_of_bag(path, given.policy_files, {}, ())
+    elif path.is_dir():
         yield from _proofs_of_run(path, given)
+    else:
+        yield from _proofs_of_logs([path], path.parent, given)
+
+
+def _proofs_of_bag(
+    path: Path,
+    policy_files: Sequence[Path],
+    logs: dict[str, Path],
+    scenario_files: Sequence[Path],
+) -> Iterator[Proof]:
+    with open_bag(path) as bag:
+        yield from _BagProof(bag, policy_files).proofs(logs, scenario_files)
 
 
 def _proofs_of_run(folder: Path, given: Given) -> Iterator[Proof]:
     """Those of a run folder: of bags, with the logs of the same missions; then of other logs."""
-    bags = [each for each in sorted(folder.iterdir()) if each.is_dir() and _bag_files(each)]
+    bags = [each for each in sorted(folder.iterdir()) if is_bag(each)]
     found = sorted(folder.glob(f'*{LOG_SUFFIX}'))
     logs = {log.name: log for log in found if log.is_file()}
-    lost = [each for each in sorted(folder.glob(f'*/{_METADATA}')) if each.parent not in bags]
-    for metadata in lost:
-        finding = f'has {_METADATA}, but no {BAG_SUFFIX} file'
-        yield Proof(mission=metadata.parent.name, verdict=Verdict.DAMAGED, findings=(finding,))
-    if not (bags or logs or lost):
+    if not (bags or logs):
         raise MissionLogError(f'{folder}: holds no mission log ({LOG_SUFFIX}) and no bag')
     policies = _policy_files(folder, given)
     for bag in bags:
-        yield from _Bag(bag, policies).proofs(logs, sorted(folder.glob(_SCENARIO_FILES)))
+        try:
+            yield from _proofs_of_bag(bag, policies, logs, sorted(folder.glob(_SCENARIO_FILES)))
+        except BagError as error:
+            yield Proof(mission=bag.name, verdict=Verdict.DAMAGED, findings=(str(error),))
     yield from _proofs_of_logs([*logs.values()], folder, given)
 
 
@@ -95,7 +103,7 @@ def _proofs_of_logs(logs: Sequence[Path], folder: Path, given: Given) -> Iterato
     policies = RecordedPolicies(_policy_files(folder, given))
     code_change, versions = _code_change(read_origin(folder)), read_versions(folder)
     for log in logs:
-        account = log_account(log.name, log.read_bytes())
+        account = log_account(log.name, files.read_bounded(log, MOST_LOG_BYTE))
         try:
             site = given.site or _site_of(account, folder)
         except UavCollectError as error:
@@ -144,15 +152,12 @@ def _with_name_checked(proof: Proof, account: Account) -> Proof:
     return replace(proof, verdict=Verdict.DIFFERS, findings=(finding, *proof.findings))
 
 
-class _Bag:
+class _BagProof:
     """A bag while its missions are proved."""
 
-    def __init__(self, path: Path, policy_files: Sequence[Path]) -> None:
-        self._path = path
-        self._files = _bag_files(path)
-        self._checks = {file: check_file(file) for file in self._files}
-        # Metadata may be damaged or gone; one file tells all by itself.
-        self._reader = MissionReader(self._files[0] if len(self._files) == 1 else path)
+    def __init__(self, bag: Bag, policy_files: Sequence[Path]) -> None:
+        self._bag, self._name = bag, bag.path.name
+        self._reader = MissionReader(bag)
         self._policies = RecordedPolicies(policy_files, self._reader.policies)
         self._sites: dict[str, Site] = {}  # by text of the scenario
 
@@ -163,21 +168,26 @@ class _Bag:
             logs: of the run, by name; those of missions in the bag are taken out.
             scenario_files: of the run.
         """
-        damages = [*self._damages()]
-        yield from damages
+        bag = self._bag
+        damages = (*bag.damages, *self._reader.problems, *bag.remarks)
+        if damages:
+            yield Proof(mission=self._name, verdict=Verdict.DAMAGED, findings=damages)
         code_change = _code_change(self._origin())
-        n_missions = 0
+        n_missions = n_damages = 0
         try:
+            n_damages = len(bag.damages)
             for mission in self._reader.missions():
                 if mission.start is not None:
                     n_missions += 1
                     yield self._proof(mission, logs, code_change, is_run=bool(scenario_files))
         except (BagError, *_DAMAGE) as error:
             if not damages:
-                yield _unprovable(self._path.name, f'cannot be read further: {error}')
+                yield _unprovable(self._name, f'cannot be read further: {error}')
             return
+        if late := tuple(bag.damages[n_damages:]):
+            yield Proof(mission=self._name, verdict=Verdict.DAMAGED, findings=late)
         if not n_missions and not damages:
-            yield _unprovable(self._path.name, 'holds no mission')
+            yield _unprovable(self._name, 'holds no mission')
         for file in scenario_files:
             yield from self._scenario_file_damage(file)
 
@@ -189,12 +199,12 @@ class _Bag:
         *,
         is_run: bool,
     ) -> Proof:
-        account = bag_account(self._path.name, mission)
+        account = bag_account(self._name, mission)
         seed = int(mission.start.seed) if account.header is None else account.header.mission_seed
-        accounts, name = [account], f'{self._path.name}: mission {mission.mission_id}, seed {seed}'
+        accounts, name = [account], f'{self._name}: mission {mission.mission_id}, seed {seed}'
         log = take_log(logs, seed, int(mission.start.index))
         if log is not None:
-            accounts.append(log_account(log.name, log.read_bytes()))
+            accounts.append(log_account(log.name, files.read_bounded(log, MOST_LOG_BYTE)))
         try:
             site = self._site(mission)
         except UavCollectError as error:
@@ -203,8 +213,7 @@ class _Bag:
         if is_run and log is None:
             findings = (*proof.findings, f'the folder has no log of seed {seed}')
             proof = replace(proof, verdict=Verdict.DIFFERS, findings=findings)
-        is_sealed = all(check.has_checksums for check in self._checks.values())
-        return replace(proof, lacks_checksums=not is_sealed)
+        return replace(proof, lacks_checksums=not self._bag.has_checksums)
 
     def _site(self, mission: MissionMessages) -> Site:
         """The site of a mission's world.
@@ -218,7 +227,7 @@ class _Bag:
         wanted = mission.start.scenario_fingerprint
         message = next((it for it in sent if it.fingerprint == wanted), sent[0])
         if message.yaml not in self._sites:
-            self._sites[message.yaml] = recorded_site(self._path, message)
+            self._sites[message.yaml] = recorded_site(message)
         site = self._sites[message.yaml]
         if fingerprint(site.scenario) != message.fingerprint:
             raise BagError(
@@ -238,54 +247,13 @@ class _Bag:
         finding = f'line {number} is {_text(here)}, in the bag {_text(there)}'
         yield Proof(mission=file.name, verdict=Verdict.DAMAGED, findings=(finding,))
 
-    def _damages(self) -> Iterator[Proof]:
-        """What of the bag's files is not as it was written."""
-        for file in self._files:
-            check = self._checks[file]
-            findings = [*check.damages]
-            metadata = file.with_name(_METADATA)
-            if check.has_checksums and check.metadata is not None and self._path.is_dir():
-                findings += _metadata_difference(metadata, check.metadata)
-            if findings:
-                name = f'{self._path.name}/{file.name}' if self._path.is_dir() else file.name
-                yield Proof(mission=name, verdict=Verdict.DAMAGED, findings=tuple(findings))
-
     def _origin(self) -> Mapping[str, str] | None:
-        for check in self._checks.values():
-            values = _yaml_of(check.metadata or '')
-            remarks = values.get('custom_data') if isinstance(values, dict) else None
-            if isinstance(remarks, dict) and ORIGIN_KEY in remarks:
-                return parsed_origin(str(remarks[ORIGIN_KEY]))
-        return None
+        text = self._bag.custom_data.get(ORIGIN_KEY)
+        return None if text is None else parsed_origin(text)
 
 
 def _text(line: bytes | None) -> str:
     return 'missing' if line is None else repr(line.decode(errors='replace'))
-
-
-def _metadata_difference(file: Path, copy: str) -> list[str]:
-    """How metadata.yaml differs from its copy in the bag's file."""
-    try:
-        values = _yaml_of(file.read_text(encoding='utf-8'))
-    except (OSError, UnicodeDecodeError) as error:
-        return [f'{file.name}: {error}']
-    mine, its = values.get(_METADATA_TOP) if isinstance(values, dict) else None, _yaml_of(copy)
-    if mine == its:
-        return []
-    if isinstance(mine, dict) and isinstance(its, dict):
-        for name in [*its, *mine]:
-            if mine.get(name) != its.get(name):
-                return [f'{file.name}: {name} is not that of the copy in the bag']
-    return [f'{file.name}: cannot be read, its copy in the bag can']
-
-
-def _yaml_of(text: str) -> Any:  # noqa: ANN401 - any YAML
-    """What a YAML text says; None where it is none."""
-    loader = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)  # ten times as fast
-    try:
-        return yaml.load(text, loader)
-    except (yaml.YAMLError, ValueError):
-        return None
 
 
 def _code_change(then: Mapping[str, str] | None) -> str | None:
@@ -296,9 +264,3 @@ def _code_change(then: Mapping[str, str] | None) -> str | None:
 
 def _unprovable(name: str, why: str) -> Proof:
     return Proof(mission=name, verdict=Verdict.UNPROVABLE, findings=(' '.join(why.split()),))
-
-
-def _bag_files(path: Path) -> list[Path]:
-    if path.is_file():
-        return [path] if path.suffix == BAG_SUFFIX else []
-    return sorted(path.glob(f'*{BAG_SUFFIX}'))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from uav_collect.commands import terminal
 from uav_collect.errors import BagError, in_one_line, MissionLogError
-from uav_collect.recording.mission_folder import scenario_file, take_log
+from uav_collect.recording.mission_folder import is_bag, scenario_file, take_log
 from uav_collect.recording.mission_log import MissionHeader, MissionLog, read_so_far
 
 if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
@@ -22,11 +22,12 @@ _DESCRIPTION = """
 Prints, for each mission found, data collected [Mbit], energy [kJ], completion time [s], energy
 efficiency [kbit/J], decisions, messages and each UAV's part, and draws the trajectories into a PNG
 file beside it. PATH is a run folder, a mission log (.jsonl) or a bag; a bag needs nothing else.
-What the bag of a run folder lacks, the mission log tells.
+What the bag of a run folder lacks, the mission log tells. What is damaged is named, the figures of
+what is whole are shown with a warning. The exit status is 0 if missions were shown, 2 if one could
+not be read or drawn.
 """
 _FAILED = 2  # exit status where a picture could not be drawn
 _LOG_SUFFIX = '.jsonl'
-_BAG_SUFFIX = '.mcap'
 _MAX_DATA_CELLS = 200  # on average, up to which a mission's bound takes some seconds
 
 
@@ -66,8 +67,9 @@ def show(mission: 'FlownMission', picture: Path, console: 'Console') -> bool:
     bound = mission_bound(header, mission.site)
     console.print(mission_tables(header, mission.metrics, n_messages, bound))
     if not mission.is_whole:
-        what = 'warning: not all of the mission was recorded; these are the figures of what was'
-        console.print(what, style='bold red')
+        what = 'warning: not all of the mission was recorded, or some of it is damaged;'
+        rest = ' these are the figures of what is whole'
+        console.print(what + rest, style='bold red')
     try:
         mission.draw(picture)
     except Exception as error:  # whatever it is: the other missions have tables, too
@@ -96,21 +98,17 @@ def _find(path: Path) -> Iterator[tuple['FlownMission', Path]]:
     """The missions at a path, each with where its picture goes."""
     if not path.exists():
         raise MissionLogError(f'{path}: no such file or folder')
-    if path.suffix == _BAG_SUFFIX or _is_bag(path):
+    if is_bag(path):
         yield from (found[:2] for found in _recorded(path, path.resolve().parent))
-    elif path.is_file():
+    elif not path.is_dir():
         yield _logged(path), path.with_suffix('.png')
-    elif bags := [folder for folder in sorted(path.iterdir()) if _is_bag(folder)]:
+    elif bags := [each for each in sorted(path.iterdir()) if is_bag(each)]:
         yield from _of_run(bags, path)  # bags know more than logs: messages, sensors as they were
     elif logs := sorted(path.glob(f'*{_LOG_SUFFIX}')):
         for log in logs:
             yield _logged(log), log.with_suffix('.png')
     else:
         raise MissionLogError(f'{path}: holds no mission log ({_LOG_SUFFIX}) and no bag')
-
-
-def _is_bag(path: Path) -> bool:
-    return path.is_dir() and any(path.glob(f'*{_BAG_SUFFIX}'))
 
 
 def _of_run(bags: Sequence[Path], folder: Path) -> Iterator[tuple['FlownMission', Path]]:
@@ -186,10 +184,13 @@ def _scenario_of(log: MissionLog, file: Path) -> 'Scenario':
 def _recorded(path: Path, pictures: Path) -> Iterator[tuple['FlownMission', Path, int]]:
     """The missions of a bag, each with where its picture goes and its running number."""
     from uav_collect.api import FlownMission
-    from uav_collect.recording.bag_reader import read_missions
+    from uav_collect.recording.bag_reader import read_recording
 
     seeds = set()
-    for recorded in read_missions(path):
+    recording = read_recording(path)
+    for damage in recording.damages:
+        terminal.say(damage)
+    for recorded in recording.missions:
         mission = FlownMission(
             log=recorded.log,
             site=recorded.site,

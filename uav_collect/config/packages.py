@@ -60,8 +60,6 @@ PACKAGES = {
         Package(name='rich', module='rich', apt='python3-rich', oldest='13.7'),
         Package(name='matplotlib', module='matplotlib', apt='python3-matplotlib', oldest='3.6'),
         Package(name='rosbags', module='rosbags', oldest='0.11.9'),
-        Package(name='mcap', module='mcap', only_for='recorder --repair'),
-        Package(name='zstandard', module='zstandard', only_for='recorder --repair'),
         Package(name='numba', module='numba', only_for='compiled kernels'),
         Package(name='cvxpy', module='cvxpy', only_for='--bandwidth cvxpy'),
         Package(name='clarabel', module='clarabel', only_for='--bandwidth cvxpy'),

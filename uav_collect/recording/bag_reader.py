@@ -1,22 +1,22 @@
 """Reads the missions of a recording: the same logs, to the byte, that the world has written."""
 
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rosbags.highlevel import AnyReader, AnyReaderError
-from uav_collect.errors import BagError, ConfigError, MissionLogError
+from uav_collect.errors import BagError, ConfigError, in_one_line, MissionLogError
 from uav_collect.kernels.arrays import Floats
-from uav_collect.recording.bag_checksums import READER_ERRORS
+from uav_collect.recording.bag_messages import MessageReader, refuse_damages
+from uav_collect.recording.bag_storage import open_bag
 from uav_collect.recording.completeness import ENDED
-from uav_collect.recording.log_model import EVENT_DTYPE
+from uav_collect.recording.log_model import EVENT_DTYPE, EVENT_NAMES, EventModel, fault_problem
 from uav_collect.recording.mission_log import (
-    Events,
     FaultRecord,
     header_from_line,
+    MissionHeader,
     MissionLog,
 )
 from uav_collect.scenario.load import from_yaml
@@ -28,6 +28,7 @@ _SCENARIO = '/world/scenario'
 _MISSION = '/world/mission'
 _EPOCH = '/world/epoch'
 _DELIVERED = '/radio_rx'
+_MOST_CHARACTERS = 80  # of a mission's id that is shown
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,17 +39,26 @@ class RecordedMission:
     site: Site
     demand_bit: Floats  # (S,) data of each sensor at the start
     n_radio_messages: int  # delivered between UAVs
-    is_complete: bool  # ended, and every event of it was recorded
+    is_complete: bool  # ended, every event of it was recorded, and the bag is not damaged
     index: int = 0  # running number of the mission in its world
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recording:
+    """What a bag holds, and what of it is not as it was written."""
+
+    missions: list[RecordedMission]  # in the order they were flown
+    damages: list[str]  # one line each
 
 
 @dataclass(kw_only=True)
 class _Parts:
     """What was found of one mission."""
 
-    start: Any  # the first Mission message
+    start: Any = None  # the first Mission message
     phases: set[int] = field(default_factory=set)
-    epochs: dict[int, Any] = field(default_factory=dict)  # by event
+    epochs: dict[int, Any] = field(default_factory=dict)  # by event, the first of each
+    contradicted: set[int] = field(default_factory=set)  # events told twice, otherwise
     n_radio_messages: int = 0
 
 
@@ -56,131 +66,142 @@ def read_missions(path: Path) -> list[RecordedMission]:
     """All missions of a bag, in the order they were flown; what was missed is left out of them.
 
     Args:
-        path: folder of the bag.
+        path: folder or file of the bag.
 
     Raises:
-        BagError: there is no bag, its recorder was cut off, or it holds no mission.
+        BagError: there is no bag, it is damaged, or it holds no mission.
     """
-    scenarios: dict[str, list[Any]] = {}  # Scenario messages by world
+    return _read(path, is_strict=True).missions
+
+
+def read_recording(path: Path) -> Recording:
+    """The same of a bag that may be damaged: what is whole of it, and what is not.
+
+    Raises:
+        BagError: there is no bag, or it holds no mission.
+    """
+    return _read(path, is_strict=False)
+
+
+def _read(path: Path, *, is_strict: bool) -> Recording:
+    with open_bag(path) as bag:
+        parts_of_missions = (_SCENARIO, _MISSION, _EPOCH, _DELIVERED)
+        reader = MessageReader(bag, lambda name: name.endswith(parts_of_missions))
+        if is_strict:
+            refuse_damages(bag, reader.problems)
+        scenarios, missions = _found_in(reader)
+        if is_strict:
+            refuse_damages(bag, reader.problems)
+    of_content = [*bag.damages, *reader.problems]
+    found = [parts for parts in missions.values() if parts.start is not None]
+    read: list[RecordedMission] = []
+    problems: list[str] = []
+    for parts in found:
+        try:
+            mission = _mission(parts, _site_of(parts, scenarios), problems)
+        except BagError as error:
+            problems.append(f'mission {_name(parts.start.mission_id)}: {error}')
+            continue
+        read.append(replace(mission, is_complete=False) if of_content else mission)
+    if is_strict and problems:
+        raise BagError(f'{path}: {problems[0]}')
+    if not read:
+        nothing = 'holds no mission, neither start nor end of one was recorded'
+        raise BagError(f'{path}: {next(iter([*of_content, *problems, *bag.remarks]), nothing)}')
+    lines = [f'{path}: {line}' for line in (*of_content, *problems, *bag.remarks)]
+    return Recording(missions=read, damages=lines)
+
+
+def _found_in(reader: MessageReader) -> tuple[dict[str, list[Any]], dict[str, _Parts]]:
+    """The Scenario messages by world, and what was found of missions by their ids."""
+    scenarios: dict[str, list[Any]] = {}
     missions: dict[str, _Parts] = {}
-    parts_of_missions = (_SCENARIO, _MISSION, _EPOCH, _DELIVERED)
-    for topic, message in messages(path, lambda name: name.endswith(parts_of_missions)):
+    for topic, message in reader.messages():
         if topic.endswith(_SCENARIO):
             scenarios.setdefault(message.world_instance, []).append(message)
             continue
-        parts = missions.setdefault(message.mission_id, _Parts(start=None))
+        parts = missions.setdefault(message.mission_id, _Parts())
         if topic.endswith(_MISSION):
             parts.start = parts.start or message
             parts.phases.add(int(message.phase))
         elif topic.endswith(_EPOCH):
-            parts.epochs[int(message.event)] = message
+            first = parts.epochs.setdefault(int(message.event), message)
+            if _said_in(first) != _said_in(message):
+                parts.contradicted.add(int(message.event))
         else:
             parts.n_radio_messages += 1
-    found = [parts for parts in missions.values() if parts.start is not None]
-    if not found:
-        raise BagError(f'{path}: holds no mission, neither start nor end of one was recorded')
-    flown = {_flown_of(parts) for parts in found}
-    sites = {
-        (world, wanted): _site_of(path, scenarios[world], wanted)
-        for world, wanted in flown
-        if world in scenarios
-    }
-    return [_mission(path, parts, sites) for parts in found]
+    return scenarios, missions
 
 
-def messages(
-    path: Path,
-    is_wanted: Callable[[str], bool],
-    is_accepted: Callable[[str, bytes], bool] | None = None,
-) -> Iterator[tuple[str, Any]]:
-    """Topic and content of the messages of some topics, as received, but bytes that are none.
-
-    Args:
-        path: folder of the bag.
-        is_wanted: of a topic, by its name.
-        is_accepted: of a serialized message on a topic; None: all are.
+def _site_of(parts: _Parts, scenarios: dict[str, list[Any]]) -> Site:
+    """The site of a mission's world, by the first of its Scenario messages that tells one.
 
     Raises:
-        BagError: there is no bag, or its recorder was cut off.
+        BagError: none does.
     """
-    with _reader(path) as reader:
-        wanted = [it for it in reader.connections if is_wanted(it.topic)]
-        for connection, _, content in reader.messages(wanted) if wanted else ():
-            if is_accepted is not None and not is_accepted(connection.topic, content):
-                continue
-            try:
-                message = reader.deserialize(content, connection.msgtype)
-            except AnyReaderError:
-                continue
-            yield connection.topic, message
-
-
-@contextmanager
-def _reader(path: Path) -> Iterator[AnyReader]:
-    if not path.exists():
-        raise BagError(f'{path}: no such bag')
-    if path.is_dir() and not (path / 'metadata.yaml').exists():
-        if any(path.glob('*.mcap*')):
-            raise BagError(f'{path}: its recorder was cut off; run: recorder --repair {path}')
-        raise BagError(f'{path}: not a bag, it has no metadata.yaml')
-    try:
-        with AnyReader([path]) as reader:
-            yield reader
-    except READER_ERRORS as error:
-        raise BagError(
-            f'{path}: cannot be read ({error}); try: recorder --repair {path}'
-        ) from error
-
-
-def _flown_of(parts: _Parts) -> tuple[str, str]:
-    """The world of a mission, and the fingerprint of the scenario that it had then."""
-    return parts.start.world_instance, parts.start.scenario_fingerprint
-
-
-def _site_of(path: Path, sent: list[Any], wanted: str) -> Site:
-    """The site of a world, by the first of its Scenario messages that tells one.
-
-    Args:
-        wanted: fingerprint of the scenario; a world may have had others.
-    """
+    sent = scenarios.get(parts.start.world_instance)
+    if sent is None:
+        raise BagError('its scenario was not recorded')
+    wanted = parts.start.scenario_fingerprint  # a world may have had others
     errors = []
     for message in [it for it in sent if it.fingerprint == wanted] or sent:
         try:
-            return recorded_site(path, message)
+            return recorded_site(message)
         except BagError as error:
             errors.append(error)
     raise errors[0]
 
 
-def recorded_site(path: Path, message: Any) -> Site:  # noqa: ANN401 - a message
+def recorded_site(message: Any) -> Site:  # noqa: ANN401 - a message
     """The site that a Scenario message in a bag tells.
 
     Raises:
         BagError: it is not valid here, or its sensors would be others.
     """
     try:
-        site = build_site(from_yaml(message.yaml))
+        site = _built_site(message.yaml)
     except ConfigError as error:
-        raise BagError(f'{path}: its scenario is not valid here: {error}') from error
-    recorded_m = np.column_stack([message.sensor_x_m, message.sensor_y_m])
-    if not np.array_equal(site.position_m, recorded_m):
-        raise BagError(f'{path}: its sensors are not those that this version draws')
+        raise BagError(f'its scenario is not valid here: {in_one_line(str(error))}') from error
+    x_m, y_m = np.asarray(message.sensor_x_m), np.asarray(message.sensor_y_m)
+    is_alike = x_m.shape == y_m.shape
+    if not is_alike or not np.array_equal(site.position_m, np.column_stack([x_m, y_m])):
+        raise BagError('its sensors are not those that this version draws')
     return site
 
 
-def _mission(path: Path, parts: _Parts, sites: dict[tuple[str, str], Site]) -> RecordedMission:
-    start, flown = parts.start, _flown_of(parts)
-    if flown not in sites:
-        raise BagError(f'{path}: the scenario of mission {start.mission_id} was not recorded')
-    epochs = [parts.epochs[event] for event in sorted(parts.epochs)]
+@lru_cache(maxsize=8)
+def _built_site(text: str) -> Site:
+    """The site of a scenario: the same for all missions of a world."""
+    return build_site(from_yaml(text))
+
+
+def _mission(parts: _Parts, site: Site, problems: list[str]) -> RecordedMission:
+    """A mission, as far as it was recorded.
+
+    Args:
+        problems: takes what of its events cannot be.
+
+    Raises:
+        BagError: it cannot be told.
+    """
+    start = parts.start
     try:
         header = header_from_line(start.log_header)
     except MissionLogError as error:
-        raise BagError(f'{path}: mission {start.mission_id}: {error}') from error
+        raise BagError(f'log_header: {error}') from error
+    area = site.scenario.area
+    here = site.scenario.n_uavs, area.cells_per_side, area.cell_size_m
+    if here != (len(header.uavs), header.cells_per_side, header.cell_size_m):
+        raise BagError('log_header: is of another scenario')
+    epochs = _usable_epochs(parts, header, problems)
     return RecordedMission(
-        log=MissionLog(header=header, events=_events(epochs), faults=faults_of(epochs)),
-        site=sites[flown],
-        demand_bit=np.array(start.demand_bit, dtype=np.float64),
+        log=MissionLog(
+            header=header,
+            events=np.array([row_of(epoch) for epoch in epochs], dtype=EVENT_DTYPE),
+            faults=faults_of(epochs),
+        ),
+        site=site,
+        demand_bit=_demand_of(start, site),
         n_radio_messages=parts.n_radio_messages,
         index=int(start.index),
         is_complete=ENDED in parts.phases
@@ -190,20 +211,59 @@ def _mission(path: Path, parts: _Parts, sites: dict[tuple[str, str], Site]) -> R
     )
 
 
-def _events(epochs: list[Any]) -> Events:
-    events = np.zeros(len(epochs), dtype=EVENT_DTYPE)
-    for place, epoch in enumerate(epochs):
-        events[place] = event_of(epoch)
-    return events
+def _usable_epochs(parts: _Parts, header: MissionHeader, problems: list[str]) -> list[Any]:
+    """The Epoch messages of a mission in order, but those that cannot be or contradict others."""
+    model = header.event_model()
+    usable = []
+    for event, epoch in sorted(parts.epochs.items()):
+        problem = 'is told twice, otherwise' if event in parts.contradicted else None
+        if (problem := problem or _problem_of(epoch, model)) is None:
+            usable.append(epoch)
+        else:
+            mission = _name(parts.start.mission_id)
+            problems.append(f'mission {mission}: event {event}, left out: {problem}')
+    return usable
 
 
-def event_of(epoch: Any) -> np.void:  # noqa: ANN401 - a message
-    """The event of the mission log that an Epoch message is about."""
-    [event] = np.zeros(1, dtype=EVENT_DTYPE)
-    for name in EVENT_DTYPE.names or ():
-        value = getattr(epoch, name)
-        event[name] = _bits(value) if name == 'heard' else value
-    return event
+def _problem_of(epoch: Any, model: EventModel) -> str | None:  # noqa: ANN401 - a message
+    """What an Epoch message says that cannot be; None if all can."""
+    try:
+        model.heard_bits([int(uav) for uav in epoch.heard])
+        problem = model.problem(row_of(epoch))
+        if problem is None and hasattr(epoch, 'fault'):
+            faults = zip(epoch.fault, epoch.fault_uav, epoch.fault_s, strict=True)
+            for kind, uav, begin_s in faults:
+                values = {
+                    'event': int(epoch.event),
+                    'time_s': float(begin_s),
+                    'uav': int(uav),
+                    'fault': FAULT_KINDS[kind] if kind < len(FAULT_KINDS) else int(kind),
+                }
+                problem = problem or fault_problem(values, model.n_uavs)
+    except ValueError as error:
+        return in_one_line(str(error))
+    return problem
+
+
+def _demand_of(start: Any, site: Site) -> Floats:  # noqa: ANN401 - a message
+    demand_bit = np.array(start.demand_bit, dtype=np.float64)
+    if demand_bit.shape != (site.n_sensors,):
+        sizes = f'has {demand_bit.size} values: must have {site.n_sensors}, one of each sensor'
+        raise BagError(f'demand_bit {sizes}')
+    if not (np.isfinite(demand_bit) & (demand_bit >= 0.0)).all():
+        raise BagError('demand_bit has a value that is no number from 0')
+    return demand_bit
+
+
+def row_of(epoch: Any) -> tuple[Any, ...]:  # noqa: ANN401 - a message
+    """The event of the mission log that an Epoch message is about, by EVENT_DTYPE.
+
+    Raises:
+        ValueError: it names a UAV that cannot be.
+    """
+    values = {name: getattr(epoch, name) for name in EVENT_NAMES}
+    values['heard'] = _bits(values['heard'])
+    return tuple(values.values())
 
 
 def faults_of(epochs: Iterable[Any]) -> tuple[FaultRecord, ...]:
@@ -221,3 +281,14 @@ def faults_of(epochs: Iterable[Any]) -> tuple[FaultRecord, ...]:
 def _bits(uavs: Any) -> int:  # noqa: ANN401 - an array of ids
     """Ids from 1 as the bits of one number."""
     return sum(1 << (int(uav) - 1) for uav in uavs)
+
+
+def _said_in(epoch: Any) -> tuple[Any, ...]:  # noqa: ANN401 - a message
+    """What an Epoch message says of its event."""
+    names = (*EVENT_NAMES, 'terminal', 'fault', 'fault_uav', 'fault_s')
+    values = (getattr(epoch, name, None) for name in names)
+    return tuple(it.tobytes() if isinstance(it, np.ndarray) else it for it in values)
+
+
+def _name(mission_id: str) -> str:
+    return in_one_line(mission_id, _MOST_CHARACTERS)

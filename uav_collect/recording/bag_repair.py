@@ -1,46 +1,38 @@
-"""Makes a recording readable again whose recorder was killed or ran out of disk space.
+"""Makes a recording readable again whose recorder was killed, or whose file is damaged.
 
-The file of such a recording ends in the middle of a chunk and has no index. All whole chunks are
-streamed into a new file that takes its place; the broken one is kept beside it. Every step can
-itself be interrupted and repeated.
+The file of such a recording ends in the middle of a chunk and has no index, or some of its chunks
+are not as they were written. All that is whole goes into a new file that takes its place; the
+broken one is kept beside it. A repair that fails leaves all as it was, one that was killed can be
+repeated.
 """
 
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 import fcntl
-import os
 from pathlib import Path
 import shutil
-import struct
-from typing import BinaryIO
+from tempfile import TemporaryDirectory
 
-from mcap.exceptions import McapError
-from mcap.records import Channel, Message, Schema
-from mcap.stream_reader import StreamReader
-from mcap.writer import MCAP0_MAGIC
-from rosbags.highlevel import AnyReader
-from rosbags.interfaces import Connection
-from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.interfaces import Connection, Qos
+from rosbags.rosbag2 import ReaderError, StoragePlugin, Writer, WriterError
 from rosbags.rosbag2.metadata import parse_qos
-from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 from rosbags.typesys.store import Typestore
+from uav_collect import files
 from uav_collect.errors import BagError
-from uav_collect.recording.bag_checksums import BagChecksums, READER_ERRORS
+from uav_collect.recording.bag_checksums import BagChecksums
+from uav_collect.recording.bag_messages import DEFINITION_ERRORS, types_of
+from uav_collect.recording.bag_storage import Bag, open_bag, RecordedTopic
 from uav_collect.recording.bag_writer import compress_chunks, RESERVE
 from uav_collect.recording.log_times import StampReader
 from uav_collect.recording.message_heads import FieldKind
-from zstandard import ZstdError
+from uav_collect.recording.mission_folder import METADATA_FILE
 
-# What reading raises where a file ends or is damaged. Lengths that make no sense are memory errors
-# and overflows, wrong checksums and broken text are ValueErrors; RuntimeError is from lz4.
-_DAMAGE = (
-    *(KeyError, McapError, MemoryError, OverflowError, RuntimeError, struct.error, ValueError),
-    ZstdError,
-)
 _CLOCK = 'rosgraph_msgs/msg/Clock'
 _OWN_TYPES = 'uav_collect_msgs/'
 _BROKEN = '.broken'
-_WORK = 'repairing'
+_WORK = '.repairing-'  # what the folder of a repair begins with
+_LEFT_OUT = 'left out by repair'  # key of a remark
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,160 +42,161 @@ class Repair:
     n_messages: int
     last_sim_time_s: float | None  # latest simulated time in it, None without any
     broken_file: Path | None  # where the broken file is kept; None if the bag was whole
-    n_cut_byte: int  # at the end of the broken file, in no whole chunk
+    left_out: tuple[str, ...]  # what was damaged, one line each
 
 
-class _MessageCount:
-    """Counts messages and finds the latest simulated time among them."""
+class _Clock:
+    """Finds the latest simulated time among messages."""
 
-    def __init__(self, types: Typestore) -> None:
-        self.n_messages = 0
-        self.last_sim_time_s: float | None = None
-        self._types = types
-        self._stamps: dict[str, StampReader] = {}  # by type
+    def __init__(self) -> None:
+        self.last_s: float | None = None
+        self._stamps: dict[RecordedTopic, StampReader | None] = {}
 
-    def take(self, type_name: str, content: bytes) -> None:
-        self.n_messages += 1
-        if not _tells_time(type_name):
-            return
-        if type_name not in self._stamps:
-            self._stamps[type_name] = StampReader(type_name, self._fields)
-        stamp_ns = self._stamps[type_name].read_ns(content)
+    def take(self, topic: RecordedTopic, content: bytes) -> None:
+        if topic not in self._stamps:
+            self._stamps[topic] = _stamp_reader(topic)
+        reader = self._stamps[topic]
+        stamp_ns = None if reader is None else reader.read_ns(content)
         if stamp_ns is not None:
-            self.last_sim_time_s = max(stamp_ns / 1e9, self.last_sim_time_s or 0.0)
-
-    def _fields(self, type_name: str) -> Sequence[tuple[str, FieldKind]]:
-        _, fields = self._types.fielddefs[type_name]
-        return fields
+            self.last_s = max(stamp_ns / 1e9, self.last_s or 0.0)
 
 
 def repair(bag: Path) -> Repair:
-    """Make a bag readable; a bag that is readable already is left alone.
+    """Make a bag readable; a bag that is whole already is left alone.
 
     Args:
         bag: folder of the bag, or the .mcap file in it.
 
     Raises:
         BagError: there is no bag, it is still being written, or it is not of this kind.
-        OSError: the new file cannot be written.
+        OSError: the new file cannot be written; all is as it was before.
     """
     folder = bag.parent if bag.is_file() else bag
-    if (whole := _look_at(folder)) is not None:
-        return whole
-    source = _broken_file(folder)
-    shutil.rmtree(folder / _WORK, ignore_errors=True)
-    work = folder / _WORK / source.name.removesuffix(_BROKEN).removesuffix('.mcap')
-    with source.open('rb') as file:
-        torn = _TornFile(file, folder)
-        work.parent.mkdir()
-        count = _copy(torn, work)
-        n_cut_byte = source.stat().st_size - torn.good_end
+    source = _source(folder)
+    with _unlocked(source):
+        clock = _Clock()
+        with open_bag(source if source.name.endswith(_BROKEN) else folder) as opened:
+            if _is_whole(opened, folder):
+                for topic, _, content in opened.messages(_tells_time):
+                    clock.take(topic, content)
+                return Repair(
+                    n_messages=opened.n_messages,
+                    last_sim_time_s=clock.last_s,
+                    broken_file=None,
+                    left_out=(),
+                )
+            for leftover in folder.glob(f'{_WORK}*'):  # of a repair that was killed
+                shutil.rmtree(leftover, ignore_errors=True)
+            with TemporaryDirectory(prefix=_WORK, dir=folder) as work:
+                name = source.name.removesuffix(_BROKEN).removesuffix('.mcap')
+                left_out = [*opened.damages]
+                n_messages = _copy(opened, Path(work) / name, clock, left_out)
+                kept = _swap(source, Path(work) / name)
     return Repair(
-        n_messages=count.n_messages,
-        last_sim_time_s=count.last_sim_time_s,
-        broken_file=_swap(source, work),
-        n_cut_byte=n_cut_byte,
+        n_messages=n_messages,
+        last_sim_time_s=clock.last_s,
+        broken_file=kept,
+        left_out=tuple(left_out),
     )
 
 
-class _TornFile:
-    """The messages of an MCAP file that may end anywhere."""
+def _source(folder: Path) -> Path:
+    """The file to read: what a repair that was killed has put aside, or the bag's only one."""
+    if not folder.is_dir():
+        what = 'is no folder with a bag' if folder.exists() else 'no such bag'
+        raise BagError(f'{folder}: {what}')
+    found = sorted(folder.glob('*.mcap')) or sorted(folder.glob(f'*.mcap{_BROKEN}'))
+    if len(found) == 1:
+        return found[0]
+    raise BagError(f'{folder}: must hold one .mcap file to repair, holds {len(found)}')
 
-    def __init__(self, file: BinaryIO, folder: Path) -> None:
+
+@contextmanager
+def _unlocked(source: Path) -> Iterator[None]:
+    """Keep recorders from a file, unless one has it."""
+    with files.open_file(source) as (file, _):
         try:
             fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
         except BlockingIOError:
+            folder = source.parent
             raise BagError(f'{folder}: is still being recorded, stop the recorder first') from None
         except OSError:
             pass  # a file system without locks cannot tell
-        if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
-            raise BagError(f'{folder}: {Path(file.name).name} is not an MCAP file')
-        self.good_end = file.tell()  # behind the last whole record
-        self._file = file
-
-    def messages(self) -> Iterator[tuple[Schema, Channel, Message]]:
-        """All messages of whole chunks, up to the first damage."""
-        schemas: dict[int, Schema] = {}
-        channels: dict[int, Channel] = {}
-        size = os.fstat(self._file.fileno()).st_size
-        reader = StreamReader(
-            self._file, skip_magic=True, validate_crcs=True, record_size_limit=size
-        )
-        try:
-            for record in reader.records:
-                match record:
-                    case Schema():
-                        schemas[record.id] = record
-                    case Channel():
-                        channels[record.id] = record
-                    case Message():
-                        channel = channels[record.channel_id]
-                        yield schemas[channel.schema_id], channel, record
-                self.good_end = self._file.tell()
-            self.good_end = size
-        except _DAMAGE:
-            return
+        yield
 
 
-def _look_at(folder: Path) -> Repair | None:
-    """What a readable bag holds; None if it cannot be read."""
-    try:
-        with AnyReader([folder]) as reader:
-            count = _MessageCount(reader.typestore)
-            n_messages = reader.message_count
-            timed = [c for c in reader.connections if _tells_time(c.msgtype)]
-            for connection, _, content in reader.messages(timed) if timed else ():
-                count.take(connection.msgtype, content)
-    except READER_ERRORS:
-        return None
-    return Repair(
-        n_messages=n_messages,
-        last_sim_time_s=count.last_sim_time_s,
-        broken_file=None,
-        n_cut_byte=0,
-    )
+def _is_whole(bag: Bag, folder: Path) -> bool:
+    return (folder / METADATA_FILE).is_file() and not (bag.damages or bag.remarks)
 
 
-def _broken_file(folder: Path) -> Path:
-    """The file to read: what an interrupted repair has put aside, or the bag's only one."""
-    files = sorted(folder.glob('*.mcap')) or sorted(folder.glob(f'*.mcap{_BROKEN}'))
-    if len(files) == 1:
-        return files[0]
-    if not folder.is_dir():
-        raise BagError(f'{folder}: no such bag')
-    raise BagError(f'{folder}: must hold one .mcap file to repair, holds {len(files)}')
+def _copy(bag: Bag, folder: Path, clock: _Clock, left_out: list[str]) -> int:
+    """Write all that is whole of a bag to a new one; the number of messages.
 
-
-def _copy(torn: _TornFile, bag: Path) -> _MessageCount:
-    """Write all messages to a new bag."""
-    types = get_typestore(Stores.EMPTY)
-    count = _MessageCount(types)
-    topics: dict[int, Connection] = {}  # by channel
-    new = Writer(bag, version=9, storage_plugin=StoragePlugin.MCAP)
+    Args:
+        left_out: takes what has no place in the new one.
+    """
+    n_messages = 0
+    new = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
     compress_chunks(new)
     with new as writer:
         checksums = BagChecksums(writer.storage)
-        for schema, channel, message in torn.messages():
-            if channel.id not in topics:
-                definition = schema.data.decode()
-                types.register(get_types_from_msg(definition, schema.name))
-                topics[channel.id] = writer.add_connection(
-                    channel.topic,
-                    schema.name,
-                    msgdef=definition,
-                    rihs01=types.hash_rihs01(schema.name),
-                    offered_qos_profiles=parse_qos(
-                        channel.metadata.get('offered_qos_profiles', '')
-                    ),
-                )
-            writer.write(topics[channel.id], message.log_time, message.data)
-            count.take(schema.name, message.data)
+        topics: dict[RecordedTopic, Connection] = {}
+        for topic in dict.fromkeys(bag.topics):
+            try:
+                topics[topic] = _added(writer, topic)
+            except (*DEFINITION_ERRORS, WriterError) as error:
+                why = ' '.join(str(error).split())[:200]
+                left_out.append(f'topic {topic.name}: {why}')
+        for topic, log_ns, content in bag.messages(topics.__contains__):
+            writer.write(topics[topic], log_ns, content)
+            clock.take(topic, content)
+            n_messages += 1
+        for key, value in bag.custom_data.items():
+            writer.set_custom_data(key, value)
+        if left_out:
+            writer.set_custom_data(_LEFT_OUT, '; '.join(left_out))
     checksums.finish()
-    return count
+    return n_messages
 
 
-def _tells_time(type_name: str) -> bool:
-    return type_name == _CLOCK or type_name.startswith(_OWN_TYPES)
+def _added(writer: Writer, topic: RecordedTopic) -> Connection:
+    types = types_of(topic)
+    return writer.add_connection(
+        topic.name,
+        topic.type_name,
+        typestore=types,
+        msgdef=topic.definition,
+        rihs01=types.hash_rihs01(topic.type_name),
+        serialization_format=topic.serialization,
+        offered_qos_profiles=_qos_of(topic),
+    )
+
+
+def _qos_of(topic: RecordedTopic) -> list[Qos]:
+    """The QoS that its publishers offered; none where the bag's words for it make no sense."""
+    with suppress(ReaderError, KeyError, TypeError, ValueError):
+        return parse_qos(topic.qos)
+    return []
+
+
+def _tells_time(topic: RecordedTopic) -> bool:
+    return topic.type_name == _CLOCK or topic.type_name.startswith(_OWN_TYPES)
+
+
+def _stamp_reader(topic: RecordedTopic) -> StampReader | None:
+    """What reads the stamps of a topic's messages; None if they have none in simulated time."""
+    if not _tells_time(topic):
+        return None
+    try:
+        types: Typestore = types_of(topic)
+    except DEFINITION_ERRORS:
+        return None
+
+    def fields_of(type_name: str) -> Sequence[tuple[str, FieldKind]]:
+        _, fields = types.fielddefs[type_name]
+        return fields
+
+    return StampReader(topic.type_name, fields_of)
 
 
 def _swap(source: Path, work: Path) -> Path:
@@ -211,10 +204,15 @@ def _swap(source: Path, work: Path) -> Path:
     folder = source.parent
     target = folder / f'{work.name}.mcap'
     kept = folder / f'{target.name}{_BROKEN}'
-    if not kept.exists():
+    is_moved = not kept.exists()
+    if is_moved:
         source.replace(kept)
-    (work / target.name).replace(target)
-    (work / 'metadata.yaml').replace(folder / 'metadata.yaml')
+    try:
+        (work / target.name).replace(target)
+        (work / METADATA_FILE).replace(folder / METADATA_FILE)
+    except BaseException:
+        if is_moved:
+            kept.replace(target)
+        raise
     (folder / RESERVE).unlink(missing_ok=True)
-    shutil.rmtree(folder / _WORK)
     return kept

@@ -9,6 +9,8 @@ from uav_collect.recording.mission_log import Events, FaultRecord, LogWriter, Mi
 from uav_collect.recording.origin import ORIGIN_FILE, origin_text
 
 SCENARIO_FILE = 'scenario.yaml'  # resolved
+METADATA_FILE = 'metadata.yaml'  # of a bag
+BAG_SUFFIXES = ('.mcap', '.db3', '.mcap.zstd', '.db3.zstd')
 
 
 def log_name(mission_seed: int, index: int | None = None) -> str:
@@ -24,6 +26,18 @@ def log_name(mission_seed: int, index: int | None = None) -> str:
 def take_log(logs: dict[str, Path], mission_seed: int, index: int) -> Path | None:
     """Take the log of a mission out of those of a folder, by name; None if it is not there."""
     return logs.pop(log_name(mission_seed, index), None) or logs.pop(log_name(mission_seed), None)
+
+
+def bag_files(folder: Path) -> list[Path]:
+    """The files of a folder that hold messages of a bag."""
+    return sorted(each for each in folder.iterdir() if each.name.endswith(BAG_SUFFIXES))
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a path is meant to be a bag: its folder or its file, be it readable or not."""
+    if path.is_dir():
+        return (path / METADATA_FILE).is_file() or bool(bag_files(path))
+    return path.name.endswith((*BAG_SUFFIXES, '.bag'))
 
 
 def scenario_file(folder: Path, scenario_fingerprint: str) -> Path:

@@ -3,11 +3,12 @@
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from pathlib import Path
 import re
 from typing import Any, NamedTuple
 
-from uav_collect.recording.bag_reader import messages
+from uav_collect.errors import BagError
+from uav_collect.recording.bag_messages import MessageReader
+from uav_collect.recording.bag_storage import Bag
 
 _N_POLICIES = 64  # published ones kept; a mission may begin with one that is no longer the latest
 _N_LATE = 2  # missions of a world that must have begun before the one before them has all messages
@@ -58,13 +59,10 @@ class MissionMessages:
 class MissionReader:
     """Reads a bag once; what missions have in common stays, each mission is given away."""
 
-    def __init__(self, path: Path) -> None:
-        """Read nothing yet.
-
-        Args:
-            path: folder of the bag, or its file.
-        """
-        self._path = path
+    def __init__(self, bag: Bag) -> None:
+        """Read nothing yet but what types the messages have."""
+        self._reader = MessageReader(bag, lambda name: bool(_TOPIC.fullmatch(name)))
+        self.problems = self._reader.problems  # topics that cannot be read; one line each
         self._open: dict[str, MissionMessages] = {}  # by mission, in the order that they came
         self.scenarios: dict[str, list[Any]] = {}  # Scenario messages by world instance
         self.policies: deque[Any] = deque(maxlen=_N_POLICIES)  # Policy messages, the latest last
@@ -73,9 +71,9 @@ class MissionReader:
         """The missions in the order they began, each once all of it should have come.
 
         Raises:
-            BagError: there is no bag, or it cannot be read.
+            BagError: its messages are those of another version.
         """
-        for topic, message in messages(self._path, lambda name: bool(_TOPIC.fullmatch(name))):
+        for topic, message in self._reader.messages():
             match = _TOPIC.fullmatch(topic)
             if match is None:
                 continue
@@ -98,7 +96,10 @@ class MissionReader:
         if kind == 'mission':
             mission.phases.setdefault(int(message.phase), message)
             return
-        place = MessagePlace(kind, uav, int(getattr(message, _NUMBERED_BY[kind])))
+        number = getattr(message, _NUMBERED_BY[kind], None)
+        if not isinstance(number, int):
+            raise BagError(f'{kind} without {_NUMBERED_BY[kind]}: another version has recorded it')
+        place = MessagePlace(kind, uav, number)
         mission.placed.setdefault(place, []).append(message)
 
     def _whole(self, latest_id: str) -> Iterator[MissionMessages]:

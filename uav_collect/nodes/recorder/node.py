@@ -346,7 +346,8 @@ def _repair(bag: Path) -> int:
         sys.stderr.write(f'error: {error}\n')
         return MISUSED
     except OSError as error:
-        sys.stderr.write(f'error: {bag}: cannot be repaired: {error}\n')
+        why = error.strerror or error
+        sys.stderr.write(f'error: {bag}: cannot be repaired, nothing was changed: {why}\n')
         return FAILED
     time_s = done.last_sim_time_s
     until = '' if time_s is None else f' up to {time_s:.3f} s of simulated time'
@@ -354,9 +355,9 @@ def _repair(bag: Path) -> int:
     if done.broken_file is None:
         sys.stdout.write('nothing to repair\n')
     else:
-        sys.stdout.write(
-            f'left out {done.n_cut_byte} bytes of a broken chunk; kept {done.broken_file}\n'
-        )
+        for damage in done.left_out:
+            sys.stdout.write(f'left out: {damage}\n')
+        sys.stdout.write(f'kept {done.broken_file}\n')
     return 0
 
 

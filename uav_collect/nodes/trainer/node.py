@@ -47,7 +47,7 @@ from uav_collect.nodes.trainer.settings import (
     TrainerSettings,
 )
 from uav_collect.nodes.trainer.vouching import MissionVouching
-from uav_collect.recording.bag_reader import messages
+from uav_collect.recording.bag_messages import messages
 from uav_collect.scenario.site import build_site
 from uav_collect.training.display import progress_display
 from uav_collect.uav.briefing import brief
@@ -298,7 +298,9 @@ def _converted(bag: Path, convert: Callable[[Any], FleetReport], msg: Any) -> Fl
     """
     try:
         return convert(msg)
-    except AttributeError as error:
+    except RefusedError:
+        raise
+    except (AttributeError, OverflowError, TypeError, ValueError) as error:
         raise BagError(f'{bag}: was recorded by another version: {error}') from error
 
 
