@@ -114,6 +114,37 @@ def test_a_uav_goes_home_for_its_reserve_only_when_nothing_else_is_affordable() 
             assert spare_j[-1] < 2 * moves_j[unit]
 
 
+@pytest.mark.parametrize(
+    ('values', 'problem'),
+    [
+        (
+            {'fleet.default.energy_budget_kj': 1e6, 'fleet.default.speed_mps': 100.0,
+             'area.cell_size_m': 0.1},
+            'scenario paper_10x10: fleet.uavs.0.energy_budget_kj is 1e+06: must be less, as it is '
+            'enough for ',
+        ),
+        (
+            {'fleet.default.energy_budget_kj': 1e6, 'radio.beacon_period_s': 0.1},
+            'scenario paper_10x10: radio.beacon_period_s is 0.1: must be more, as UAV 1, which ',
+        ),
+    ],
+)  # fmt: skip
+def test_a_mission_that_would_not_end_is_refused(values: dict[str, object], problem: str) -> None:
+    uavs = [{}] if 'fleet.default.speed_mps' in values else [{'speed_mps': 5.0}]
+    site = build_site(load('paper_10x10', {**values, 'fleet.uavs': uavs}))
+    with pytest.raises(ConfigError) as caught:
+        fly(site, [0], 'hert')
+    assert str(caught.value).startswith(problem)
+    assert str(caught.value).endswith(', at most 10,000,000')
+
+
+def test_a_large_fleet_that_cannot_start_is_still_one_short_line() -> None:
+    fleet = {'fleet.uavs': [{'speed_mps': 5.0}] * 64, 'fleet.default.energy_budget_kj': 1.5}
+    with pytest.raises(ConfigError, match=r'UAV 2 has .*; 62 more UAVs$') as caught:
+        fly(build_site(load('paper_10x10', fleet)), [0], 'hert')
+    assert len(str(caught.value)) < 400
+
+
 @pytest.mark.parametrize('policy', POLICIES)
 def test_a_mission_that_cannot_start_says_why(policy: str) -> None:
     scenario = load('paper_10x10', {'fleet.default.energy_budget_kj': 1.5})

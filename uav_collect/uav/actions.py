@@ -1,5 +1,6 @@
 """The actions of a UAV: what they are, what they cost, which are legal, and who may take off."""
 
+from collections.abc import Sequence
 import math
 
 from uav_collect.errors import ConfigError
@@ -16,6 +17,11 @@ from uav_collect.uav.action_codes import (
     ROW_STEP,
 )
 from uav_collect.uav.briefing import Briefing
+
+# Of a UAV: a mission of more would not end in a day, were it flown as fast as can be.
+_MAX_MOVES = 10_000_000
+_MAX_BEACONS = 10_000_000
+_MAX_NAMED = 2  # UAVs in one line
 
 
 @kernel
@@ -138,19 +144,51 @@ def mark_legal(
 
 
 def check_can_start(scenario: Scenario, briefing: Briefing) -> None:
-    """Raise ConfigError unless every UAV can land with its margin and one of them can do more."""
+    """Refuse a fleet that has too little energy to do anything, or so much that it never lands.
+
+    Raises:
+        ConfigError: a UAV cannot land with its margin, none of them can do more, or one could fly
+            so long that the mission would not end.
+    """
     uavs = range(briefing.n_uavs)
     stranded = [uav for uav in uavs if briefing.energy_budget_j[uav] < _to_land_j(briefing, uav)]
     if stranded:
-        needs = '; '.join(_start_needs(briefing, uav) for uav in stranded)
+        needs = _needs(briefing, stranded)
         raise ConfigError(f'scenario {scenario.name}: too little energy for the way home: {needs}')
+    for uav in uavs:
+        _check_length(scenario, briefing, uav)
     # In an area of one cell there is nowhere to move to; a UAV hovers there, or lands.
     if briefing.cells_per_side == 1 or any(_can_move(briefing, uav) for uav in uavs):
         return
-    needs = '; '.join(_start_needs(briefing, uav) for uav in uavs)
+    needs = _needs(briefing, uavs)
     raise ConfigError(
         f'scenario {scenario.name}: no UAV has the energy for a single move: {needs}'
     )
+
+
+def _check_length(scenario: Scenario, briefing: Briefing, uav: int) -> None:
+    least_w = min(briefing.flight_power_w[uav], briefing.hover_power_w[uav])
+    aloft_s = briefing.energy_budget_j[uav] / least_w
+    n_moves = aloft_s / move_duration_s(briefing, uav)
+    if n_moves > _MAX_MOVES:
+        raise ConfigError(
+            f'scenario {scenario.name}: fleet.uavs.{uav}.energy_budget_kj is '
+            f'{briefing.energy_budget_j[uav] / 1e3:g}: must be less, as it is enough for '
+            f'{n_moves:,.0f} moves, at most {_MAX_MOVES:,}'
+        )
+    period_s = scenario.radio.beacon_period_s
+    if period_s is not None and aloft_s / period_s > _MAX_BEACONS:
+        raise ConfigError(
+            f'scenario {scenario.name}: radio.beacon_period_s is {period_s:g}: must be more, as '
+            f'UAV {uav + 1}, which may fly for {aloft_s:,.0f} s, would send '
+            f'{aloft_s / period_s:,.0f} beacons, at most {_MAX_BEACONS:,}'
+        )
+
+
+def _needs(briefing: Briefing, uavs: Sequence[int]) -> str:
+    needs = [_start_needs(briefing, uav) for uav in uavs[:_MAX_NAMED]]
+    n_more = len(uavs) - len(needs)
+    return '; '.join([*needs, f'{n_more} more UAVs'] if n_more else needs)
 
 
 def _to_land_j(briefing: Briefing, uav: int) -> float:
