@@ -62,6 +62,12 @@ class ConfigError(UavCollectError, ValueError):
         more = [f'... and {left_out} more problems'] if left_out > 0 else []
         return '\n'.join([*self.problems[:_MAX_LINES], *more])
 
+    @property
+    def summary(self) -> str:
+        """The first problem, and the number of the others."""
+        n_more = len(self.problems) - 1
+        return self.problems[0] + (f'; and {n_more} more problems' if n_more else '')
+
 
 class PolicyMismatchError(UavCollectError, ValueError):
     """A policy that does not exist or does not fit: which, and what would."""

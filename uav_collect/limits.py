@@ -32,14 +32,6 @@ def is_name(text: str) -> bool:
     return _NAME.fullmatch(text) is not None
 
 
-def shown_name(text: str) -> str:
-    """A name as it is printed: on one line, not too long, however it came here."""
-    if not text.isprintable():
-        text = text.encode('unicode_escape', 'surrogatepass').decode('ascii')
-    half = (MAX_NAME - 3) // 2
-    return text if len(text) <= MAX_NAME else f'{text[:half]}...{text[-half:]}'
-
-
 def stop_signals() -> tuple[signal.Signals, ...]:
     """The signals by which this process is asked to end, and to keep what it has.
 

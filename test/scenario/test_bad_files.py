@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from uav_collect.config import layers
 from uav_collect.errors import ConfigError
-from uav_collect.scenario.load import from_yaml, load
+from uav_collect.scenario.load import from_file, from_yaml, load
 
 NO_FILE = 'cannot be read: is a pipe or a device: must be a file'
 TOO_LARGE = 'cannot be read: has 50,000,000 bytes: must have at most 4,194,304'
@@ -81,6 +81,22 @@ def test_sensors_are_read_as_carefully(make: Callable[[Path], None], problem: st
     no_file = "site.yaml:2: sensors.file is 'bad.csv': must be a CSV file, but there is no bad.csv"
     wanted = no_file if make is Path.mkdir else f'bad.csv{problem}'
     assert problems_of('site.yaml') == (wanted,)
+
+
+@pytest.mark.parametrize(('make', 'problem'), BAD_FILES.values(), ids=BAD_FILES)
+def test_a_scenario_that_a_mission_kept_is_read_as_carefully(
+    make: Callable[[Path], None], problem: str
+) -> None:
+    make(Path('kept.yaml'))
+    with pytest.raises(ConfigError) as caught:
+        from_file(Path('kept.yaml'))
+    assert caught.value.problems == (f'kept.yaml{problem}',)
+
+
+def test_a_scenario_that_a_mission_kept_reads_the_same() -> None:
+    scenario = load('rough_10x10')
+    Path('kept.yaml').write_text(scenario.to_yaml())
+    assert from_file(Path('kept.yaml')) == scenario
 
 
 def test_a_link_to_itself_is_one_line() -> None:

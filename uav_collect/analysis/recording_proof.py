@@ -30,7 +30,7 @@ from uav_collect.recording.origin import (
     read_origin,
     read_versions,
 )
-from uav_collect.scenario.load import fingerprint, from_yaml, load, scenario_names
+from uav_collect.scenario.load import fingerprint, from_file, load, scenario_names
 from uav_collect.scenario.site import build_site, Site
 from uav_collect.uav.policy_file import SUFFIX as POLICY_SUFFIX
 
@@ -132,10 +132,7 @@ def _site_of(account: Account, folder: Path) -> Site:
     wanted = account.header.scenario_fingerprint if account.header is not None else ''
     file = scenario_file(folder, wanted)
     if file.is_file():
-        try:
-            return build_site(from_yaml(file.read_text(encoding='utf-8')))
-        except UnicodeDecodeError as error:
-            raise ConfigError(f'{file.name}: {error}') from error
+        return build_site(from_file(file))
     name = account.header.scenario if account.header is not None else None
     if name not in scenario_names():
         raise ConfigError(f'scenario {name} is not here: give it with --scenario')

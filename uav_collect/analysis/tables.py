@@ -17,7 +17,8 @@ from uav_collect.analysis.metrics import (
 )
 from uav_collect.analysis.plan_shares import efficiency_share, time_share
 from uav_collect.analysis.statistics import CONFIDENCE_LEVEL, Estimate, MEASURES
-from uav_collect.limits import shown_name
+from uav_collect.errors import in_one_line
+from uav_collect.limits import MAX_NAME
 from uav_collect.planning.bound import Bound, Plan
 from uav_collect.recording.mission_log import MissionHeader
 
@@ -58,10 +59,10 @@ def mission_tables(
         n_radio_messages: delivered between UAVs; None where only the log is known.
         bound: the mission's; None where it is not known.
     """
-    policies = ', '.join(dict.fromkeys(shown_name(uav.policy) for uav in header.uavs))
+    policies = ', '.join(dict.fromkeys(in_one_line(uav.policy, MAX_NAME) for uav in header.uavs))
     allocators = ', '.join(dict.fromkeys(uav.allocator for uav in header.uavs))
     title = headline(
-        f'{shown_name(header.scenario)}, mission seed {header.mission_seed}',
+        f'{in_one_line(header.scenario, MAX_NAME)}, mission seed {header.mission_seed}',
         f': {policies}, {allocators} bandwidth',
     )
     return Group(
@@ -181,7 +182,7 @@ def comparison_table(
         table.add_column(heading, justify='right', no_wrap=True)
     for policy, mission in missions.items():
         table.add_row(
-            Text(shown_name(policy)),
+            Text(in_one_line(policy, MAX_NAME)),
             percent(mission.collected_share),
             f'{mission.energy_kj:.2f}',
             f'{mission.completion_s:.1f}' if mission.is_finished else '-',
@@ -229,7 +230,9 @@ def difference_table(first: str, rows: Mapping[str, Sequence[Estimate]]) -> Rend
         rows: one estimate for each of MEASURES, by the policy that was taken away.
     """
     table = _estimate_table('measure', 'minus', _by_measure(rows), is_split=len(rows) > 1)
-    title = Text(f'{shown_name(first)} minus each other policy, mission by mission', style='bold')
+    title = Text(
+        f'{in_one_line(first, MAX_NAME)} minus each other policy, mission by mission', style='bold'
+    )
     return Group(title, table)
 
 
@@ -246,7 +249,7 @@ def number_text(value: float) -> str:
 
 
 def _remarks(policy: str, missions: Sequence[MissionMetrics]) -> list[Text]:
-    policy = shown_name(policy)
+    policy = in_one_line(policy, MAX_NAME)
     n_decisions = sum(mission.n_decisions for mission in missions) / len(missions)
     lines = [Text(f'{policy}: {n_decisions:.1f} decisions per mission', style='dim')]
     circled = [mission for mission in missions if mission.n_guarded]
@@ -309,7 +312,7 @@ def share_table(rows: Mapping[str, tuple[int, Mapping[str, Estimate]]]) -> Rende
     ]
     table = _estimate_table('% of the clairvoyant plan', 'policy', groups, is_split=len(rows) > 1)
     counts = ', '.join(
-        f'{shown_name(policy)} {n_missions}' for policy, (n_missions, _) in rows.items()
+        f'{in_one_line(policy, MAX_NAME)} {n_missions}' for policy, (n_missions, _) in rows.items()
     )
     text = f'missions that collected everything and have plans: {counts}'
     return Group(table, Text(text, style='dim'))
@@ -338,7 +341,7 @@ def _estimate_table(
         table.add_column(column, justify='right', no_wrap=True)
     for title, rows in groups:
         for index, (name, cells) in enumerate(rows.items()):
-            table.add_row(Text('' if index else title), Text(shown_name(name)), *cells)
+            table.add_row(Text('' if index else title), Text(in_one_line(name, MAX_NAME)), *cells)
         if is_split:
             table.add_section()
     return table

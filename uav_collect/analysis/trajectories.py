@@ -29,8 +29,9 @@ from uav_collect.analysis.plotting import (
     Normal,
     withStroke,
 )
+from uav_collect.errors import in_one_line
 from uav_collect.kernels.arrays import Bools, check_shape, Floats, Ints
-from uav_collect.limits import shown_name
+from uav_collect.limits import MAX_NAME
 from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import Site
@@ -306,8 +307,10 @@ def _draw_tags(axes: Axes, paths: list[_Path], cell_size_m: float, cell_pt: floa
 
 def _write_title(axes: Axes, log: MissionLog, summary: MissionMetrics) -> None:
     header = log.header
-    policies = ', '.join(dict.fromkeys(shown_name(uav.policy) for uav in header.uavs))
-    title = f'{shown_name(header.scenario)}, mission seed {header.mission_seed}: {policies}'
+    policies = ', '.join(dict.fromkeys(in_one_line(uav.policy, MAX_NAME) for uav in header.uavs))
+    title = (
+        f'{in_one_line(header.scenario, MAX_NAME)}, mission seed {header.mission_seed}: {policies}'
+    )
     time = f'{summary.completion_s:.0f} s' if summary.is_finished else 'not finished'
     merits = (
         f'{summary.collected_bit / 1e6:.2f} of {summary.total_bit / 1e6:.2f} Mbit'

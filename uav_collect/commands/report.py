@@ -165,11 +165,11 @@ def _logged(path: Path) -> 'FlownMission':
 
 def _scenario_of(log: MissionLog, file: Path) -> 'Scenario':
     """The scenario of a log: in the file beside it, or a shipped one that did not change since."""
-    from uav_collect.scenario.load import fingerprint, from_yaml, load, scenario_names
+    from uav_collect.scenario.load import fingerprint, from_file, load, scenario_names
 
     scenario = None
     if file.is_file():
-        scenario = from_yaml(file.read_text(encoding='utf-8'))
+        scenario = from_file(file)
     elif log.header.scenario in scenario_names():
         scenario = load(log.header.scenario)
     wanted = log.header.scenario_fingerprint

@@ -32,7 +32,7 @@ def requested_site(scenario: str) -> Site:
         site = build_site(load(scenario) if scenario in names else from_yaml(scenario))
         check_can_start(site.scenario, brief(site.scenario))
     except ConfigError as error:
-        raise ConfigError('; '.join(str(error).splitlines())) from error
+        raise ConfigError(error.summary) from error
     return site
 
 

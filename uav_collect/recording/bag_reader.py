@@ -161,7 +161,7 @@ def recorded_site(message: Any) -> Site:  # noqa: ANN401 - a message
     try:
         site = _built_site(message.yaml)
     except ConfigError as error:
-        raise BagError(f'its scenario is not valid here: {in_one_line(str(error))}') from error
+        raise BagError(f'its scenario is not valid here: {in_one_line(error.summary)}') from error
     x_m, y_m = np.asarray(message.sensor_x_m), np.asarray(message.sensor_y_m)
     is_alike = x_m.shape == y_m.shape
     if not is_alike or not np.array_equal(site.position_m, np.column_stack([x_m, y_m])):

@@ -53,6 +53,16 @@ def from_yaml(text: str) -> Scenario:
     return _checked(layers.parse(text, label='scenario text', folder=Path()))
 
 
+def from_file(path: Path) -> Scenario:
+    """Read a file that `Scenario.to_yaml` was written to.
+
+    Raises:
+        ConfigError: one line per problem.
+    """
+    text = layers.read_text(path)
+    return _checked(layers.parse(text, label=shown_path(path), folder=path.parent))
+
+
 def parse_override(assignment: str) -> tuple[str, object]:
     """Read `demand.cell_share=0.5`, as given on a command line, into a path and a YAML value.
 

@@ -220,7 +220,8 @@ class AgentNode(ProcessNode):
         try:
             scenario = from_yaml(msg.yaml)
         except ConfigError as error:
-            raise ConfigError(f'the scenario of the world is not valid here: {error}') from error
+            what = 'the scenario of the world is not valid here'
+            raise ConfigError(f'{what}: {error.summary}') from error
         if fingerprint(scenario) != msg.fingerprint:
             raise ConfigError(
                 f'scenario {scenario.name} reads as {fingerprint(scenario)} here and as '
