@@ -12,6 +12,7 @@ import uav_collect
 from uav_collect import files
 from uav_collect.config.packages import packages_of
 from uav_collect.errors import in_one_line, UavCollectError
+from uav_collect.kernels.stops import obeyed_signals
 
 # One line each, here: help must not load what flies missions.
 SUMMARIES = {
@@ -140,7 +141,8 @@ def _ended(perform: Callable[[], int]) -> int:
     files.mend_standard_streams()
     try:
         try:
-            status = perform()
+            with obeyed_signals(lambda number: 128 + number):
+                status = perform()
         finally:  # a full disk shows here, not at exit
             _flush_unless_failed()
     except KeyboardInterrupt:

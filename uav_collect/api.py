@@ -25,6 +25,7 @@ from uav_collect.analysis.statistics import (
 from uav_collect.analysis.tables import evaluation_table, mission_tables
 from uav_collect.errors import PolicyMismatchError
 from uav_collect.kernels.arrays import Floats
+from uav_collect.kernels.patience import waiting_for
 from uav_collect.limits import GUARD_AFTER, MAX_GUARD_AFTER, MAX_SEED
 from uav_collect.missions import rollout
 from uav_collect.planning.bound import Bound, bound_of
@@ -183,7 +184,9 @@ def bound(scenario: AnyScenario, *, seed: int = 0, bandwidth: str = 'exact') -> 
     """
     _check_range('seed', seed, 0, MAX_SEED)
     allocator_named(bandwidth)  # raises where there is none
-    return bound_of(build_site(_loaded(scenario)), seed, bandwidth)
+    site = build_site(_loaded(scenario))
+    with waiting_for('the plans of a fleet that knows all demand'):
+        return bound_of(site, seed, bandwidth)
 
 
 def _loaded(scenario: AnyScenario) -> Scenario:

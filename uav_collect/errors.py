@@ -14,6 +14,7 @@ UavCollectError
   x DivergedError           a training whose loss or weights are no numbers any more
   x InterruptedRunError     a training that was stopped, and saved
   x StoreError              a store of results that holds something else than it should
+  x ClusterError            a Ray cluster that cannot be joined
   x FleetError              processes of a mission that cannot start, or failed
   x NodeError               a node that cannot start
   x MissingPackageError     Python packages that are missing or too old
@@ -115,6 +116,10 @@ class InterruptedRunError(UavCollectError, RuntimeError):
 
 class StoreError(UavCollectError, ValueError):
     """A store that holds something else than it should: where, and what."""
+
+
+class ClusterError(UavCollectError, RuntimeError):
+    """A Ray cluster that cannot be joined: where, and why."""
 
 
 class FleetError(UavCollectError, RuntimeError):

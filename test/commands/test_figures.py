@@ -245,6 +245,14 @@ def test_what_it_takes_is_said_beforehand(
     assert not (tmp_path / 'o').exists()
 
 
+def test_a_dry_run_measures_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    options = ['--scale', 'paper', '--only', 'csi', '--dry-run', '--output', str(tmp_path / 'o')]
+    assert main(['figures', *options]) == 0
+    shown = capsys.readouterr()
+    assert 'scale paper' in shown.out
+    assert (shown.err, 'cost' in shown.out) == ('', False)
+
+
 def test_the_list_names_every_study_and_does_nothing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -50,7 +50,7 @@ def learned(run: Path) -> dict[str, object]:
 def said(capsys: pytest.CaptureFixture[str]) -> str:
     """The one line that it wrote."""
     shown = capsys.readouterr()
-    [line] = [line for line in shown.err.splitlines() if 'compiling (once)' not in line]
+    [line] = [line for line in shown.err.splitlines() if 'compiling kernels (once)' not in line]
     assert shown.out == ''
     return line
 

@@ -97,6 +97,24 @@ def test_a_run_that_stopped_half_way_ends_as_the_one_that_went_on(
     assert one['learner']['n_updates'] > stopped.n_updates
 
 
+def test_a_validation_that_is_broken_off_is_made_by_who_goes_on(tmp_path: Path) -> None:
+    straight, stopped = trainer_of(), trainer_of()
+    trained(straight)
+    asked: list[int] = []
+
+    def is_stopped() -> bool:  # asked within validations alone
+        asked.append(stopped.n_updates)
+        return len(asked) > 3
+
+    broken_off = next(it for it in stopped.run(BUDGET, is_stopped) if asked)
+    assert (broken_off.validation, broken_off.best) == (None, None)
+    stopped.save(tmp_path / 'stopped')
+    resumed = loaded(tmp_path / 'stopped', trainer_of())
+    assert trained(resumed)[0].validation is not None
+    one, other = state_of(straight, tmp_path / 'one'), state_of(resumed, tmp_path / 'other')
+    assert differences(one, other) == []
+
+
 def test_a_run_over_several_areas_and_fleets_is_resumed_alike(tmp_path: Path) -> None:
     scenarios = tiny(*FLEET), tiny(*FLEET, uav(7.5, energy_budget_kj=20.0), area__cells_per_side=5)
     straight = trainer_of(scenarios=scenarios)

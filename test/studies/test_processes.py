@@ -17,7 +17,7 @@ from study_jobs import (
 from uav_collect.studies.jobs.jobs import digest_of, FlightsJob, Job
 from uav_collect.studies.jobs.processes import ProcessEngine
 from uav_collect.studies.jobs.store import Store
-from uav_collect.studies.jobs.worker_messages import Advanced, JobReport
+from uav_collect.studies.jobs.worker_messages import Advanced, Compiling, JobReport, Stopped
 
 
 @pytest.fixture(scope='module')
@@ -76,6 +76,27 @@ def test_a_call_that_is_interrupted_saves_what_runs_and_the_next_one_goes_on(
     done_by(ProcessEngine(1), some_jobs(), store)
     assert store.cost(begun[0]).n_interruptions == 1
     assert kept(store) == kept(alone)
+
+
+@needs_compiled_kernels
+def test_a_process_that_compiles_is_ended_with_the_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path / 'cache'))
+    store, engine = Store(tmp_path), ProcessEngine(1)
+    job, reports = training(), []
+    wait_for_reports = engine.wait
+
+    def wait(timeout_s: float) -> Sequence[tuple[str, JobReport]]:
+        reports.extend(wait_for_reports(timeout_s))
+        return reports[-1:]
+
+    engine.wait = wait  # type: ignore[method-assign]
+    status = done_by(
+        engine, by_digest(job), store, is_stopping=lambda: (digest_of(job), Compiling()) in reports
+    )
+    assert (status.done, status.n_lost, status.failures) == (0, 0, {})
+    assert reports[-1] == (digest_of(job), Stopped())
 
 
 def test_a_job_that_cannot_be_done_says_why(tmp_path: Path) -> None:

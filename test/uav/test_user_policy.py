@@ -322,7 +322,7 @@ def test_a_failing_function_ends_evaluate_with_one_line(
     assert main(['evaluate', '--policy', 'user_policies:late', '--missions', '1']) == 2
     shown = capsys.readouterr()
     lines = shown.err.splitlines()
-    [line] = [line for line in lines if not line.startswith('compiling (once)')]
+    [line] = [line for line in lines if not line.startswith('compiling kernels (once)')]
     assert line.startswith('error: policy user_policies:late: UAV ')
 
 

@@ -71,14 +71,13 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _plan(arguments: argparse.Namespace, scenario: 'Scenario') -> '_Bounds':
     from uav_collect.analysis.statistics import mission_seeds
-    from uav_collect.planning.bound import bound_of, KERNELS, N_ROUNDS
+    from uav_collect.planning.bound import bound_of, N_ROUNDS
     from uav_collect.scenario.site import build_site
 
     site = build_site(scenario)
     seeds = mission_seeds(arguments.seed, arguments.missions)
     n_rounds = N_ROUNDS if arguments.rounds is None else arguments.rounds
     bounds: dict[str, list[Bound]] = {bandwidth: [] for bandwidth in arguments.bandwidth}
-    terminal.say_if_compiling(KERNELS)
     with terminal.progress_bar(len(seeds) * len(bounds), 'plans') as advance:
         for bandwidth, found in bounds.items():
             for seed in seeds:

@@ -150,7 +150,6 @@ def _fly(
     """Fly all missions, a few with each policy in turn, into `flown`; plan them into `bounds`."""
     from uav_collect.analysis.metrics import mission_metrics
     from uav_collect.analysis.statistics import mission_seeds
-    from uav_collect.missions import batch_kernels
     from uav_collect.missions.rollout import fly
     from uav_collect.planning import bound
     from uav_collect.scenario.site import build_site
@@ -158,7 +157,6 @@ def _fly(
     site = build_site(scenario)
     seeds = mission_seeds(arguments.seed, arguments.missions)
     at_once = 1 if 'cvxpy' in arguments.bandwidth else _AT_ONCE
-    terminal.say_if_compiling((*batch_kernels.KERNELS, *(bound.KERNELS if bounds else ())))
     with terminal.progress_bar(len(seeds) * len(flown), 'missions') as advance:
         for start in range(0, len(seeds), at_once):
             some = seeds[start : start + at_once]

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from uav_collect import files
-from uav_collect.commands import options, terminal
+from uav_collect.commands import options
 from uav_collect.commands.terminal import deferred_interruption, Interruption, say
 from uav_collect.errors import TrainingRunError
 
@@ -106,8 +106,6 @@ def _run_jobs(arguments: argparse.Namespace, plan: 'FiguresPlan') -> int:
     from uav_collect.commands.figures_display import jobs_display
     from uav_collect.studies.jobs.schedule import run_jobs
 
-    if arguments.engine == 'local':
-        terminal.say_if_compiling(plan.kernels())
     with deferred_interruption() as interruption, jobs_display(plan) as show:
         jobs = run_jobs(
             plan.jobs,

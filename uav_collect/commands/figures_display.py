@@ -7,15 +7,20 @@ from typing import TYPE_CHECKING
 
 from uav_collect.analysis.console import plain_console
 from uav_collect.commands.figures_plan import FiguresPlan
+from uav_collect.studies.jobs.costs import GUESSED_RATES
+from uav_collect.studies.jobs.jobs import job_kind
 from uav_collect.studies.jobs.schedule import JobsStatus
+from uav_collect.training.time_left import TimeLeft
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
 _LINE_EVERY_S = 10.0
+_FIRST_LINE_S = 2.0
 _DRAWN_EVERY_S = 0.5
 _BAR_WIDTH = 40
 _MAX_SHOWN = 16  # jobs that run
+_MOST_GUESSED = 0.3  # of what is left, where it still makes an estimate
 
 
 @contextmanager
@@ -44,10 +49,13 @@ class _RemainingWork:
     """How much of the work is done, by what jobs are expected to take, and how long is left."""
 
     def __init__(self, plan: FiguresPlan) -> None:
-        self._plan = plan
-        self._begun_s = monotonic()
+        self._plan, self._time_left = plan, TimeLeft()
+        jobs, rates = plan.jobs, plan.rates
+        kinds = () if rates is GUESSED_RATES else rates.cpu_s
+        self._known = {it for it in plan.missing if job_kind(jobs[it]) in kinds}
         self._cost_s = {
-            digest: max(1e-3, plan.rates.cost_s(plan.jobs[digest])) for digest in plan.missing
+            it: max(1e-3, (rates if it in self._known else GUESSED_RATES).cost_s(jobs[it]))
+            for it in plan.missing
         }
 
     def share_done(self, status: JobsStatus) -> float:
@@ -60,18 +68,17 @@ class _RemainingWork:
         return 1.0 - left_s / total_s
 
     def time_left(self, share_done: float) -> str:
-        """The time that the rest takes if it goes on as so far."""
-        if share_done <= 0.0:
-            return ''
-        left_s = (monotonic() - self._begun_s) * (1.0 / share_done - 1.0)
-        hours, minutes = divmod(round(left_s / 60.0), 60)
-        return f'{hours}:{minutes:02d} h left' if hours else f'{minutes} min left'
+        """The time that the rest takes if it goes on as so far; '' where that is a mere guess."""
+        still = self._plan.store.missing(self._cost_s)
+        guessed_s = sum(self._cost_s[it] for it in still if it not in self._known)
+        text = self._time_left.text(share_done)
+        return text if guessed_s <= _MOST_GUESSED * sum(self._cost_s[it] for it in still) else ''
 
 
 def _lines(
     work: _RemainingWork, print_line: Callable[[str], None]
 ) -> Callable[[JobsStatus], None]:
-    printed_s = monotonic()
+    printed_s = monotonic() - _LINE_EVERY_S + _FIRST_LINE_S
 
     def show(status: JobsStatus) -> None:
         nonlocal printed_s
@@ -86,10 +93,11 @@ def _lines(
 
 def _counts(status: JobsStatus) -> tuple[str, ...]:
     lost = f'{status.n_lost} lost and done again' if status.n_lost else ''
+    compiling = f' ({len(status.compiling)} compile kernels, once)' if status.compiling else ''
     failed = len(status.failures) + len(status.blocked)
     return (
         f'{status.done} of {status.total} jobs done',
-        f'{len(status.running)} running',
+        f'{len(status.running)} running{compiling}',
         lost,
         f'{failed} failed' if failed else '',
     )

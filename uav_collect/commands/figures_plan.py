@@ -2,7 +2,7 @@
 
 import argparse
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 import importlib.util
 import os
@@ -11,12 +11,12 @@ import shutil
 
 from uav_collect.commands.terminal import say
 from uav_collect.errors import ConfigError, TrainingRunError
+from uav_collect.kernels.patience import waiting_for
 from uav_collect.scenario.load import from_yaml
 from uav_collect.studies import catalogue
 from uav_collect.studies.jobs.costs import disk_bytes, GUESSED_RATES, Rates, rates_of, spent_cost
 from uav_collect.studies.jobs.jobs import FlightsJob, Job, job_kind, PlansJob, TrainingJob
 from uav_collect.studies.jobs.store import Store
-from uav_collect.studies.jobs.work import kernels_of
 from uav_collect.studies.requests import Requests
 from uav_collect.studies.scale import load_scale, ScaleConfig
 from uav_collect.studies.study import Study
@@ -105,10 +105,6 @@ class FiguresPlan:
         digests = set().union(*(self.needs[name] for name in studies))
         return {digest: self.jobs[digest] for digest in digests}
 
-    def kernels(self) -> set[Callable[..., object]]:
-        """The kernels that the missing jobs run."""
-        return set().union(*(kernels_of(self.jobs[digest]) for digest in self.missing))
-
     def name_of(self, digest: str) -> str:
         """What a job is called, for people."""
         job = self.jobs[digest]
@@ -139,7 +135,8 @@ def plan_figures(arguments: argparse.Namespace) -> FiguresPlan:
     missing = frozenset(store.missing(requests.jobs))
     if not arguments.list and arguments.engine == 'local':
         _check_torch(requests.jobs[digest] for digest in missing)
-    rates = GUESSED_RATES if arguments.list else _rates(scale, requests.jobs, store, missing)
+    measures = not (arguments.list or arguments.dry_run)
+    rates = _rates(scale, requests.jobs, store, missing, measures=measures)
     return FiguresPlan(
         scale=scale,
         studies=studies,
@@ -170,18 +167,26 @@ def _check_torch(missing: Iterable[Job]) -> None:
 
 
 def _rates(
-    scale: ScaleConfig, jobs: Mapping[str, Job], store: Store, missing: frozenset[str]
+    scale: ScaleConfig,
+    jobs: Mapping[str, Job],
+    store: Store,
+    missing: frozenset[str],
+    *,
+    measures: bool,
 ) -> Rates:
-    """What jobs take: as those did that are done, or as a first minute says."""
+    """What jobs take: as those did that are done, or as a first minute says if it `measures`."""
     trainings = [jobs[digest] for digest in sorted(missing)]
     first = next((job for job in trainings if isinstance(job, TrainingJob)), None)
     known = rates_of(spent_cost(jobs, store))
     if known is not None:
         return known
-    if first is None or scale.measured_s == 0.0 or not importlib.util.find_spec('torch'):
+    if first is None or not measures or scale.measured_s == 0.0:
+        return GUESSED_RATES
+    if not importlib.util.find_spec('torch'):
         return GUESSED_RATES
     say(f'measuring what a decision takes: {scale.measured_s:.0f} s')
-    from uav_collect.studies.jobs.learning import measure_rates
+    with waiting_for('torch to load'):
+        from uav_collect.studies.jobs.learning import measure_rates
 
     return measure_rates(_usual_training(scale, trainings, first), scale.measured_s)
 

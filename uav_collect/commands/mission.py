@@ -2,6 +2,7 @@
 
 import argparse
 from collections.abc import Iterator
+from contextlib import nullcontext
 import json
 from pathlib import Path
 import subprocess
@@ -13,6 +14,7 @@ from uav_collect.commands.ros_processes import Fleet, FleetProcess, ros_paramete
 from uav_collect.commands.terminal import INTERRUPTED, say
 from uav_collect.errors import FleetError, PolicyMismatchError
 from uav_collect.kernels.compile import interpret_kernels
+from uav_collect.kernels.patience import repeated_line, waiting_for
 from uav_collect.recording.mission_folder import log_name, SCENARIO_FILE
 
 if TYPE_CHECKING:  # loaded when flying, so that --help answers at once
@@ -25,6 +27,7 @@ leaves a run folder with the bag, the mission log, the resolved scenario, a pict
 trajectories and what every process said.
 """
 _LOOK_S = 0.05
+_LINE_EVERY_S = 10.0
 _FALLBACK = 'sweep'  # flies where no learned policy is shipped
 _RULES = ('hert', 'sweep')  # that every mission is compared with
 _RECORDER = 'recorder'  # a mission does without it
@@ -184,10 +187,17 @@ def _follow(fleet: Fleet, world: FleetProcess, log: Path) -> None:
     from uav_collect.analysis.console import plain_column, plain_console
 
     phase, line = plain_column('{task.fields[phase]}'), plain_column('{task.description}')
-    with Progress(phase, BarColumn(), line, console=plain_console(stderr=True)) as progress:
+    console, said = plain_console(stderr=True), 'starting'
+    lines = (
+        nullcontext()
+        if console.is_terminal
+        else repeated_line(lambda _: said, every_s=_LINE_EVERY_S)
+    )
+    bar = Progress(phase, BarColumn(), line, console=console, disable=not console.is_terminal)
+    with lines, bar as progress:
         task = progress.add_task('', total=1.0, phase='starting')
-        for share, text in _progress(world, log):
-            progress.update(task, completed=share, description=text, phase='flying')
+        for share, said in _progress(world, log):
+            progress.update(task, completed=share, description=said, phase='flying')
             fleet.check(but=_RECORDER)
             time.sleep(_LOOK_S)
     fleet.check(but=_RECORDER)
@@ -221,7 +231,8 @@ def _progress(world: FleetProcess, log: Path) -> Iterator[tuple[float, str]]:
 def _gap_after(recorder: FleetProcess) -> str:
     """What the recording lacks when its recorder has ended, in words, or nothing."""
     try:
-        status = recorder.popen.wait(_RECORDER_S)
+        with waiting_for('the recorder to close the bag'):
+            status = recorder.popen.wait(_RECORDER_S)
     except subprocess.TimeoutExpired:
         return f'the recorder did not close it within {_RECORDER_S:g} s'
     if status == 0:

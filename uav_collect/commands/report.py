@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from uav_collect.commands import terminal
 from uav_collect.errors import BagError, in_one_line, MissionLogError
+from uav_collect.kernels.patience import waiting_for
 from uav_collect.recording.mission_folder import is_bag, scenario_file, take_log
 from uav_collect.recording.mission_log import MissionHeader, MissionLog, read_so_far
 
@@ -71,7 +72,8 @@ def show(mission: 'FlownMission', picture: Path, console: 'Console') -> bool:
         rest = ' these are the figures of what is whole'
         console.print(what + rest, style='bold red')
     try:
-        mission.draw(picture)
+        with waiting_for('the picture'):
+            mission.draw(picture)
     except Exception as error:  # whatever it is: the other missions have tables, too
         reason = in_one_line(str(getattr(error, 'strerror', None) or error))
         terminal.say(f'error: {picture}: cannot be drawn: {reason}')
@@ -83,15 +85,15 @@ def show(mission: 'FlownMission', picture: Path, console: 'Console') -> bool:
 def mission_bound(header: MissionHeader, site: 'Site') -> 'Bound | None':
     """The clairvoyant bound of a mission; None where that takes too long."""
     import numpy as np
-    from uav_collect.planning.bound import bound_of, KERNELS
+    from uav_collect.planning.bound import bound_of
 
     share, n_cells = site.scenario.demand.cell_share, np.unique(site.cell).size
     n_wanted = site.scenario.n_cells * (1.0 if share == 'all' else share)
     if min(n_wanted, n_cells) > _MAX_DATA_CELLS:
         return None
     is_equal = all(uav.allocator == 'equal' for uav in header.uavs)
-    terminal.say_if_compiling(KERNELS)
-    return bound_of(site, header.mission_seed, 'equal' if is_equal else 'exact')
+    with waiting_for('the plans of a fleet that knows all demand'):
+        return bound_of(site, header.mission_seed, 'equal' if is_equal else 'exact')
 
 
 def _find(path: Path) -> Iterator[tuple['FlownMission', Path]]:

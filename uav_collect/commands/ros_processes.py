@@ -12,6 +12,7 @@ import time
 
 from uav_collect.commands.terminal import ignore_signals, interrupted_by_signals
 from uav_collect.errors import FleetError
+from uav_collect.kernels.patience import waiting_for
 
 _STOP_S = 5.0  # how long a process may take to end after SIGINT
 _PARTICIPANTS = 30  # that find each other where discovery stays on this machine
@@ -182,7 +183,8 @@ def running_fleet(folder: Path, n_processes: int) -> Iterator[Fleet]:
             yield fleet
         finally:
             ignore_signals()  # impatience must not leave a process behind
-            fleet.stop()
+            with waiting_for('the processes to end'):
+                fleet.stop()
 
 
 def _yaml(value: object) -> str:

@@ -1,16 +1,17 @@
 """What a command says while it works, on stderr, and Ctrl-C that waits until it has saved."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 import os
 import signal
-import sys
-from time import monotonic
 from types import FrameType
 
 from uav_collect.analysis.console import plain_column, plain_console
-from uav_collect.kernels.compile import kernels_are_cached, kernels_are_compiled
+from uav_collect.kernels import stops
+from uav_collect.kernels.patience import repeated_line
+from uav_collect.kernels.patience import say as say
 from uav_collect.limits import stop_signals
+from uav_collect.training.time_left import TimeLeft
 
 INTERRUPTED = 130  # exit status after Ctrl-C, as shells have it
 _NOTICE = b'\nstopping at the next step and saving; again: stop at once, without saving\n'
@@ -20,40 +21,40 @@ _LINE_EVERY_S = 5.0
 @contextmanager
 def progress_bar(total: int, noun: str) -> Iterator[Callable[[int], None]]:
     """Show how many of a total are done; call what it yields with how many more are."""
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress
 
     console = plain_console(stderr=True)
     if not console.is_terminal:
-        yield _lines(console.print, total, noun)
+        with _lines(total, noun) as advance:
+            yield advance
         return
-    columns = (plain_column(noun), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task(noun, total=total)
-        yield lambda n_more: bar.advance(task, n_more)
+    left = TimeLeft()
+    columns = (BarColumn(), MofNCompleteColumn(), plain_column('{task.description}'))
+    with Progress(plain_column(noun), *columns, console=console, transient=True) as bar:
+        task = bar.add_task('', total=total)
+
+        def advance_bar(n_more: int) -> None:
+            share_done = (bar.tasks[0].completed + n_more) / total
+            bar.update(task, advance=n_more, description=left.text(share_done))
+
+        yield advance_bar
 
 
-def _lines(say: Callable[[str], None], total: int, noun: str) -> Callable[[int], None]:
-    n_done, said_s = 0, monotonic()
+@contextmanager
+def _lines(total: int, noun: str) -> Iterator[Callable[[int], None]]:
+    """A line every few seconds, whether something was done or not."""
+    left, n_done, time_left = TimeLeft(), 0, ''
 
     def advance(n_more: int) -> None:
-        nonlocal n_done, said_s
+        nonlocal n_done, time_left
         n_done += n_more
-        if monotonic() - said_s >= _LINE_EVERY_S:
-            said_s = monotonic()
-            say(f'{n_done} of {total} {noun}')
+        time_left = left.text(n_done / total)
 
-    return advance
+    def line(_: float) -> str:
+        return ', '.join(filter(None, (f'{n_done} of {total} {noun}', time_left)))
 
-
-def say_if_compiling(kernels: Iterable[Callable[..., object]]) -> None:
-    """Say that the first missions take longer, when these kernels have to be compiled for them."""
-    if kernels_are_compiled() and not kernels_are_cached(kernels):
-        plain_console(stderr=True).print('compiling (once): this takes about a minute')
-
-
-def say(text: str) -> None:
-    """Write a line to stderr."""
-    sys.stderr.write(f'{text}\n')
+    with repeated_line(line, every_s=_LINE_EVERY_S):
+        yield advance
 
 
 class Interruption:
@@ -61,19 +62,26 @@ class Interruption:
 
     def __init__(self) -> None:
         """Start without a signal."""
-        self.signal_number: int | None = None
+        self._number: int | None = None
+
+    @property
+    def signal_number(self) -> int | None:
+        """The first signal that came; who asks for it is the one to end the process."""
+        if self._number is not None:
+            stops.heard()
+        return self._number
 
     @property
     def exit_status(self) -> int:
         """128 plus the signal number, as shells have it."""
-        return 128 + (self.signal_number or signal.SIGINT)
+        return 128 + (self._number or signal.SIGINT)
 
     def note(self, signal_number: int, frame: FrameType | None) -> None:
         """Handle a signal: note the first, obey the second."""
         del frame
-        if self.signal_number is not None:
+        if self._number is not None:
             raise KeyboardInterrupt
-        self.signal_number = signal_number
+        self._number = signal_number
         os.write(2, _NOTICE)  # a handler may have interrupted another write of sys.stderr
 
 
@@ -88,7 +96,7 @@ def deferred_interruption() -> Iterator[Interruption]:
 @contextmanager
 def interrupted_by_signals() -> Iterator[None]:
     """Raise KeyboardInterrupt at every signal that asks this process to end."""
-    with _handled_by(signal.default_int_handler):
+    with _handled_by(stops.interrupt_and_hear):
         yield
 
 

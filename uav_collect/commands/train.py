@@ -3,10 +3,11 @@
 import argparse
 from pathlib import Path
 
-from uav_collect.commands import options, terminal
+from uav_collect.commands import options
 from uav_collect.commands.terminal import deferred_interruption, say
 from uav_collect.commands.training_plan import plan_training, TrainingPlan
 from uav_collect.errors import DivergedError, InterruptedRunError, TrainingRunError
+from uav_collect.kernels.patience import waiting_for
 from uav_collect.limits import ALGORITHMS, DEVICES, MAX_SEED
 
 _DESCRIPTION = """
@@ -86,9 +87,6 @@ def run(arguments: argparse.Namespace) -> int:
         _fill_in(arguments)
     training = plan_training(arguments)
     _check_device(training.runs[0].record.device)
-    from uav_collect.missions.batch_kernels import KERNELS
-
-    terminal.say_if_compiling(KERNELS)
     status = _train_all(training, arguments.checkpoint_minutes * 60.0)
     if len(training.folders) > 1 and status == 0:
         _draw_together(training)
@@ -129,8 +127,9 @@ def _fill_in(arguments: argparse.Namespace) -> None:
 
 
 def _check_device(device: str) -> None:
-    import torch
-    from uav_collect.learning.learner import keep_freed_memory
+    with waiting_for('torch to load'):
+        import torch
+        from uav_collect.learning.learner import keep_freed_memory
 
     if device == 'cuda' and not torch.cuda.is_available():
         raise TrainingRunError(f'--device cuda: torch {torch.__version__} finds no CUDA device')

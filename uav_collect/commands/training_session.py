@@ -8,13 +8,15 @@ from uav_collect.commands import curves
 from uav_collect.commands.terminal import Interruption, say
 from uav_collect.commands.training_plan import resume_command
 from uav_collect.errors import InterruptedRunError
+from uav_collect.kernels.patience import waiting_for
 from uav_collect.learning.loop import open_trainer, opened_folder, train
 from uav_collect.training.curves import learning_curves
-from uav_collect.training.display import minutes_text, progress_display
+from uav_collect.training.display import progress_display
 from uav_collect.training.folder import BEST_POLICY, CURVE
 from uav_collect.training.planned_run import PlannedRun
 from uav_collect.training.progress import Progress
 from uav_collect.training.run_record import CURVE_AXES, CURVE_MEASURES
+from uav_collect.training.time_left import minutes_text
 
 
 def train_with_display(run: PlannedRun, checkpoint_s: float, interruption: Interruption) -> None:
@@ -31,7 +33,8 @@ def train_with_display(run: PlannedRun, checkpoint_s: float, interruption: Inter
         TrainingRunError: another process trains in the folder.
         OSError: the folder cannot be written.
     """
-    trainer = open_trainer(run)
+    with waiting_for('the replay and the first missions to begin'):
+        trainer = open_trainer(run)
     with opened_folder(run, trainer) as folder:
         say(f'{run.title}, seed {run.record.seed}, {run.record.budget_text}: {run.folder}')
         try:

@@ -17,11 +17,14 @@ import stat
 import tempfile
 from typing import Any, TypeVar
 
+from uav_collect.kernels.compilation import Compilation
+
 _Kernel = TypeVar('_Kernel', bound=Callable[..., object])
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 _SWITCH = 'UAV_COLLECT_KERNELS'
 _OPTIONS = {'error_model': 'numpy', 'forceinline': True, 'no_cfunc_wrapper': True}
+compilation = Compilation()  # of this process
 
 
 def interpret_kernels() -> None:
@@ -44,6 +47,15 @@ def kernel(function: _Kernel) -> _Kernel:
     a kilobyte, so a kernel becomes part of those that call it.
     """
     return _compiled(function, counts=False)
+
+
+def long_kernel(function: _Kernel) -> _Kernel:
+    """Mark a kernel that Python calls and that may run for seconds: other threads run meanwhile.
+
+    So somebody hears of signals. Others keep the interpreter to themselves: to give it away and
+    get it back costs more than they take.
+    """
+    return _compiled(function, counts=False, nogil=True)
 
 
 def allocating_kernel(function: _Kernel) -> _Kernel:
@@ -122,16 +134,19 @@ def _is_cached(kernel: Callable[..., object]) -> bool:
     return any(cache_folder().rglob(name))
 
 
-def _compiled(function: _Kernel, *, counts: bool) -> _Kernel:
+def _compiled(function: _Kernel, *, counts: bool, nogil: bool = False) -> _Kernel:
     if not kernels_are_compiled():
         return function
-    compiled: _Kernel = _numba().njit(cache=True, _nrt=counts, **_OPTIONS)(function)
+    options = {'cache': True, '_nrt': counts, 'nogil': nogil, **_OPTIONS}
+    compiled: _Kernel = _numba().njit(**options)(function)
     return compiled
 
 
 def _numba() -> Any:  # noqa: ANN401 - the module itself
     import numba
+    from numba.core import event
 
+    compilation.watch(event)
     if not numba.config.CACHE_DIR:
         numba.config.CACHE_DIR = str(cache_folder())
     return numba

@@ -99,7 +99,7 @@ def train(
     saved_s = monotonic()
     best = trainer.best_policy()
     progress = None
-    for progress in _checked_progress(run, trainer, budget):
+    for progress in _checked_progress(run, trainer, budget, is_stopped):
         folder.log(progress)
         show(progress)
         if trainer.best_policy() is not best:
@@ -124,14 +124,16 @@ def train(
     return progress
 
 
-def _checked_progress(run: PlannedRun, trainer: Trainer, budget: Budget) -> Iterator[Progress]:
+def _checked_progress(
+    run: PlannedRun, trainer: Trainer, budget: Budget, is_stopped: Callable[[], bool]
+) -> Iterator[Progress]:
     """The progress of a training as long as its loss is a number.
 
     Raises:
         DivergedError: the loss or the weights are no numbers any more.
     """
     try:
-        for progress in trainer.run(budget):
+        for progress in trainer.run(budget, is_stopped):
             if progress.updates_per_s > 0 and not math.isfinite(progress.loss):
                 raise DivergedError(_divergence(run, trainer, f'the loss is {progress.loss}'))
             yield progress

@@ -1,6 +1,6 @@
 """A task: one of the scenarios that a policy learns to fly, and the experience with it."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,12 +42,17 @@ class Task:
             config.reward.discount_per_s,
         )
 
-    def validate(self, policy: LearnedPolicy, mission_seeds: Sequence[int]) -> list[MissionLog]:
+    def validate(
+        self,
+        policy: LearnedPolicy,
+        mission_seeds: Sequence[int],
+        between_decisions: Callable[[], None] | None = None,
+    ) -> list[MissionLog]:
         """Fly missions as the scenario has them, bandwidth shared equally as the paper trains.
 
         Without a guard: a policy that circles is to be seen to.
         """
-        return fly(self.site, mission_seeds, lambda: policy, 'equal', guard_after=0)
+        return fly(self.site, mission_seeds, lambda: policy, 'equal', 0, between_decisions)
 
 
 def make_tasks(

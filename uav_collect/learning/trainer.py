@@ -1,6 +1,6 @@
 """The trainer: collects experience, updates the networks, validates, and keeps the best policy."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, get_type_hints
@@ -8,7 +8,7 @@ from typing import Any, get_type_hints
 import numpy as np
 from uav_collect.analysis.metrics import mission_metrics
 from uav_collect.analysis.statistics import MEASURES, mission_seeds
-from uav_collect.errors import CheckpointError, PolicyMismatchError
+from uav_collect.errors import CheckpointError, InterruptedRunError, PolicyMismatchError
 from uav_collect.learning.checkpoint import read_checkpoint, STATE_FILE, write_checkpoint
 from uav_collect.learning.learner import Learner
 from uav_collect.learning.minibatch import Algorithm
@@ -106,31 +106,33 @@ class Trainer:
             raise ValueError('a budget needs minutes or decisions')
         return min(1.0, self._trained_s / (60.0 * budget.minutes))
 
-    def run(self, budget: Budget) -> Iterator[Progress]:
+    def run(
+        self, budget: Budget, is_stopped: Callable[[], bool] = lambda: False
+    ) -> Iterator[Progress]:
         """Train on until the budget is spent or experience is over, resumed or not.
+
+        Args:
+            is_stopped: whether somebody waits to save: then a validation is broken off, and made
+                anew by who goes on.
 
         Yields:
             How it stands, about once a second, after each validation, and once experience is
-            over; the last one is validated if there was an update. The weights change only
-            between two of them: stop, save or look at any.
+            over; the last one is validated if there was an update, unless it was stopped. The
+            weights change only between two of them: stop, save or look at any.
         """
         speed = SpeedMeter(self.n_decisions, self.n_updates)
         is_over = False
+        if self._is_at_validation and not self._is_validated:
+            yield self._validated_progress(budget, speed, is_stopped)
         while not is_over and (share_done := self.share_done(budget)) < 1.0:
             loss = self._collect_and_update(share_done, speed)
             is_over = any(task.source.is_over for task in self._tasks)
-            is_due = self._learner.n_updates % self.config.validation.every_updates == 0
-            is_due &= loss is not None
-            if is_due:
-                speed.pause()
-                self._validate()
-                speed.resume()
-            if is_due or is_over or speed.is_due():
-                yield self._progress(budget, speed, self._validation if is_due else None)
-        n_validated = 0 if self._validation is None else self._validation.n_updates
-        if n_validated < self._learner.n_updates:
-            self._validate()
-            yield self._progress(budget, speed, self._validation)
+            if loss is not None and self._is_at_validation:
+                yield self._validated_progress(budget, speed, is_stopped)
+            elif is_over or speed.is_due():
+                yield self._progress(budget, speed, None)
+        if not self._is_validated:
+            yield self._validated_progress(budget, speed, is_stopped)
 
     def snapshot(self) -> FrozenPolicy:
         """The network as it is now, frozen, whatever it is worth."""
@@ -247,18 +249,51 @@ class Trainer:
         self._trained_s += speed.lap_s()
         return loss
 
-    def _validate(self) -> None:
-        self._validation = self._run_validation()
+    @property
+    def _is_at_validation(self) -> bool:
+        """Whether the network is to be validated after so many updates."""
+        return self._learner.n_updates % self.config.validation.every_updates == 0
+
+    @property
+    def _is_validated(self) -> bool:
+        """Whether the network is the one that was validated last, or the first one."""
+        n_validated = 0 if self._validation is None else self._validation.n_updates
+        return n_validated == self._learner.n_updates
+
+    def _validated_progress(
+        self, budget: Budget, speed: SpeedMeter, is_stopped: Callable[[], bool]
+    ) -> Progress:
+        """The progress with a validation, or without one where that was stopped."""
+
+        def stop_if_asked() -> None:
+            if is_stopped():
+                raise InterruptedRunError('validation was stopped')
+
+        speed.pause()
+        try:
+            self._validate(stop_if_asked)
+        except InterruptedRunError:
+            return self._progress(budget, speed, None)
+        finally:
+            speed.resume()
+        return self._progress(budget, speed, self._validation)
+
+    def _validate(self, between_decisions: Callable[[], None]) -> None:
+        self._validation = self._run_validation(between_decisions)
         best = self._best
         if best is None or self._validation.rank > best.rank:
             self._best = self._validation
             self._best_policy = self._freeze(self._validation)
 
-    def _run_validation(self) -> ValidationResult:
+    def _run_validation(
+        self, between_decisions: Callable[[], None] | None = None
+    ) -> ValidationResult:
         """Fly the validation missions, equal bandwidth, without exploration."""
         policy = LearnedPolicy('validated', self._freeze(None))
         seeds = mission_seeds(VALIDATION_SEED, self.config.validation.missions)
-        logs = [log for task in self._tasks for log in task.validate(policy, seeds)]
+        logs = [
+            log for task in self._tasks for log in task.validate(policy, seeds, between_decisions)
+        ]
         flown = [mission_metrics(log) for log in logs]
         return ValidationResult(
             wall_s=self._trained_s,

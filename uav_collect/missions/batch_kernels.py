@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from uav_collect.kernels.arrays import new_map_table, new_row, new_table, Row
-from uav_collect.kernels.compile import kernel
+from uav_collect.kernels.compile import kernel, long_kernel
 from uav_collect.missions.event_log import EventLog, new_log
 from uav_collect.missions.experience import new_records, record, Records
 from uav_collect.scenario.site import Site
@@ -204,7 +204,7 @@ def restart(batch: Batch, world: int) -> None:
     batch.waiting.uav[world] = IN_FLIGHT
 
 
-@kernel
+@long_kernel
 def fly_batch(batch: Batch, answers: Row[int]) -> int:
     """Fly every mission on: until it waits, is over, or the log has no more room.
 

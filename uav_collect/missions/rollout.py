@@ -25,6 +25,7 @@ def fly(
     policy: str | Callable[[], Policy],
     allocator: str = 'exact',
     guard_after: int = GUARD_AFTER,
+    between_decisions: Callable[[], None] | None = None,
 ) -> list[MissionLog]:
     """Fly missions, all UAVs by the same policy.
 
@@ -34,6 +35,7 @@ def fly(
         allocator: how bandwidth is shared, one of `limits.ALLOCATOR_NAMES`.
         guard_after: decisions without news after which a UAV's guard decides, unless a rule flies;
             0: never.
+        between_decisions: called again and again while a network flies; what it raises ends that.
 
     Raises:
         PolicyMismatchError: there is no such policy, it does not fit the scenario, or it breaks
@@ -63,7 +65,7 @@ def fly(
             layout = network.header.layout
             env = VectorEnv(site, mission_seeds, replace(config, layout=layout))
             pilot.begin(env.briefing, 0)  # raises if it does not fit
-            env.fly_by_network(network)
+            env.fly_by_network(network, between_decisions)
         case _:
             env = VectorEnv(site, mission_seeds, config)
             env.fly_by_policies(make_policy)

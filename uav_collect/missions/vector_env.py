@@ -144,14 +144,22 @@ class VectorEnv:
         self._answer(np.where(uav == NONE, HOVER, actions))
         return self.decisions
 
-    def fly_by_network(self, policy: FrozenPolicy) -> None:
-        """Fly all missions to their end, every UAV by the same frozen network."""
+    def fly_by_network(
+        self, policy: FrozenPolicy, between_decisions: Callable[[], None] | None = None
+    ) -> None:
+        """Fly all missions to their end, every UAV by the same frozen network.
+
+        Args:
+            between_decisions: called before each; what it raises ends the flights.
+        """
         n_worlds, n_uavs = len(self.decisions.uav), self._scenario.n_uavs
         hidden = policy.new_hidden(n_worlds * n_uavs)  # by mission, then UAV
         chosen = np.zeros(n_worlds, dtype=np.int64)
         decisions = self.decisions
         while len(waiting := np.flatnonzero(decisions.uav != NONE)):
             rows = waiting * n_uavs + decisions.uav[waiting]
+            if between_decisions is not None:
+                between_decisions()
             values, hidden[rows] = policy.step(decisions.observation[waiting], hidden[rows])
             chosen[waiting] = best_actions(values, decisions.legal[waiting])
             self._answer(chosen)

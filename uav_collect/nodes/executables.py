@@ -15,6 +15,7 @@ from uav_collect import files
 from uav_collect.config.packages import late_packages, packages_of
 from uav_collect.errors import MissingPackageError
 from uav_collect.kernels.compile import interpret_kernels
+from uav_collect.kernels.patience import waiting_for
 from uav_collect.limits import stop_signals
 
 Main = Callable[[Sequence[str]], int]  # of a node: takes the arguments, gives the exit status
@@ -29,7 +30,8 @@ def _executable(load: Callable[[], Main]) -> Callable[[], int]:
     def run() -> int:
         files.mend_standard_streams()
         try:
-            with _signals_end_silently(), packages_of(load.__name__):
+            named = f'the libraries of {load.__name__} to load'
+            with _signals_end_silently(), packages_of(load.__name__), waiting_for(named):
                 main = load()
             with late_packages():  # a node loads some when it first needs them
                 return main(sys.argv[1:])

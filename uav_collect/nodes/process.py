@@ -25,6 +25,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 from rclpy.utilities import remove_ros_args
 from uav_collect.errors import NodeError
+from uav_collect.kernels.stops import heard, obeyed_signals
 from uav_collect.limits import stop_signals
 from uav_collect.lockstep.seals import KEY_FILE, read_secret, Secret
 from uav_collect.nodes.incidents import Incidents
@@ -94,10 +95,17 @@ class _Stop:
     """Remembers that a signal asked the process to end, once or many times."""
 
     def __init__(self) -> None:
-        self.asked = False
+        self._is_asked = False
         self._numbers = stop_signals()
         for number in self._numbers:
             signal.signal(number, self._on_signal)
+
+    @property
+    def asked(self) -> bool:
+        """Whether there was a signal; who looks is the one to end the process."""
+        if self._is_asked:
+            heard()
+        return self._is_asked
 
     def ignore_more(self) -> None:
         """Make further signals harmless; Python's own exit would restore their deadly default."""
@@ -105,7 +113,7 @@ class _Stop:
             signal.signal(number, signal.SIG_IGN)
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
-        self.asked = True
+        self._is_asked = True
 
 
 def parse_arguments(parser: ArgumentParser, argv: Sequence[str]) -> Namespace:
@@ -133,7 +141,11 @@ def run_node(make_node: Callable[[], ProcessNode], argv: Sequence[str]) -> int:
     Returns:
         Exit status of the process: 0 after a signal to end, else what the node asked for.
     """
-    stop = _Stop()
+    with obeyed_signals(lambda _: 0):
+        return _run_in_ros(make_node, argv, _Stop())
+
+
+def _run_in_ros(make_node: Callable[[], ProcessNode], argv: Sequence[str], stop: _Stop) -> int:
     use_quick_discovery()
     try:
         rclpy.init(args=list(argv), signal_handler_options=SignalHandlerOptions.NO)

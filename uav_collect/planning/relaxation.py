@@ -14,7 +14,7 @@ Research 18 (6), 1970; Polyak's step sizes.
 from typing import NamedTuple
 
 from uav_collect.kernels.arrays import new_row, Row, row_of
-from uav_collect.kernels.compile import kernel
+from uav_collect.kernels.compile import kernel, long_kernel
 from uav_collect.planning.problem import FAR, PlanProblem
 
 _N_STEPS = 200  # prices tried
@@ -138,7 +138,7 @@ def _bound(problem: PlanProblem, charge: Charge, plan_cost: float) -> float:
     return climb(problem, charge, prices, plan_cost) * (1.0 - _ROUNDING)
 
 
-@kernel
+@long_kernel
 def climb(problem: PlanProblem, charge: Charge, prices: _Prices, plan_cost: float) -> float:
     """The highest bound that is found; the prices start at 0."""
     _write_costs(problem, charge, prices)

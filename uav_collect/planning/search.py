@@ -11,7 +11,7 @@ import math
 from typing import NamedTuple
 
 from uav_collect.kernels.arrays import new_row, Row
-from uav_collect.kernels.compile import kernel
+from uav_collect.kernels.compile import kernel, long_kernel
 from uav_collect.planning.problem import FAR, PlanProblem
 
 _MEAN_REMOVED = 8.0  # points taken out at once, on average
@@ -79,7 +79,7 @@ def best_routes(problem: PlanProblem, aim: Aim, steer: Aim, n_rounds: int) -> Ro
     return best
 
 
-@kernel
+@long_kernel
 def search(
     problem: PlanProblem,
     aim: Aim,

@@ -7,6 +7,7 @@ from time import monotonic
 from typing import TYPE_CHECKING
 
 from uav_collect.analysis.console import plain_console
+from uav_collect.training.time_left import TimeLeft
 
 if TYPE_CHECKING:  # loaded when training, so that --help answers at once
     from rich.console import RenderableType
@@ -32,10 +33,13 @@ def progress_display(
     if not console.is_terminal:
         yield _lines(lambda line: console.print(line, soft_wrap=True), extras)
         return
-    validated = LastValidation()
+    validated, left = LastValidation(), TrainingTimeLeft()
     with Live(console=console, transient=True, auto_refresh=False) as live:
         yield lambda progress: live.update(
-            _live_display(title, progress, validated.update(progress), extras()), refresh=True
+            _live_display(
+                title, progress, validated.update(progress), left.text(progress), extras()
+            ),
+            refresh=True,
         )
 
 
@@ -52,22 +56,34 @@ class LastValidation:
         return self._last
 
 
+class TrainingTimeLeft:
+    """The time to the end of the budget, once updates go on steadily: before, all is faster."""
+
+    def __init__(self) -> None:
+        """Start without progress."""
+        self._left = TimeLeft()
+
+    def text(self, progress: 'Progress') -> str:
+        """'12:34 min left', or '' while that is unknown."""
+        return self._left.text(progress.share_done) if progress.n_updates else ''
+
+
 def _lines(
     print_line: Callable[[str], None], extras: Callable[[], tuple[str, ...]]
 ) -> Callable[['Progress'], None]:
     """A line every few seconds, and one for each validation."""
     printed_s = -math.inf
-    validated = LastValidation()
+    validated, left = LastValidation(), TrainingTimeLeft()
 
     def show(progress: 'Progress') -> None:
         nonlocal printed_s
-        last = validated.update(progress)
+        last, time_left = validated.update(progress), left.text(progress)
         if progress.validation is not None or monotonic() - printed_s >= _LINE_EVERY_S:
             printed_s = monotonic()
             parts = (
                 *speeds(progress),
                 *efficiencies(progress, last),
-                time_left(progress),
+                time_left,
                 *extras(),
             )
             print_line(', '.join(filter(None, parts)))
@@ -76,7 +92,11 @@ def _lines(
 
 
 def _live_display(
-    title: str, progress: 'Progress', last: 'ValidationResult | None', extras: tuple[str, ...]
+    title: str,
+    progress: 'Progress',
+    last: 'ValidationResult | None',
+    time_left: str,
+    extras: tuple[str, ...],
 ) -> 'RenderableType':
     from rich.console import Group
     from rich.progress_bar import ProgressBar
@@ -85,7 +105,7 @@ def _live_display(
 
     top = Table.grid(padding=(0, 2))
     bar = ProgressBar(total=1.0, completed=progress.share_done, width=_BAR_WIDTH)
-    top.add_row(Text(title, 'bold'), bar, Text(time_left(progress)))
+    top.add_row(Text(title, 'bold'), bar, Text(time_left))
     lines = (
         speeds(progress),
         efficiencies(progress, last),
@@ -129,16 +149,3 @@ def counts(progress: 'Progress') -> tuple[str, ...]:
         f'{progress.n_updates:,} updates',
         f'replay {progress.replay_transitions:,} ({progress.replay_bytes / 1e6:.0f} MB)',
     )
-
-
-def time_left(progress: 'Progress') -> str:
-    """Time to the end of the budget at the mean speed so far; empty at the start."""
-    if progress.share_done <= 0:
-        return ''
-    return f'{minutes_text(progress.wall_s * (1.0 / progress.share_done - 1.0))} left'
-
-
-def minutes_text(duration_s: float) -> str:
-    """A time as minutes and seconds."""
-    minutes, seconds = divmod(round(duration_s), 60)
-    return f'{minutes}:{seconds:02d} min'

@@ -2,10 +2,10 @@
 
 from collections import deque
 from dataclasses import dataclass
-from time import monotonic
 
 import numpy as np
 from uav_collect.kernels.arrays import Floats
+from uav_collect.kernels.compile import compilation
 from uav_collect.uav.policy_network import policy_rank
 
 _REPORT_EVERY_S = 1.0
@@ -95,11 +95,14 @@ class RecentMissions:
 
 
 class SpeedMeter:
-    """Measures how fast a training goes, by the wall clock, which no result depends on."""
+    """Measures how fast a training goes, by the wall clock, which no result depends on.
+
+    The time in which kernels are compiled does not count.
+    """
 
     def __init__(self, n_decisions: int, n_updates: int) -> None:
         """Start the clock after so many decisions and updates."""
-        self._lap_from_s = self._read_s = monotonic()
+        self._lap_from_s = self._read_s = compilation.now_s()
         self._read_at = n_decisions, n_updates
         self._losses: list[float] = []
         self._loss = np.nan
@@ -110,27 +113,27 @@ class SpeedMeter:
 
     def lap_s(self) -> float:
         """Training time since the last call, pauses left out [s]."""
-        now_s = monotonic()
+        now_s = compilation.now_s()
         lap_s, self._lap_from_s = now_s - self._lap_from_s, now_s
         return lap_s
 
     def pause(self) -> None:
         """Stop the clock: validation does not count as training."""
-        self._paused_s = monotonic()
+        self._paused_s = compilation.now_s()
 
     def resume(self) -> None:
         """Let the clock run again after a pause."""
-        paused_s = monotonic() - self._paused_s
+        paused_s = compilation.now_s() - self._paused_s
         self._lap_from_s += paused_s
         self._read_s += paused_s
 
     def is_due(self) -> bool:
         """Whether a second has passed since the last reading."""
-        return monotonic() - self._read_s >= _REPORT_EVERY_S
+        return compilation.now_s() - self._read_s >= _REPORT_EVERY_S
 
     def read(self, n_decisions: int, n_updates: int) -> tuple[float, float, float]:
         """Decisions and updates per second, and the mean loss, since the last call."""
-        now_s = monotonic()
+        now_s = compilation.now_s()
         here = n_decisions, n_updates
         elapsed_s = max(now_s - self._read_s, 1e-9)
         speeds = [(new - old) / elapsed_s for new, old in zip(here, self._read_at, strict=True)]

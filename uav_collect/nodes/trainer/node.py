@@ -21,7 +21,6 @@ from uav_collect.errors import (
     RefusedError,
     TrainingRunError,
 )
-from uav_collect.ingest import rebuild
 from uav_collect.ingest.from_messages import converter_for
 from uav_collect.ingest.join import (
     JoinCounts,
@@ -31,11 +30,10 @@ from uav_collect.ingest.join import (
 )
 from uav_collect.ingest.rebuild import EpisodeBuilder
 from uav_collect.ingest.reports import FleetReport, MissionReport, report_spec
-from uav_collect.kernels.compile import kernels_are_cached, kernels_are_compiled
+from uav_collect.kernels.compile import kernels_are_compiled
 from uav_collect.learning.background import BackgroundTraining, BehaviourPolicy, Ending
 from uav_collect.learning.learner import keep_freed_memory
 from uav_collect.learning.replay import replay_bytes
-from uav_collect.missions import batch_kernels
 from uav_collect.nodes import topics
 from uav_collect.nodes.parameters import help_text
 from uav_collect.nodes.process import FAILED, MISUSED, parse_arguments, ProcessNode, run_node
@@ -119,7 +117,6 @@ class TrainerNode(ProcessNode):
             publish_every_updates=settings.publish_every_updates,
             checkpoint_s=settings.checkpoint_period_s,
         )
-        self._log_compiling()
         for namespace in namespaces:
             ask = partial(self._ask, namespace)
             self._joiners[namespace] = self._new_joiner(ask)
@@ -130,12 +127,6 @@ class TrainerNode(ProcessNode):
         self.get_logger().info(
             f'the replay has room for {size:,} decisions: {n_bytes / 1e6:,.0f} MB'
         )
-
-    def _log_compiling(self) -> None:
-        if kernels_are_compiled() and not kernels_are_cached(
-            (*batch_kernels.KERNELS, *rebuild.KERNELS)
-        ):
-            self.get_logger().info('compiling (once): this takes about a minute')
 
     # What comes in.
 

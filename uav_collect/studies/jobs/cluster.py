@@ -5,7 +5,9 @@ what it did since its last state.
 """
 
 from collections.abc import Iterator, Sequence
+import math
 from pathlib import Path
+from time import monotonic
 from typing import Any
 
 import ray
@@ -21,6 +23,8 @@ from ray.exceptions import (
 )
 import uav_collect
 from uav_collect.kernels.compile import sources_digest
+from uav_collect.kernels.patience import waiting_for
+from uav_collect.studies.jobs.cluster_address import check_address
 from uav_collect.studies.jobs.work import run_job
 from uav_collect.studies.jobs.worker_messages import (
     Failed,
@@ -37,6 +41,7 @@ _LOSSES = (
     WorkerCrashedError, NodeDiedError, ObjectLostError, OutOfMemoryError, GetTimeoutError,
 )  # fmt: skip
 _GET_S = 300.0  # for an event's bytes to come from where they are
+_STOPPING_S = 6.0  # until a job that was asked to end is ended by force
 
 
 class RayEngine:
@@ -61,10 +66,13 @@ class RayEngine:
             options |= {'address': address, 'runtime_env': modules}
         self._is_ours = not ray.is_initialized()
         if self._is_ours:
-            ray.init(**options)
+            with waiting_for(f'the Ray cluster at {address}' if address else 'Ray to start'):
+                if address is not None:
+                    check_address(address)
+                ray.init(**options)
         self._perform = ray.remote(num_cpus=1, max_retries=0)(_performed)
         self._streams: dict[Any, str] = {}  # digest by stream of events
-        self._is_stopping = False
+        self._stopped_s = math.inf
 
     @property
     def n_slots(self) -> int:
@@ -79,6 +87,9 @@ class RayEngine:
         """Reports of jobs; of one whose machine or process is gone, that it is lost."""
         if not self._streams:
             return []
+        if monotonic() >= self._stopped_s + _STOPPING_S:
+            for stream in self._streams:  # it compiles, or runs what cannot be interrupted
+                ray.cancel(stream, force=True)
         streams = [*self._streams]
         ready, _ = ray.wait(streams, num_returns=1, timeout=timeout_s)
         more, _ = ray.wait(streams, num_returns=len(streams), timeout=0)
@@ -92,7 +103,7 @@ class RayEngine:
 
     def stop(self) -> None:
         """Cancel all jobs; what they did since their last states is lost."""
-        self._is_stopping = True
+        self._stopped_s = monotonic()
         for stream in self._streams:
             ray.cancel(stream, force=False)
 
@@ -104,6 +115,10 @@ class RayEngine:
         if self._is_ours:
             ray.shutdown()
 
+    @property
+    def _is_stopping(self) -> bool:
+        return math.isfinite(self._stopped_s)
+
     def _next(self, stream: Any) -> JobReport:  # noqa: ANN401 - Ray's
         try:
             report: JobReport = ray.get(next(stream), timeout=_GET_S)
@@ -112,7 +127,7 @@ class RayEngine:
         except TaskCancelledError:
             return Stopped()
         except _LOSSES as error:
-            return Lost(why=_first_line(error))
+            return Stopped() if self._is_stopping else Lost(why=_first_line(error))
         except RayTaskError as error:
             if self._is_stopping:
                 return Stopped()

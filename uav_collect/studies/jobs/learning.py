@@ -56,7 +56,7 @@ def run_training(
     saved_s = monotonic()
     diverged = ''
     try:
-        for progress in trainer.run(Budget(decisions=job.decisions)):
+        for progress in trainer.run(Budget(decisions=job.decisions), is_stopping):
             rows += _rows(progress)
             yield progress.share_done
             stops = is_stopping()

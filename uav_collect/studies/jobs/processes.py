@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+import math
 import multiprocessing
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
@@ -10,17 +11,20 @@ import signal
 from time import monotonic
 from traceback import format_exc
 
+from uav_collect.kernels import patience
 from uav_collect.studies.jobs.worker_messages import (
     Failed,
     Finished,
     JobReport,
     Lost,
     Stopped,
+    Stopping,
     WorkItem,
 )
 
 _STOP = 'stop'
 _END_S = 5.0  # until a process that was asked to end is killed
+_STOPPING_S = 6.0  # until one that does not say that it leaves its job is: it compiles
 
 
 @dataclass(eq=False)
@@ -37,6 +41,8 @@ class ProcessEngine:
         """Start no process yet: each is started when there is a job for it."""
         self._n_slots = n_slots
         self._workers: list[_Worker] = []
+        self._killed_at_s = math.inf  # those who have not answered by then
+        self._answered: set[str] = set()  # digests
         self._context = multiprocessing.get_context('spawn')  # torch and numba have threads
 
     @property
@@ -54,6 +60,10 @@ class ProcessEngine:
 
     def wait(self, timeout_s: float) -> Sequence[tuple[str, JobReport]]:
         """Reports of jobs; of one whose process is gone, that it is lost."""
+        if monotonic() >= self._killed_at_s:
+            for worker in self._workers:
+                if worker.digest not in (None, *self._answered):
+                    worker.process.kill()
         reports: list[tuple[str, JobReport]] = []
         by_connection = {worker.connection: worker for worker in self._workers}
         for connection in wait([*by_connection], timeout_s):
@@ -65,7 +75,8 @@ class ProcessEngine:
         return reports
 
     def stop(self) -> None:
-        """Ask all processes to save and leave their jobs."""
+        """Ask all processes to save and leave their jobs; who does not answer is killed."""
+        self._killed_at_s = monotonic() + _STOPPING_S
         for worker in self._workers:
             if worker.digest is not None:
                 _send(worker, _STOP)
@@ -100,7 +111,11 @@ class ProcessEngine:
             self._workers.remove(worker)
             worker.connection.close()
             worker.process.join()
+            if monotonic() >= self._killed_at_s:
+                return Stopped()
             return Lost(why=f'process {worker.process.pid} ended: {worker.process.exitcode}')
+        if isinstance(report, Stopping) and worker.digest is not None:
+            self._answered.add(worker.digest)
         if isinstance(report, Finished | Failed | Stopped):
             worker.digest = None
         return report
@@ -113,6 +128,7 @@ def _send(worker: _Worker, what: WorkItem | str) -> None:
 
 def _worker_loop(connection: Connection) -> None:
     """Do jobs until there is nobody who gives any."""
+    patience.be_silent()  # the schedule says what this process does
     for number in (signal.SIGINT, signal.SIGHUP):  # who started us says when to stop
         signal.signal(number, signal.SIG_IGN)
     try:
@@ -133,6 +149,7 @@ def _do_job(task: WorkItem, connection: Connection) -> None:
         nonlocal asked
         if not asked and connection.poll():
             asked = connection.recv() == _STOP
+            connection.send(Stopping())
         return asked
 
     steps = run_job(task, is_stopping)

@@ -8,6 +8,7 @@ from uav_collect.studies.jobs.jobs import Job, job_inputs, POLICY
 from uav_collect.studies.jobs.store import Store
 from uav_collect.studies.jobs.worker_messages import (
     Advanced,
+    Compiling,
     Failed,
     Finished,
     JobReport,
@@ -36,7 +37,7 @@ class JobEngine(Protocol):
         """Reports that came meanwhile, each with the digest of its job; none if the time is up."""
 
     def stop(self) -> None:
-        """Ask all jobs to be left, saved where they can be."""
+        """Ask all jobs to be left, saved where they can be; what does not answer is ended."""
 
     def close(self) -> None:
         """End all workers, whatever they do."""
@@ -49,6 +50,7 @@ class JobsStatus:
     total: int
     done: int = 0  # the ones found among them
     running: dict[str, float] = field(default_factory=dict)  # share done, by digest
+    compiling: set[str] = field(default_factory=set)  # of them
     hosts: dict[str, str] = field(default_factory=dict)  # who does them
     n_lost: int = 0
     failures: dict[str, str] = field(default_factory=dict)  # why, by digest
@@ -95,9 +97,12 @@ class _Run:
         )
 
     def handle(self, digest: str, report: JobReport) -> None:
+        self.status.compiling.discard(digest)
         match report:
             case Started(host=host):
                 self.status.hosts[digest] = host
+            case Compiling():
+                self.status.compiling.add(digest)
             case Advanced(share_done=share_done):
                 self.status.running[digest] = share_done
             case Saved(state=state, share_done=share_done):

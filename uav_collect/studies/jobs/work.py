@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 import fcntl
+from itertools import islice
 import os
 import socket
 from time import monotonic, process_time
@@ -27,6 +28,7 @@ from uav_collect.studies.jobs.flights import run_flights, run_plans
 from uav_collect.studies.jobs.jobs import FlightsJob, Job, PlansJob, TrainingJob
 from uav_collect.studies.jobs.worker_messages import (
     Advanced,
+    Compiling,
     Cost,
     Finished,
     JobEvent,
@@ -73,15 +75,14 @@ def run_job(task: WorkItem, is_stopping: Callable[[], bool] = lambda: False) -> 
 
 def _compile_in_turn(job: Job, events: Iterator[JobEvent]) -> Iterator[JobEvent]:
     """Events of a job; where its kernels are not compiled yet, up to the first step in turn."""
-    if not kernels_are_compiled():
+    if not kernels_are_compiled() or kernels_are_cached(kernels_of(job)):
         yield from events
         return
+    yield from islice(events, 1)
+    yield Compiling()
     with _compile_lock():
         if not kernels_are_cached(kernels_of(job)):
-            for event in events:
-                yield event
-                if not isinstance(event, Started):
-                    break
+            yield from islice(events, 1)
     yield from events
 
 

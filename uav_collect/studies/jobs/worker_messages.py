@@ -40,6 +40,11 @@ class Started:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Compiling:
+    """The worker compiles kernels, or waits for another one of its machine that does."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Advanced:
     """How far the job is."""
 
@@ -62,7 +67,7 @@ class Finished:
     cost: Cost
 
 
-JobEvent = Started | Advanced | Saved | Finished
+JobEvent = Started | Compiling | Advanced | Saved | Finished
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,8 +86,13 @@ class Failed:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Stopping:
+    """The worker knows that it is to leave the job, and saves it."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Stopped:
     """The worker left the job unfinished, as it was asked to."""
 
 
-JobReport = JobEvent | Lost | Failed | Stopped
+JobReport = JobEvent | Lost | Failed | Stopping | Stopped

@@ -1,0 +1,61 @@
+"""A process that compiles kernels says so, and knows how long."""
+
+from queue import SimpleQueue
+
+import pytest
+from uav_collect.kernels.compilation import Compilation
+from uav_collect.kernels.compile import compilation, kernels_are_compiled
+from uav_collect.training.progress import SpeedMeter
+
+HANG_S = 60.0
+
+
+def test_a_line_says_what_a_process_that_compiles_does() -> None:
+    said: SimpleQueue[str] = SimpleQueue()
+    compiling = Compilation(said.put)
+    compiling.begin()
+    assert said.get(timeout=HANG_S) == 'compiling kernels (once): this takes about a minute'
+    compiling.end()
+
+
+def test_short_ones_are_said_once_they_add_up() -> None:
+    said: SimpleQueue[str] = SimpleQueue()
+    compiling = Compilation(said.put)
+    while said.empty():
+        compiling.begin()
+        compiling.end()
+    assert compiling.duration_s >= 0.9
+
+
+def test_kernels_that_are_compiled_within_others_count_once() -> None:
+    compiling = Compilation(lambda _: None)
+    for _ in range(2):
+        compiling.begin()
+    compiling.end()
+    assert compiling.is_going_on
+    compiling.end()
+    assert not compiling.is_going_on
+    ended_s = compiling.duration_s
+    assert compiling.duration_s == ended_s
+
+
+@pytest.mark.skipif(not kernels_are_compiled(), reason='nothing is compiled')
+def test_numba_tells_when_it_compiles() -> None:
+    import numba
+    from numba.core import event
+
+    compiling = Compilation(lambda _: None)
+    compiling.watch(event)
+    assert compiling.duration_s == 0.0
+    numba.njit(lambda number: number + 1)(1)
+    assert compiling.duration_s > 0.0
+    assert not compiling.is_going_on
+
+
+def test_a_training_is_not_charged_for_what_is_compiled() -> None:
+    meter = SpeedMeter(0, 0)
+    compilation.begin()
+    before_s = meter.lap_s()
+    during_s = meter.lap_s()
+    compilation.end()
+    assert (before_s >= 0.0, during_s) == (True, 0.0)
