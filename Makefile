@@ -6,7 +6,7 @@
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup mission train train-fleet curves figures test test-ubuntu fuzz golden check format bench clean distclean
+.PHONY: help setup mission train train-fleet curves figures test test-ubuntu fuzz chaos soak golden check format bench clean distclean
 
 VENV := .venv
 PYTHON ?=
@@ -135,6 +135,12 @@ test-ubuntu: $(BUILT) $(DEVELOPED) $(UBUNTU)/.built  ## fly and read settings wi
 
 fuzz: $(BUILT) $(DEVELOPED) $(LEARNS)  ## try every surface by nonsense, as MINUTES=30 SURFACES='log bag'
 	@. install/setup.sh && $(VENV)/bin/python tools/fuzz.py $(if $(MINUTES),--minutes '$(MINUTES)') $(SURFACES)
+
+chaos: $(BUILT) $(LEARNS)  ## kill, stop and starve every node of a fleet in flight, as ROUNDS=3
+	@. install/setup.sh && $(VENV)/bin/python tools/endurance/chaos.py $(if $(ROUNDS),--rounds '$(ROUNDS)') $(ARGS)
+
+soak: $(BUILT) $(LEARNS)  ## fly for long: what grows, what leaks, what is lost, as MINUTES=60
+	@. install/setup.sh && $(VENV)/bin/python tools/endurance/soak.py $(if $(MINUTES),--minutes '$(MINUTES)') $(ARGS)
 
 golden: $(INSTALLED)  ## write the digests of mission logs anew; their diff is a change of behaviour
 	@PYTHONPATH=.:test/helpers $(VENV)/bin/python test/helpers/golden_logs.py

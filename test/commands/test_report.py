@@ -6,6 +6,7 @@ import math
 import os
 from pathlib import Path
 
+from bags import HandMadeBag
 import numpy as np
 import pytest
 from uav_collect.__main__ import main
@@ -219,3 +220,49 @@ def test_report_of_a_log_that_was_cut_off_shows_its_whole_lines(
     shown = capsys.readouterr().out
     assert 'paper_8x8, mission seed 4' in shown
     assert 'warning: not all of the mission was recorded' in shown
+
+
+@pytest.mark.parametrize(
+    ('content', 'words'),
+    [(b'\xff\xfe', 'must be UTF-8 text'), (b'a: [', 'is not valid YAML')],
+)
+def test_report_names_the_scenario_file_that_is_none(
+    report_folder: Path, content: bytes, words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = report_folder / 'scenario.yaml'
+    file.write_bytes(content)
+    assert main(['report', str(report_folder)]) == 2
+    shown = capsys.readouterr().err
+    assert shown.startswith(f'error: {file}')
+    assert words in shown
+
+
+def test_report_of_a_damaged_bag_names_the_damage_and_shows_what_is_whole(
+    small: Scenario, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    site = build_site(small)
+    [log] = rollout.fly(site, [4], 'sweep')
+    bag = HandMadeBag(tmp_path / 'bag', chunk_byte=2_000)
+    bag.add_scenario(site)
+    bag.add_mission(log, 'world-0')
+    bag.writer.close()
+    file = tmp_path / 'bag' / 'bag.mcap'
+    content = bytearray(file.read_bytes())
+    content[len(content) // 3] ^= 1
+    file.write_bytes(content)
+    assert main(['report', str(tmp_path / 'bag')]) == 0
+    shown = capsys.readouterr()
+    assert shown.err.startswith(f'{tmp_path}/bag: bag.mcap: chunk ')
+    assert shown.err.count('\n') == 1
+    assert 'warning: not all of the mission was recorded, or some of it is damaged' in shown.out
+
+
+@pytest.mark.parametrize('name', ['pipe', 'pipe.jsonl', 'pipe.mcap', 'pipe.db3', 'pipe.bag'])
+@pytest.mark.parametrize('command', ['report', 'verify'])
+def test_a_pipe_is_no_recording(
+    tmp_path: Path, command: str, name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    os.mkfifo(tmp_path / name)
+    assert main([command, str(tmp_path / name)]) == 2
+    shown = capsys.readouterr().err
+    assert shown == f'error: {tmp_path}/{name}: is a pipe or a device: must be a file\n'

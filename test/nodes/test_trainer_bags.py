@@ -3,6 +3,8 @@
 from pathlib import Path
 import signal
 
+from bag_damage import changed_byte
+from bags import HandMadeBag
 from episodes import single_threaded_torch
 from fleets import parameters
 from processes import Processes
@@ -11,8 +13,11 @@ import pytest
 torch = single_threaded_torch()
 pytest.importorskip('rclpy')
 from rosbags.highlevel import AnyReader
+from tiny_world import tiny
 from trainings import fleet_of, NEVER, replayed, start_trainer, TRAINED_S
+from uav_collect.missions.rollout import fly
 from uav_collect.nodes import topics
+from uav_collect.scenario.site import build_site
 
 pytestmark = pytest.mark.ros
 
@@ -111,3 +116,26 @@ def test_a_bag_that_is_too_short_to_learn_from_leaves_no_policy(
     assert 'nothing was learned' in trainer.output.splitlines()[-1]
     assert 'it takes 4 missions and 20 decisions' in trainer.output
     assert [*run.glob('*.safetensors')] == []
+
+
+def test_a_bag_with_a_flipped_bit_teaches_nothing_and_is_mended(
+    processes: Processes, tmp_path: Path
+) -> None:
+    site = build_site(tiny())
+    [log] = fly(site, [0], 'sweep')
+    bag = HandMadeBag(tmp_path / 'bag', chunk_byte=2_000)
+    bag.add_scenario(site)
+    bag.add_mission(log, 'world-0')
+    bag.writer.close()
+    changed_byte(tmp_path / 'bag' / 'bag.mcap', b'zstd', behind=True)  # the length of the first
+    trainer = start_trainer(processes, tmp_path / 'run', '--from-bag', str(tmp_path / 'bag'))
+    assert trainer.wait_for_exit(TRAINED_S) == 2
+    assert f'{tmp_path}/bag: bag.mcap: chunk 1, bytes ' in trainer.output
+    assert f'recorder --repair {tmp_path}/bag keeps what is whole' in trainer.output
+    repair = processes.start('recorder', '--repair', str(tmp_path / 'bag'))
+    assert repair.wait_for_exit() == 0
+    repair.wait_for('left out: bag.mcap: chunk 1, bytes ')
+    repair.wait_for(f'kept {tmp_path}/bag/bag.mcap.broken')
+    again = processes.start('recorder', '--repair', str(tmp_path / 'bag'))
+    assert again.wait_for_exit() == 0
+    again.wait_for('nothing to repair')

@@ -1,17 +1,15 @@
 """A recording survives whatever ends its recorder: up to the last chunk it flushed."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 import errno
 import os
 from pathlib import Path
 import random
 import re
-import resource
 import shutil
 import struct
 
 from bags import HandMadeBag, QOS
+from full_disk import no_file_beyond
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.writer import CompressionType, Writer
@@ -304,17 +302,6 @@ def test_what_is_no_bag_is_refused_and_left_alone(
         assert {p.name: p.read_bytes() for p in bag.iterdir()} == files
 
 
-@contextmanager
-def full_disk(file_size_byte: int) -> Iterator[None]:
-    """Let no file of this process grow beyond a size, as if the disk were full."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (file_size_byte, hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-
-
 def test_a_full_disk_costs_only_what_did_not_fit(tmp_path: Path) -> None:
     folder = tmp_path / 'bag'
     bag = HandMadeBag(folder)
@@ -323,7 +310,7 @@ def test_a_full_disk_costs_only_what_did_not_fit(tmp_path: Path) -> None:
     flushed_byte = (folder / 'bag.mcap').stat().st_size
     write_radio(bag, range(1000, 3000))
     with (
-        full_disk(flushed_byte + 50_000),  # enough for the index, not for the messages
+        no_file_beyond(flushed_byte + 50_000),  # enough for the index, not for the messages
         pytest.raises(RecordingError, match='2000 messages could not be written') as failure,
     ):
         bag.writer.flush()
@@ -339,7 +326,7 @@ def test_a_repair_without_room_leaves_all_as_it_was(
 ) -> None:
     bag = copy_of(torn, tmp_path, cut_at=torn[1][3] + 100)
     before = {file: file.read_bytes() for file in bag.iterdir()}
-    with full_disk(room_byte), pytest.raises(OSError, match='File too large'):
+    with no_file_beyond(room_byte), pytest.raises(OSError, match='File too large'):
         repair(bag)
     assert {file: file.read_bytes() for file in bag.iterdir()} == before
     assert repair(bag).n_messages == 3 * PER_CHUNK
@@ -427,7 +414,7 @@ def test_a_disk_too_full_for_the_index_leaves_what_repair_can_read(tmp_path: Pat
     flushed_byte = (folder / 'bag.mcap').stat().st_size
     write_radio(bag, range(1000, 3000))
     with (
-        full_disk(flushed_byte + 10),
+        no_file_beyond(flushed_byte + 10),
         pytest.raises(RecordingError, match=f'recorder --repair {folder}'),
     ):
         bag.writer.flush()

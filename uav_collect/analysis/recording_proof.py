@@ -16,6 +16,7 @@ from uav_collect.analysis.proof import (
     prove,
     Verdict,
 )
+from uav_collect.config.yaml_text import MAX_BYTES
 from uav_collect.errors import BagError, ConfigError, MissionLogError, UavCollectError
 from uav_collect.missions.recorded_policies import RecordedPolicies
 from uav_collect.recording.bag_reader import recorded_site
@@ -88,10 +89,14 @@ def _proofs_of_run(folder: Path, given: Given) -> Iterator[Proof]:
     policies = _policy_files(folder, given)
     for bag in bags:
         try:
-            yield from _proofs_of_bag(bag, policies, logs, sorted(folder.glob(_SCENARIO_FILES)))
+            yield from _proofs_of_bag(bag, policies, logs, _scenario_files(folder))
         except BagError as error:
             yield Proof(mission=bag.name, verdict=Verdict.DAMAGED, findings=(str(error),))
     yield from _proofs_of_logs([*logs.values()], folder, given)
+
+
+def _scenario_files(folder: Path) -> list[Path]:
+    return [each for each in sorted(folder.glob(_SCENARIO_FILES)) if each.is_file()]
 
 
 def _policy_files(folder: Path, given: Given) -> list[Path]:
@@ -236,7 +241,10 @@ class _BagProof:
     def _scenario_file_damage(self, file: Path) -> Iterator[Proof]:
         """What of a scenario in the run folder no world has said."""
         sent = [message for each in self._reader.scenarios.values() for message in each]
-        texts, mine = [message.yaml.encode() for message in sent], file.read_bytes()
+        texts, mine = (
+            [message.yaml.encode() for message in sent],
+            files.read_bounded(file, MAX_BYTES),
+        )
         if not texts or mine in texts:
             return
         pairs = enumerate(zip_longest(mine.split(b'\n'), texts[0].split(b'\n')), start=1)

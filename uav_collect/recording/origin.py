@@ -4,11 +4,13 @@ from collections.abc import Mapping, Sequence
 import json
 from pathlib import Path
 
+from uav_collect import files
 from uav_collect.kernels.compile import sources_digest
 from uav_collect.revision import git_revision, package_versions
 
 ORIGIN_FILE = 'origin.json'  # of a run folder
 ORIGIN_KEY = 'origin'  # of the remarks in a bag's metadata
+_MOST_BYTE = 1 << 20
 _FLOWN_BY = ('uav_collect', 'python', 'numpy')
 _POLICIES = 'policies'
 _SOURCES = 'sources'  # a digest: equal ones are the same code, whatever the revision is called
@@ -38,7 +40,7 @@ def parsed_origin(text: str) -> dict[str, str] | None:
     """What `origin_text` wrote; None where the text is nothing of the kind."""
     try:
         values = json.loads(text)
-    except ValueError:
+    except (RecursionError, ValueError):
         return None
     if not isinstance(values, dict) or _SOURCES not in values:
         return None
@@ -48,7 +50,7 @@ def parsed_origin(text: str) -> dict[str, str] | None:
 def read_origin(folder: Path) -> dict[str, str] | None:
     """The code that wrote a run folder; None where it does not say."""
     try:
-        return parsed_origin((folder / ORIGIN_FILE).read_text(encoding='utf-8'))
+        return parsed_origin(_text_of(folder))
     except (OSError, UnicodeDecodeError):
         return None
 
@@ -56,10 +58,14 @@ def read_origin(folder: Path) -> dict[str, str] | None:
 def read_versions(folder: Path) -> dict[str, str]:
     """The versions of the policies that flew, by name, where a run folder tells a single one."""
     try:
-        policies = json.loads((folder / ORIGIN_FILE).read_text(encoding='utf-8'))[_POLICIES]
+        policies = json.loads(_text_of(folder))[_POLICIES]
         return {name: versions[0] for name, versions in policies.items() if len(versions) == 1}
-    except (OSError, AttributeError, KeyError, TypeError, ValueError):
+    except (OSError, AttributeError, KeyError, RecursionError, TypeError, ValueError):
         return {}
+
+
+def _text_of(folder: Path) -> str:
+    return files.read_bounded(folder / ORIGIN_FILE, _MOST_BYTE).decode()
 
 
 def changed_since(then: Mapping[str, str]) -> str | None:

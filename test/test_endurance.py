@@ -1,0 +1,36 @@
+"""Chaos and soak, as users run them, tell what they tried and what was lost."""
+
+from pathlib import Path
+import sys
+
+from processes import Processes
+import pytest
+
+pytestmark = pytest.mark.ros
+
+TOOLS = Path(__file__).parents[1] / 'tools' / 'endurance'
+LONG_S = 300.0  # for what takes half a minute where nothing else runs
+
+
+def test_chaos_loses_no_mission_of_an_agent_whose_packets_are_lost(processes: Processes) -> None:
+    tool = str(TOOLS / 'chaos.py')
+    chaos = processes.run('chaos', sys.executable, tool, '--only', 'agent: network')
+    assert chaos.wait_for_exit(LONG_S) == 0, chaos.output
+    assert 'agent │ network │ 1' in chaos.output
+    chaos.wait_for(r'1 faults, \d+ missions, 0 lost, 0 other complaints')
+    assert processes.survivors() == []
+
+
+def test_a_fault_that_is_none_is_refused_with_those_there_are(processes: Processes) -> None:
+    chaos = processes.run('chaos', sys.executable, str(TOOLS / 'chaos.py'), '--only', 'snow')
+    assert chaos.wait_for_exit() == 2
+    assert 'faults are world: kill -9, ' in chaos.output
+
+
+def test_a_soak_says_of_every_node_by_how_much_it_grows(processes: Processes) -> None:
+    soak = processes.run('soak', sys.executable, str(TOOLS / 'soak.py'), '--minutes', '0.2')
+    assert soak.wait_for_exit(LONG_S) in (0, 1), soak.output  # so soon anything may still grow
+    for node in ('recorder', 'trainer', 'uav_1', 'world'):
+        soak.wait_for(rf'{node} │ +[0-9.]+ │ +[0-9.]+ │ +-?[0-9.]+ │ +-?[0-9.]+ │')
+    soak.wait_for(r'missions lost: 0 of \d+')
+    assert processes.survivors() == []

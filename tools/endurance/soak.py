@@ -1,0 +1,114 @@
+"""Flies for long while agents are killed now and then: what grows, what leaks, what is lost.
+
+`python tools/endurance/soak.py --minutes 60` is `make soak MINUTES=60`. Of every node that lives
+through it, memory and open files are sampled; after a while neither may grow any more.
+"""
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass
+import sys
+import time
+
+from flight import Flight, flight_of
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from uav_collect.scenario.load import load, with_uavs
+
+N_UAVS = 4
+KILL_EVERY = 20  # missions
+SAMPLES = 200  # of the whole time
+WARM_SHARE = 0.3  # of the time, after which nothing may grow any more
+GROWTH_KB = 20.0  # of a node in 100 missions
+FILES = 0.1  # the same, of its open files
+_SAY_EVERY_S = 60.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sample:
+    """What a node held at a time."""
+
+    at_s: float
+    n_missions: int
+    resident_kb: float
+    n_files: int
+
+
+def soak(flight: Flight, budget_s: float, console: Console) -> dict[str, list[Sample]]:
+    """Fly for a time; the samples of the nodes that nobody kills."""
+    samples: dict[str, list[Sample]] = {
+        name: [] for name in flight.nodes if name not in flight.agents[1:]
+    }
+    flight.wait_until(lambda: flight.n_ended >= 1, 'the first mission')
+    begun_s = said_s = time.monotonic()
+    n_killed = 0
+    while (now_s := time.monotonic()) < begun_s + budget_s:
+        n_missions = flight.n_ended
+        for name, taken in samples.items():
+            if now_s - begun_s >= len(taken) * budget_s / SAMPLES:
+                taken.append(sampled(flight, name, now_s - begun_s, n_missions))
+        if n_missions >= (n_killed + 1) * KILL_EVERY:
+            flight.replace(flight.agents[1 + n_killed % (N_UAVS - 1)])
+            n_killed += 1
+        if now_s >= said_s + _SAY_EVERY_S:
+            said_s = now_s
+            console.print(f'{(now_s - begun_s) / 60:.0f} min, {n_missions} missions', style='dim')
+        flight.wait_until(lambda now_s=now_s: time.monotonic() >= now_s + 0.1, 'a moment')
+    return samples
+
+
+def sampled(flight: Flight, name: str, at_s: float, n_missions: int) -> Sample:
+    """What a node holds now."""
+    node = flight.nodes[name]
+    return Sample(
+        at_s=at_s, n_missions=n_missions, resident_kb=node.resident_kb, n_files=node.n_files
+    )
+
+
+def slopes(taken: Sequence[Sample]) -> tuple[float, float]:
+    """By how many kB and open files a node grows in 100 missions, once it is warm."""
+    warm = [each for each in taken if each.at_s >= WARM_SHARE * taken[-1].at_s]
+    n_missions = np.array([each.n_missions for each in warm], dtype=np.float64)
+    if np.ptp(n_missions) == 0.0:
+        raise SystemExit('too few missions were flown to tell: soak for longer')
+    held = ([each.resident_kb for each in warm], [each.n_files for each in warm])
+    memory, files = (float(np.polyfit(n_missions, values, 1)[0]) * 100.0 for values in held)
+    return memory, files
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Soak and print; the exit status is 1 if anything grew or was lost."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--minutes', type=float, default=60.0, help='how long to fly (60)')
+    arguments = parser.parse_args(argv)
+    if not 0.0 < arguments.minutes < 1e5:
+        parser.error('minutes must be > 0 and < 100000')
+    console = Console(width=None if sys.stdout.isatty() else 100)
+    with flight_of(with_uavs(load('paper_8x8'), N_UAVS), pace=0.0) as flight:
+        samples = soak(flight, 60.0 * arguments.minutes, console)
+        flight.close()
+        n_missions, lost = flight.lost()
+        complaints = flight.tracebacks()
+    table = Table(title=f'{n_missions} missions in {arguments.minutes:g} min')
+    for heading in ('node', 'MB first', 'MB last', f'kB/100 missions (<= {GROWTH_KB:g})'):
+        table.add_column(heading, justify='right')
+    table.add_column(f'files/100 missions (<= {FILES:g})', justify='right')
+    grows = []
+    for name, taken in samples.items():
+        memory_kb, n_files = slopes(taken)
+        if memory_kb > GROWTH_KB or n_files > FILES:
+            grows.append(name)
+        ends = (f'{each.resident_kb / 1e3:.1f}' for each in (taken[0], taken[-1]))
+        table.add_row(name, *ends, f'{memory_kb:.1f}', f'{n_files:.3f}')
+    console.print(table)
+    for complaint in complaints:
+        console.print(complaint, markup=False)
+    what = f'grows: {", ".join(grows)}' if grows else 'nothing grows'
+    verdict = 'fails' if grows or lost or complaints else 'holds'
+    console.print(f'{verdict}: {what}; missions lost: {len(lost)} of {n_missions}')
+    return int(verdict == 'fails')
+
+
+if __name__ == '__main__':
+    sys.exit(main())
