@@ -268,6 +268,15 @@ def test_an_illegal_action_is_refused_and_changes_nothing(action: int) -> None:
     assert world.agent_selection == 'uav_2'
 
 
+@pytest.mark.parametrize('action', [10**30, -(2**63) - 1])
+def test_an_action_that_no_array_holds_is_refused_as_others_are(action: int) -> None:
+    world = env(short())
+    world.reset()
+    with pytest.raises(ValueError, match=f'action of uav_1 is {action}: must be 0..4'):
+        world.step(action)
+    world.step(RIGHT)
+
+
 def test_an_agent_that_decides_must_act() -> None:
     world = env(short())
     world.reset()

@@ -179,7 +179,10 @@ class MissionEnv(AECEnv):
         if action is None:
             raise ValueError(f'{agent} decides: its action must not be None')
         now_s = float(self._env.decisions.time_s[0])
-        reward = float(self._env.step(np.array([operator.index(action)])).reward[0])
+        chosen = operator.index(action)
+        if not -(2**63) <= chosen < 2**63:  # what no array holds
+            raise ValueError(f'action of {agent} is {chosen}: must be 0..{N_ACTIONS - 1}')
+        reward = float(self._env.step(np.array([chosen])).reward[0])
         self._n_decisions += 1
         self._decided_s[agent] = now_s
         self._cumulative_rewards[agent] = 0.0

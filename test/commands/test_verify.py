@@ -8,7 +8,7 @@ import shutil
 from bag_damage import changed_byte
 from fleets import flown_without
 import pytest
-from random_policies import header, saved
+from random_policies import header, of_before, saved
 from recordings import flown_with_injected
 from uav_collect.__main__ import main
 from uav_collect.missions.rollout import fly
@@ -332,3 +332,28 @@ def test_a_policy_of_another_version_is_named_though_only_its_log_is_left(
     assert mission.endswith(
         'flown to the same bytes; policy sweep is of version rule now, of older then'
     )
+
+
+def test_a_function_that_would_end_the_program_is_a_difference(
+    site: Site, small: Scenario, verified: Callable[..., list[str]], tmp_path: Path
+) -> None:
+    [log] = fly(site, [SEED], 'hostile_policies:numpy_number')
+    lines = [
+        line.replace('numpy_number', 'leaves') for line in log.to_jsonl().decode().splitlines()
+    ]
+    folder = tmp_path / 'run'
+    folder.mkdir()
+    (folder / f'mission_{SEED}.jsonl').write_text('\n'.join(lines) + '\n')
+    (folder / 'scenario.yaml').write_text(small.to_yaml())
+    said = verified(folder, '--policy', 'hostile_policies:leaves', status=1)
+    assert any('UAV 1 at 0.0 s in cell 0: SystemExit: 7 (hostile_policies.py' in it for it in said)
+
+
+def test_a_policy_file_of_before_is_taken_and_said_to_be_one(
+    small: Scenario, site: Site, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = of_before(saved(tmp_path, 'mine', header(side=8)))
+    folder = keep(tmp_path / 'run', small, *fly(site, [SEED], str(file)))
+    assert main(['verify', str(folder), '--policy', str(file)]) == 0
+    [line] = capsys.readouterr().err.splitlines()
+    assert line.startswith('policy mine is of uav_collect.policy/1: ')

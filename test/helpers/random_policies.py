@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 from uav_collect.uav.observation import Layout, observation_size
-from uav_collect.uav.policy_file import save_policy
+from uav_collect.uav.policy_file import load_policy, save_policy, WEIGHTS_FORMAT
 from uav_collect.uav.policy_network import (
     FrozenPolicy,
     PolicyHeader,
@@ -13,6 +13,7 @@ from uav_collect.uav.policy_network import (
     weight_shapes,
     Weights,
 )
+from uav_collect.uav.tensor_file import read_head, tensor_file
 
 VALIDATION = Validation(
     efficiency_kbit_per_j=1.25,
@@ -76,4 +77,15 @@ def saved(folder: Path, name: str, of: PolicyHeader, seed: int = 0) -> Path:
     """The file of a random policy."""
     path = folder / f'{name}.safetensors'
     save_policy(path, random_policy(of, seed))
+    return path
+
+
+def of_before(path: Path, **changed: str | None) -> Path:
+    """A file as it was written when the digest covered the weights alone, with other texts."""
+    policy = load_policy(path)
+    with path.open('rb') as file:
+        texts = read_head(file, path.stat().st_size).texts
+    old = {**texts, 'format': WEIGHTS_FORMAT, 'digest': policy.digest, **changed}
+    kept = {name: text for name, text in old.items() if text is not None}
+    path.write_bytes(tensor_file(policy.weights, kept))
     return path

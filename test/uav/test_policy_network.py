@@ -13,7 +13,14 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from random_policies import header, random_policy, random_weights, saved, VALIDATION
+from random_policies import (
+    header,
+    of_before,
+    random_policy,
+    random_weights,
+    saved,
+    VALIDATION,
+)
 from safetensors import safe_open
 from safetensors.numpy import save_file
 from tiny_world import tiny
@@ -263,15 +270,6 @@ def test_a_tool_writes_files_of_before_anew_and_leaves_others_alone(tmp_path: Pa
 
 def test_shipped_policies_are_of_todays_format() -> None:
     assert all(frozen_policy(name).is_header_covered for name in shipped_policies())
-
-
-def of_before(path: Path, **texts: str | None) -> Path:
-    """A file as it was written when the digest covered the weights alone."""
-    rewrite(
-        path,
-        metadata={'format': WEIGHTS_FORMAT, 'digest': load_policy(path).digest, **texts},
-    )
-    return path
 
 
 def validated(**values: object) -> dict[str, str]:

@@ -102,6 +102,8 @@ class UserPolicy:
 
     def _action(self, answer: object) -> int:
         """The number that was returned, of whatever library's kind; NONE if it is no number."""
+        if type(answer) is int:
+            return answer
         if type(answer) is CoroutineType:
             answer.close()  # else Python complains of it later
         if isinstance(answer, bool):
