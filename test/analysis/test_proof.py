@@ -244,3 +244,9 @@ def test_a_uav_that_two_versions_have_flown_is_named(prove: Prove) -> None:
                 values['policy_version'] = 'younger'
 
     assert 'UAV 1 was flown by rule, then younger' in prove(change).findings
+
+
+def test_what_a_recording_says_does_not_steer_the_terminal() -> None:
+    proof = Proof(mission='\x1b[31m', verdict=Verdict.DIFFERS, findings=('a\x1f\nb', 'c' * 5_000))
+    assert str(proof).isprintable()
+    assert len(str(proof)) < 1_000

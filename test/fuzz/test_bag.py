@@ -5,69 +5,48 @@ without checksums that fit; its messages by field, its types by definition, its 
 """
 
 from functools import cache
-import json
 from pathlib import Path
 import shutil
-import struct
 import tempfile
-from typing import Any, NamedTuple
-from zlib import crc32
+from typing import NamedTuple
 
+from bag_changes import (
+    FIELD_CHANGES,
+    FieldChange,
+    HEAD,
+    inner_records,
+    MAGIC,
+    MESSAGE_HEAD,
+    NUMBERS,
+    packed,
+    Record,
+    record_changes,
+    RecordChange,
+    records_of,
+    SHARES,
+    TEXTS,
+)
 from bag_damage import copied
-from bags import definition_text, HandMadeBag
+from bags import HandMadeBag
 from byte_changes import BYTE_CHANGES, ByteChange, changed_bytes
 from fuzzing import check_lines, fuzzed
 from hypothesis import strategies as st
-import numpy as np
-from rosbags.rosbag2.storage_mcap import zstd  # type: ignore[attr-defined]
-from rosbags.typesys import get_types_from_msg, get_typestore, Stores
-from rosbags.typesys.store import Typestore
+from recordings import end_of, messages_of, start_of, write_bag
 from tiny_world import tiny, uav
+from uav_collect.analysis.proof import Verdict
+from uav_collect.analysis.recording_proof import Given, prove_recording
 from uav_collect.api import FlownMission
-from uav_collect.errors import BagError
+from uav_collect.errors import BagError, UavCollectError
 from uav_collect.missions.rollout import fly
 from uav_collect.recording.bag_reader import read_recording, Recording
+from uav_collect.recording.bag_repair import repair
+from uav_collect.recording.bag_storage import open_bag
 from uav_collect.recording.mission_log import from_jsonl
 from uav_collect.scenario.site import build_site
+from uav_collect.world.sensor_field import demand_of
 
-MAGIC = b'\x89MCAP0\r\n'
-HEAD = struct.Struct('<BQ')
-MESSAGE_HEAD = struct.Struct('<HIQQ')
-HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = 1, 2, 3, 4, 5, 6
-DATA_END = 0x0F
-FOLDER = Path(tempfile.mkdtemp(prefix='fuzz-bag-', dir='/dev/shm'))
-NUMBERS = st.one_of(
-    st.integers(-(2**63), 2**64 - 1),
-    st.sampled_from([0, 1, 2, 3, 63, 64, 65, 255, 2**31, 2**32 - 1, 2**53]),
-)
-FLOATS = st.one_of(st.floats(), st.sampled_from([0.0, -1.0, 1e18, 1e308, 5e-324]))
-TEXTS = st.one_of(
-    st.text(st.characters(exclude_categories=['Cs']), max_size=30),
-    st.sampled_from(['', 'x' * 5_000, '\x1b[31m', '[/b]', '{}', '[' * 5_000, 'a: &a [*a]', '~']),
-)
-WORDS = (
-    *(
-        'int64',
-        'uint8',
-        'float64',
-        'string',
-        'event',
-        'time_s',
-        'mission',
-        'epoch',
-        'world',
-        'cdr',
-    ),
-    *('uav_collect_msgs', 'Mission', 'Epoch', 'ros2msg', 'heard', 'terminal', 'uav', 'scenario'),
-)  # of types and channels
-SHARES = st.floats(0.0, 1.0, exclude_max=True)
-
-
-class Record(NamedTuple):
-    """A record of an MCAP file."""
-
-    kind: int
-    body: bytes
+MEMORY = tempfile.TemporaryDirectory(prefix='fuzz-bag-', dir='/dev/shm')
+FOLDER = Path(MEMORY.name)
 
 
 class Made(NamedTuple):
@@ -91,53 +70,8 @@ def made() -> Made:
     bag.add_mission(log, 'world-0', n_radio_messages=3)
     bag.writer.close()
     content = (folder / 'made.mcap').read_bytes()
-    inner = []
-    for kind, body in records_of(content[len(MAGIC) :]):
-        if kind == CHUNK:
-            *_, size, n_name = struct.unpack_from('<QII', body, 16)
-            packed = body[32 + n_name + 8 :]
-            del size
-            inner += records_of(zstd.decompress(packed))
-    shutil.copy(folder / 'made.mcap', FOLDER / 'bag.mcap')
-    return Made(content, (folder / 'metadata.yaml').read_text(), tuple(inner), log.to_jsonl(), 3)
-
-
-def records_of(content: bytes) -> list[Record]:
-    """The records of bytes, up to a footer or their end."""
-    records, at = [], 0
-    while at < len(content):
-        kind, length = HEAD.unpack_from(content, at)
-        at += HEAD.size
-        records.append(Record(kind, content[at : at + length]))
-        at += length
-        if kind == FOOTER:
-            break
-    return records
-
-
-@cache
-def types() -> Typestore:
-    """The types of the bag's messages."""
-    store = get_typestore(Stores.EMPTY)
-    names = ('Seal', 'UavFigures', 'Scenario', 'Mission', 'Epoch', 'RadioMessage')
-    parts = ['builtin_interfaces/msg/Time', *(f'uav_collect_msgs/msg/{name}' for name in names)]
-    for name in parts:
-        store.register(get_types_from_msg(definition_text(name), name))
-    return store
-
-
-def packed(records: list[Record]) -> bytes:
-    """An MCAP file of one chunk, with checksums that fit, and without a summary."""
-    inner = b''.join(HEAD.pack(it.kind, len(it.body)) + it.body for it in records)
-    times = [it.body[6:14] for it in records if it.kind == MESSAGE and len(it.body) >= 14]
-    span = [int.from_bytes(it, 'little') for it in times] or [0]
-    head = struct.pack('<QQQII', min(span), max(span), len(inner), crc32(inner), 0)
-    chunk = head + struct.pack('<Q', len(inner)) + inner
-    header = b'\4\0\0\0ros2\4\0\0\0fuzz'
-    data = MAGIC + HEAD.pack(HEADER, len(header)) + header + HEAD.pack(CHUNK, len(chunk)) + chunk
-    data += HEAD.pack(DATA_END, 4) + struct.pack('<I', crc32(data))
-    footer = HEAD.pack(FOOTER, 20) + bytes(16)
-    return data + footer + struct.pack('<I', crc32(footer)) + MAGIC
+    metadata = (folder / 'metadata.yaml').read_text()
+    return Made(content, metadata, tuple(inner_records(content)), log.to_jsonl(), 3)
 
 
 def read(path: Path) -> Recording | None:
@@ -182,65 +116,9 @@ def written(content: bytes) -> Path:
     return path
 
 
-@fuzzed(share=0.3, changes=BYTE_CHANGES)
+@fuzzed(share=0.25, changes=BYTE_CHANGES)
 def test_bytes_of_a_file_with_checksums(changes: list[ByteChange]) -> None:
     check_unseen_is_equal(read(written(changed_bytes(made().content, changes))))
-
-
-class RecordChange(NamedTuple):
-    """What befalls records."""
-
-    what: str
-    share: float  # of them that lies before
-    other_share: float
-    kind: int
-    bytes: list[ByteChange]
-    words: tuple[str, str]  # one and what takes its place
-    head: tuple[int, int, int, int]  # of a message
-
-    def made(self, records: list[Record]) -> None:
-        """Change a list of records."""
-        if not records:
-            return
-        at, other = (int(share * len(records)) for share in (self.share, self.other_share))
-        record = records[at]
-        match self.what:
-            case 'drop':
-                del records[at]
-            case 'double':
-                records.insert(other, record)
-            case 'move':
-                records.insert(other, records.pop(at))
-            case 'kind':
-                records[at] = record._replace(kind=self.kind)
-            case 'body':
-                records[at] = record._replace(body=changed_bytes(record.body, self.bytes))
-            case 'words':
-                old, new = (word.encode() for word in self.words)
-                new = new.ljust(len(old), b'_')[: len(old)]  # all stays readable
-                records[at] = record._replace(
-                    body=record.body.replace(old, new, self.kind % 3 + 1)
-                )
-            case 'head' if record.kind == MESSAGE:
-                bits = (16, 32, 64, 64)
-                head = [it % 2**n_bits for it, n_bits in zip(self.head, bits, strict=True)]
-                body = MESSAGE_HEAD.pack(*head) + record.body[MESSAGE_HEAD.size :]
-                records[at] = record._replace(body=body)
-
-
-def record_changes(*kinds: str) -> st.SearchStrategy[list[RecordChange]]:
-    """Some changes of these kinds."""
-    change = st.builds(
-        RecordChange,
-        what=st.sampled_from(kinds),
-        share=SHARES,
-        other_share=SHARES,
-        kind=st.integers(0, 255),
-        bytes=BYTE_CHANGES,
-        words=st.tuples(st.sampled_from(WORDS), st.sampled_from(WORDS)),
-        head=st.tuples(st.integers(0, 9), NUMBERS, NUMBERS, NUMBERS),
-    )
-    return st.lists(change, min_size=1, max_size=3)
 
 
 @fuzzed(
@@ -262,78 +140,6 @@ def test_forged_records_whose_checksums_fit(changes: list[RecordChange]) -> None
     for change in changes:
         change.made(records)
     read(written(packed(records)))
-
-
-class FieldChange(NamedTuple):
-    """Another value of a field of a message, whatever its type."""
-
-    share: float  # of the messages that lies before
-    field_share: float  # of its fields
-    number: int
-    fraction: float
-    text: str
-    numbers: list[int]
-    fractions: list[float]
-    key_share: float  # of the keys of a header
-    json: object
-
-    def made(self, records: list[Record]) -> None:
-        """Change a message."""
-        places = [at for at, it in enumerate(records) if it.kind == MESSAGE]
-        at = places[int(self.share * len(places))]
-        head, content = records[at].body[:22], records[at].body[22:]
-        names = {1: 'Scenario', 2: 'Mission', 3: 'Epoch', 4: 'RadioMessage'}  # by channel
-        type_name = f'uav_collect_msgs/msg/{names[int.from_bytes(head[:2], "little")]}'
-        message = types().deserialize_cdr(content, type_name)
-        _, fields = types().fielddefs[type_name]
-        name, (kind, what) = fields[int(self.field_share * len(fields))]
-        setattr(message, name, self._value(kind.name, what, getattr(message, name)))
-        content = bytes(types().serialize_cdr(message, type_name))
-        records[at] = Record(MESSAGE, head + content)
-
-    def _value(self, kind: str, what: Any, before: Any) -> Any:  # noqa: ANN401
-        if kind == 'SEQUENCE' and isinstance(before, np.ndarray):
-            if before.dtype.kind == 'f':
-                return np.array(self.fractions, np.float64).astype(before.dtype)
-            return np.array([it % 2**64 for it in self.numbers], np.uint64).astype(before.dtype)
-        if kind != 'BASE':
-            return before
-        if what[0] == 'string':
-            return self._text(before)
-        if what[0] == 'bool':
-            return self.number % 2 == 1
-        if what[0].startswith('float'):
-            return self.fraction
-        return int(np.array(self.number % 2**64, np.uint64).astype(what[0]))
-
-    def _text(self, before: str) -> str:
-        """A header of a log or a scenario a little changed, or another text."""
-        if before.startswith('{'):
-            values = json.loads(before)
-            values[sorted(values)[int(self.key_share * len(values))]] = self.json
-            return json.dumps(values)
-        if len(before) > 100:
-            at = int(self.key_share * len(before))
-            return before[:at] + self.text[:3] + before[at + 1 :]
-        return self.text
-
-
-FIELD_CHANGES = st.lists(
-    st.builds(
-        FieldChange,
-        share=SHARES,
-        field_share=SHARES,
-        number=NUMBERS,
-        fraction=FLOATS,
-        text=TEXTS,
-        numbers=st.lists(NUMBERS, max_size=6),
-        fractions=st.lists(FLOATS, max_size=6),
-        key_share=SHARES,
-        json=st.one_of(NUMBERS, FLOATS, TEXTS, st.none(), st.just([]), st.just([{}])),
-    ),
-    min_size=1,
-    max_size=3,
-)
 
 
 @fuzzed(share=0.2, changes=FIELD_CHANGES)
@@ -384,3 +190,65 @@ def test_bytes_of_a_database(changes: list[ByteChange]) -> None:
     path = FOLDER / 'bag.db3'
     path.write_bytes(changed_bytes(database(), changes))
     read(path)
+
+
+@fuzzed(share=0.05, changes=BYTE_CHANGES)
+def test_a_repaired_file_is_whole_and_holds_nothing_else(changes: list[ByteChange]) -> None:
+    folder = FOLDER / 'repaired'
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir()
+    file = folder / 'repaired.mcap'
+    file.write_bytes(changed_bytes(made().content, changes))
+    before = file.read_bytes()
+    try:
+        repair(folder)
+    except BagError as error:
+        check_lines([str(error)], names=str(FOLDER))
+        assert [it.read_bytes() for it in folder.iterdir()] == [before]
+        return
+    original = {record.body[MESSAGE_HEAD.size :] for record in made().records}
+    with open_bag(folder) as bag:
+        kept = [content for _, _, content in bag.messages(lambda _: True)]
+        assert bag.damages == bag.remarks == []
+    assert original.issuperset(kept)
+    assert (folder / 'repaired.mcap.broken').read_bytes() == before
+
+
+@cache
+def whole() -> bytes:
+    """The file of a bag with every message of the mission."""
+    site = build_site(tiny(uav(5.0), uav(10.0)))
+    [log] = fly(site, [0], 'sweep')
+    demand_bit = demand_of(site, 0)
+    phases = [start_of(site, log, demand_bit), end_of(site, log, demand_bit)]
+    folder = write_bag(FOLDER / 'whole', site, {'world-0': (phases, messages_of(site, log))})
+    return (folder / 'whole.mcap').read_bytes()
+
+
+def verdicts(path: Path) -> set[Verdict]:
+    """What `verify` says of a bag."""
+    try:
+        proofs = [*prove_recording(path, Given())]
+    except UavCollectError as error:
+        check_lines([str(error)], names=str(FOLDER))
+        return set()
+    check_lines([str(proof) for proof in proofs][:20])
+    return {proof.verdict for proof in proofs}
+
+
+def test_the_bag_that_is_changed_is_proved() -> None:
+    assert verdicts(written(whole())) == {Verdict.PROVED}
+
+
+@fuzzed(share=0.02, changes=BYTE_CHANGES)
+def test_a_changed_bag_is_never_proved(changes: list[ByteChange]) -> None:
+    content = changed_bytes(whole(), changes)
+    assert content == whole() or verdicts(written(content)) != {Verdict.PROVED}
+
+
+@fuzzed(share=0.01, changes=st.one_of(FIELD_CHANGES, record_changes('body', 'words', 'head')))
+def test_a_forged_bag_is_proved_or_not(changes: list[FieldChange | RecordChange]) -> None:
+    records = inner_records(whole())
+    for change in changes:
+        change.made(records)
+    verdicts(written(packed(records)))

@@ -24,7 +24,8 @@ from uav_collect.missions.rollout import fly
 from uav_collect.recording.mission_log import read_so_far
 from uav_collect.scenario.site import build_site, Site
 
-FOLDER = Path(tempfile.mkdtemp(prefix='fuzz-log-', dir='/dev/shm'))
+MEMORY = tempfile.TemporaryDirectory(prefix='fuzz-log-', dir='/dev/shm')
+FOLDER = Path(MEMORY.name)
 SHARES = st.floats(0.0, 1.0, exclude_max=True)
 RAW = st.sampled_from(
     ['NaN', '-Infinity', '1e999', '-0.0', '1' + 5_000 * '0', '[' * 2_000, '"\\ud800"', 'tru', '']

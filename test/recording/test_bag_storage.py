@@ -14,6 +14,7 @@ from rosbags.typesys import get_typestore, Stores
 from uav_collect.errors import BagError
 from uav_collect.missions.rollout import fly
 from uav_collect.recording.bag_reader import read_missions, read_recording
+from uav_collect.recording.bag_repair import repair
 from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.load import load
 from uav_collect.scenario.site import build_site, Site
@@ -228,3 +229,31 @@ def test_a_changed_byte_of_metadata_is_seen(tmp_path: Path, bag: Path) -> None:
     assert line.endswith(
         'metadata.yaml: topics_with_message_count is not that of the copy in the bag'
     )
+
+
+@pytest.mark.parametrize('definition', ['Nowhere x\n', 'int64 event\n', 'x', 'Epoch x\n'])
+def test_a_type_that_is_not_that_of_this_version_is_named(tmp_path: Path, definition: str) -> None:
+    with Writer(tmp_path / 'bag', version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        topic = writer.add_connection(
+            '/world/epoch', 'uav_collect_msgs/msg/Epoch', msgdef=definition, rihs01='RIHS01_0'
+        )
+        writer.write(topic, 1, bytes(8))
+    with pytest.raises(BagError) as raised:
+        read_recording(tmp_path / 'bag')
+    assert str(raised.value).startswith(f'{tmp_path}/bag: topic /world/epoch: ')
+    assert str(raised.value).isprintable()
+
+
+def test_a_bag_whose_messages_no_reader_knows_is_repaired_without_them(tmp_path: Path) -> None:
+    with Writer(tmp_path / 'bag', version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        for name, definition in (('/a', 'Nowhere x\n'), ('/b', 'int32 x\n')):
+            topic = writer.add_connection(
+                name, f'others/msg/Thing{name[1:].upper()}',
+                msgdef=definition, rihs01='RIHS01_0',
+            )  # fmt: skip
+            writer.write(topic, 1, bytes(8))
+    (tmp_path / 'bag' / 'metadata.yaml').unlink()
+    done = repair(tmp_path / 'bag')
+    assert done.n_messages == 1
+    [left_out] = done.left_out
+    assert left_out.startswith('topic /a: ')

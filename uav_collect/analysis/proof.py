@@ -8,7 +8,13 @@ from typing import Any
 
 import numpy as np
 from uav_collect.analysis.message_proof import message_differences, NOT_RECORDED
-from uav_collect.errors import AllocationError, ConfigError, MissionLogError, PolicyMismatchError
+from uav_collect.errors import (
+    AllocationError,
+    ConfigError,
+    in_one_line,
+    MissionLogError,
+    PolicyMismatchError,
+)
 from uav_collect.limits import MAX_UAVS
 from uav_collect.lockstep.published_policy import PolicyKey
 from uav_collect.missions.recorded_policies import Crew, RecordedPolicies
@@ -60,9 +66,11 @@ class Proof:
     findings: tuple[str, ...] = ()  # what differs, or what is missing; one line each
 
     def __str__(self) -> str:
+        mission = in_one_line(self.mission)
         if self.verdict is Verdict.PROVED:
-            return f'{self.mission}: {self.verdict.value}, {", ".join(self._facts())}'
-        return f'{self.mission}: {self.verdict.value}: {"; ".join(self.findings)}'
+            return f'{mission}: {self.verdict.value}, {", ".join(self._facts())}'
+        findings = '; '.join(map(in_one_line, self.findings))
+        return f'{mission}: {self.verdict.value}: {findings}'
 
     def _facts(self) -> Iterator[str]:
         yield f'{self.n_events} events'

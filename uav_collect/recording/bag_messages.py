@@ -58,7 +58,7 @@ _SEPARATOR = f'{"=" * 80}\n'
 # What rosbags raises where a definition makes no sense.
 DEFINITION_ERRORS = (
     *(TypesysError, AssertionError, AttributeError, IndexError, KeyError),
-    *(RecursionError, TypeError, ValueError),
+    *(RecursionError, SyntaxError, TypeError, ValueError),
 )
 
 
@@ -166,6 +166,7 @@ def types_of(topic: RecordedTopic) -> Typestore:
     """The types that a topic's definition defines; raises one of DEFINITION_ERRORS."""
     store = get_typestore(Stores.EMPTY)
     store.register(_definitions_of(topic))
+    store.get_msgdef(topic.type_name)  # asks for all types that it is made of
     return store
 
 
