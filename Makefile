@@ -145,11 +145,13 @@ soak: $(BUILT) $(LEARNS)  ## fly for long: what grows, what leaks, what is lost,
 golden: $(INSTALLED)  ## write the digests of mission logs anew; their diff is a change of behaviour
 	@PYTHONPATH=.:test/helpers $(VENV)/bin/python test/helpers/golden_logs.py
 
-check: $(DEVELOPED) $(LEARNS)  ## ruff, mypy and the structure of the package, as CI does
+check: $(DEVELOPED) $(LEARNS)  ## ruff, mypy, bandit, the structure of the package and the licences of others, as CI does
 	@$(VENV)/bin/ruff check
 	@$(VENV)/bin/ruff format --check
 	@$(VENV)/bin/mypy
 	@$(VENV)/bin/python tools/structure.py
+	@$(VENV)/bin/bandit -qr -c pyproject.toml uav_collect tools launch setup.py
+	@$(VENV)/bin/python tools/licences.py
 
 format: $(DEVELOPED)  ## let ruff mend what it can
 	@$(VENV)/bin/ruff check --fix
@@ -164,31 +166,30 @@ clean:  ## remove what was built
 distclean: clean  ## remove .venv and the tools' caches too
 	rm -rf $(VENV) .mypy_cache .pytest_cache .ruff_cache .hypothesis
 
-$(INSTALLED): requirements/run.txt requirements/build.txt requirements/ros.txt \
-    requirements/constraints.txt tools/make_venv.sh tools/write_ros_prefix.sh
+$(INSTALLED): requirements/locked/$(ROS).txt tools/make_venv.sh tools/install_locked.sh \
+    tools/write_ros_prefix.sh
 	@sh tools/make_venv.sh $(VENV) $(ROS) $(PYTHON)
 	@touch $@
 
-$(DEVELOPED): $(INSTALLED) requirements/dev.txt requirements/pettingzoo.txt
+$(DEVELOPED): $(INSTALLED) requirements/locked/dev.txt
 	@echo 'set-up: installing what requirements/dev.txt and pettingzoo.txt list (10 s)'
-	@$(VENV)/bin/python -m pip install -qq -c requirements/constraints.txt -r requirements/dev.txt \
-	  -r requirements/pettingzoo.txt
+	@sh tools/install_locked.sh $(VENV) dev
 	@touch $@
 
-$(LEARNS): $(INSTALLED) requirements/train.txt tools/install_training.sh
+$(LEARNS): $(INSTALLED) requirements/train.txt requirements/locked/train.txt tools/install_training.sh
 	@sh tools/install_training.sh $(VENV)
 	@touch $@
 
-$(CLUSTERS): $(LEARNS) requirements/cluster.txt
+$(CLUSTERS): $(LEARNS) requirements/locked/cluster.txt
 	@echo 'set-up: installing Ray (0.1 GB to fetch)'
-	@$(VENV)/bin/python -m pip install -qq -c requirements/constraints.txt -r requirements/cluster.txt
+	@sh tools/install_locked.sh $(VENV) cluster
 	@touch $@
 
 # Modules of messages fit the numpy that they were built with, or a newer one.
-$(UBUNTU)/.built: $(BUILT) requirements/ubuntu_24_04.txt
+$(UBUNTU)/.built: $(BUILT) requirements/locked/ubuntu_24_04.txt
 	@echo 'set-up: building uav_collect_msgs with what requirements/ubuntu_24_04.txt lists'
 	@rm -rf $(UBUNTU)
-	@$(VENV)/bin/python -m pip install -qq --no-deps --target $(UBUNTU)/packages -r requirements/ubuntu_24_04.txt
+	@sh tools/install_locked.sh $(VENV) ubuntu_24_04 --target $(UBUNTU)/packages
 	@if [ -f $(VENV)/setup.sh ]; then . $(VENV)/setup.sh; fi; \
 	  export PYTHONPATH=$(CURDIR)/$(UBUNTU)/packages$${PYTHONPATH:+:$$PYTHONPATH}; \
 	  unset MFLAGS MAKELEVEL; MAKEFLAGS=-j$$(nproc) $(VENV)/bin/colcon build \

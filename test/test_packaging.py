@@ -344,7 +344,59 @@ def test_an_extra_pins_what_its_requirements_file_pins(extra: str) -> None:
     assert set(re.findall(r"'([^']+)'", line)) == set(pins)
 
 
-@pytest.mark.parametrize('path', sorted((ROOT / 'requirements').iterdir()), ids=lambda p: p.name)
+@pytest.mark.parametrize('folder', ['Größe', 'two words', 'two\nlines'])
+def test_a_clone_that_cannot_be_built_is_refused_before_anything_is_fetched(
+    folder: str, tmp_path: Path
+) -> None:
+    clone = tmp_path / folder
+    clone.mkdir()
+    shutil.copytree(ROOT / 'tools', clone / 'tools')
+    done = subprocess.run(
+        ['sh', 'tools/make_venv.sh', '.venv', 'wheels'],
+        cwd=clone,
+        env={**os.environ, 'LC_ALL': 'C'},
+        capture_output=True,
+        check=False,
+    )
+    assert (done.returncode, done.stdout) == (1, b'')
+    assert done.stderr.startswith(b'set-up: the path of the repository must be of A-Z')
+    assert done.stderr.count(b'\n') == 1
+    assert [it.name for it in clone.iterdir()] == ['tools']
+
+
+def versions(text: str) -> set[tuple[str, str]]:
+    """The pins of a requirements file: names as pip compares them, and versions."""
+    pins = re.findall(r'^([\w.-]+)(?:\[\w+\])?==([\w.]+)', text, re.MULTILINE)
+    return {(re.sub('[-_.]+', '-', name).lower(), version) for name, version in pins}
+
+
+REQUIREMENTS = sorted((ROOT / 'requirements').glob('*.txt'))
+LOCKED = sorted((ROOT / 'requirements' / 'locked').glob('*.txt'))
+UBUNTU = 'ubuntu_24_04.txt'  # has older versions of what others have, too
+
+
+@pytest.mark.parametrize('path', LOCKED, ids=lambda p: p.name)
+def test_what_the_setup_installs_is_pinned_by_a_requirement_and_known_by_hash(path: Path) -> None:
+    entries = re.split(r'\n(?=\S)', path.read_text().strip())
+    assert [it for it in entries if not re.search(r'\n    --hash=sha256:[0-9a-f]{64}', it)] == []
+    pins = [it.read_text() for it in REQUIREMENTS if (it.name == UBUNTU) == (path.name == UBUNTU)]
+    assert versions(path.read_text()) - versions('\n'.join(pins)) == set()
+
+
+@pytest.mark.parametrize(
+    'path', [it for it in REQUIREMENTS if it.name != 'constraints.txt'], ids=lambda p: p.name
+)
+def test_every_requirement_but_torch_is_locked(path: Path) -> None:
+    locked = versions('\n'.join(it.read_text() for it in LOCKED))
+    assert {name for name, _ in versions(path.read_text()) - locked} <= {'torch'}
+
+
+def test_packages_come_from_one_index_at_a_time() -> None:
+    scripts = [ROOT / 'Makefile', *(ROOT / 'tools').glob('*.sh'), *REQUIREMENTS, *LOCKED]
+    assert [it.name for it in scripts if '--extra-index-url' in it.read_text()] == []
+
+
+@pytest.mark.parametrize('path', REQUIREMENTS, ids=lambda p: p.name)
 def test_every_requirement_is_pinned_to_one_version(path: Path) -> None:
     lines = [line.split('#')[0].strip() for line in path.read_text().splitlines()]
     pin = re.compile(r'[\w.\-\[\]]+==[\w.]+')

@@ -3,7 +3,8 @@
 # Called by the Makefile.
 #
 # PyPI's torch for Linux brings CUDA, 2.7 GB. Without an NVIDIA GPU the CPU build of the same version
-# is taken, 0.2 GB, where pytorch.org can be reached. pip prefers that build wherever it finds it.
+# is taken, 0.2 GB, where pytorch.org can be reached: from there, and nothing else is. Whatever the
+# build, its version is pinned, but its hash is the index's word; all else is known by hash.
 set -eu
 
 venv=$1
@@ -15,12 +16,17 @@ is_reachable() {
 urllib.request.urlopen(sys.argv[1], timeout=5)' "$1" 2> /dev/null
 }
 
-install() {
-  "$venv/bin/python" -m pip install -qq -c requirements/constraints.txt "$@"
+brings_cuda() {
+  "$venv/bin/python" -c 'import sys
+from importlib.metadata import requires
+sys.exit(not any(each.startswith(("nvidia", "cuda")) for each in requires("torch") or ()))'
 }
 
 echo 'set-up: installing torch and what else training needs (0.2 GB to fetch, 2.7 GB with CUDA)'
+set -- --no-deps "$torch"
 if ! command -v nvidia-smi > /dev/null && is_reachable "$cpu_builds/torch/"; then
-  install --no-deps --extra-index-url "$cpu_builds" "$torch"
+  set -- --index-url "$cpu_builds" "$@"
 fi
-install -r requirements/train.txt
+"$venv/bin/python" -m pip install -qq "$@"
+sh tools/install_locked.sh "$venv" train
+if brings_cuda; then sh tools/install_locked.sh "$venv" cuda; fi

@@ -23,7 +23,8 @@ lock() {
   name=$1
   shift
   resolve -c requirements/constraints.txt -c requirements/run.txt -c requirements/build.txt "$@" \
-    > "$tools/$name.txt"
+    > "$tools/all.txt"
+  leave "win32" "$tools/all.txt" > "$tools/$name.txt"
 }
 
 # Entries of a file whose names match, or do not.

@@ -21,7 +21,11 @@ print(sys._base_executable)' 2> /dev/null && return
 }
 
 check_machine() {
-  case "$PWD" in *[[:space:]]*) die "the path of the repository must not contain spaces: $PWD" ;; esac
+  # ROS's CMake files take other bytes for the end of a path, make and shells some signs for theirs.
+  here=$(printf '%s' "$PWD" | tr '\n' ' ')
+  if printf '%s' "$here" | LC_ALL=C grep -q '[^A-Za-z0-9/._+@,=~-]'; then
+    die "the path of the repository must be of A-Z, a-z, 0-9 and . _ + @ , = ~ - only: $here"
+  fi
   case "$kind-${ROS_DISTRO:-}" in
     wheels- | *-jazzy) ;;
     *) die "ROS $ROS_DISTRO is sourced; use a shell with Jazzy or without ROS" ;;
@@ -57,11 +61,11 @@ make_folder() {
 }
 
 install_packages() {
-  set -- -r requirements/run.txt -r requirements/build.txt
-  [ "$kind" = sourced ] || set -- "$@" -r requirements/ros.txt
   say 'installing the packages of requirements/ (0.4 GB to fetch, about a minute)'
+  # What is published as source alone is built by this setuptools, not by one that pip would fetch.
+  sh tools/install_locked.sh "$venv" setuptools
   # Bytecode is compiled afterwards, on all cores: pip compiles on one.
-  "$venv/bin/python" -m pip install -qq --no-compile -c requirements/constraints.txt "$@"
+  sh tools/install_locked.sh "$venv" "$kind" --no-compile --no-build-isolation
   "$venv/bin/python" -m compileall -qq -j 0 "$venv/lib" || true # templates are no Python
 }
 

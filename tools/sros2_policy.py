@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 import sys
-from xml.etree import ElementTree
+from xml.etree import ElementTree  # nosec B405 # it writes XML, and reads none
 
 from uav_collect.limits import MAX_UAVS
 from uav_collect.nodes.sealing import has_seal

@@ -62,7 +62,7 @@ class Chaos:
 
     def __init__(self, flight: Flight, shim: Path, seed: int) -> None:
         self._flight, self._shim = flight, shim
-        self._draw = random.Random(seed)
+        self._draw = random.Random(seed)  # nosec B311 # no secret
         self.complaints: list[str] = []
 
     def suffer(self, fault: Fault) -> None:
@@ -162,7 +162,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if not chosen or arguments.rounds < 1:
         parser.error(f'faults are {", ".join(map(str, faults()))}; rounds must be >= 1')
     console = Console(width=None if sys.stdout.isatty() else 100)
-    draw, tried, begun_s = random.Random(arguments.seed), Counter[str](), time.monotonic()
+    draw, tried, begun_s = random.Random(arguments.seed), Counter[str](), time.monotonic()  # nosec B311 # no secret
     with flight_of(with_uavs(load('paper_8x8'), N_UAVS), pace=PACE) as flight:
         chaos = Chaos(flight, built_shim(flight.folder), arguments.seed)
         flight.wait_until(lambda: flight.n_ended >= 1, 'the first mission')

@@ -20,7 +20,7 @@ except Exception as error:
     print(type(error).__name__, ' '.join(str(error).split()))
     sys.exit(1)
 """
-_TOKEN_FROM = 'RAY_AUTH_TOKEN, RAY_AUTH_TOKEN_PATH or ~/.ray/auth_token'
+_SOURCES = 'RAY_AUTH_TOKEN, RAY_AUTH_TOKEN_PATH or ~/.ray/auth_token'  # of the token
 
 
 def check_address(address: str) -> None:
@@ -54,10 +54,10 @@ def reason_in(line: str) -> str | None:
     """What a line of Ray's says is wrong; None where it says nothing of the kind."""
     if 'InvalidAuthToken' in line:
         if os.environ.get('RAY_AUTH_MODE', '').lower() != 'token':
-            return f'asks for a token: set RAY_AUTH_MODE=token, and the token by {_TOKEN_FROM}'
-        return f'the token is wrong: {_TOKEN_FROM} must hold the one that the cluster has'
+            return f'asks for a token: set RAY_AUTH_MODE=token, and the token by {_SOURCES}'
+        return f'the token is wrong: {_SOURCES} must hold the one that the cluster has'
     if line.startswith('AuthenticationError'):
-        return f'RAY_AUTH_MODE is token, but there is no token: {_TOKEN_FROM} must hold it'
+        return f'RAY_AUTH_MODE is token, but there is no token: {_SOURCES} must hold it'
     if 'Failed to connect to GCS' in line or line.startswith('ConnectionError'):
         return 'no cluster answers there: must be HOST:PORT of its head, or auto on its machines'
     name, _, text = line.partition(' ')
