@@ -252,7 +252,7 @@ def test_what_flies_a_file_of_before_says_so_once(
     options = ['--missions', '1', '--set', 'fleet.default.energy_budget_kj=20']
     assert main(['evaluate', '--scenario', 'paper_8x8', '--policy', str(path), *options]) == 0
     said = capsys.readouterr().err.splitlines()
-    assert [WEIGHTS_FORMAT in line for line in said] == [True]
+    assert sum(WEIGHTS_FORMAT in line for line in said) == 1
 
 
 def test_a_tool_writes_files_of_before_anew_and_leaves_others_alone(tmp_path: Path) -> None:
