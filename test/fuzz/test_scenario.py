@@ -56,7 +56,7 @@ DOCUMENTS = _documents()
 @pytest.fixture(scope='module')
 def folder() -> Iterator[Path]:
     root = '/dev/shm' if Path('/dev/shm').is_dir() else None
-    with tempfile.TemporaryDirectory(dir=root) as name:
+    with tempfile.TemporaryDirectory(dir=root, prefix='fuzz-scenario-') as name:
         folder = Path(name)
         (folder / 'base.yaml').write_bytes(b'extends: paper_8x8\nname: base\n')
         for document in DOCUMENTS:  # kernels compile before tries are timed

@@ -218,7 +218,9 @@ def override(document: Document, overrides: Mapping[str, object]) -> Document:
 def _keys_of(path: str) -> Keys:
     keys = path.split('.')
     if len(keys) > _MAX_KEYS:
-        raise ConfigError(f'override: {shown(path)} has {len(keys)} keys: must have {_MAX_KEYS}')
+        raise ConfigError(
+            f'override: {shown(path)} has {len(keys)} keys: must have at most {_MAX_KEYS}'
+        )
     return tuple(int(key) if key.isdecimal() and len(key) < _MAX_DIGITS else key for key in keys)
 
 
