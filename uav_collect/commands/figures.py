@@ -11,6 +11,7 @@ from uav_collect import files
 from uav_collect.commands import options
 from uav_collect.commands.terminal import deferred_interruption, Interruption, say
 from uav_collect.errors import TrainingRunError
+from uav_collect.kernels.patience import waiting_for
 
 if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
     from uav_collect.commands.figures_plan import FiguresPlan
@@ -89,7 +90,8 @@ def _add_engine_options(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Do the jobs that are missing, then draw the figures; returns the exit status."""
-    from uav_collect.commands.figures_plan import plan_figures
+    with waiting_for('the studies to load'):
+        from uav_collect.commands.figures_plan import plan_figures
 
     plan = plan_figures(arguments)
     plan.show()
