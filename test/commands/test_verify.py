@@ -121,11 +121,24 @@ def changed(text: str, other: str) -> Callable[[Path], None]:
     return change
 
 
+def instead_of(event: int, line: str) -> Callable[[Path], None]:
+    def change(file: Path) -> None:
+        lines = file.read_text().splitlines()
+        lines[event + 1] = line
+        file.write_text('\n'.join([*lines, '']))
+
+    return change
+
+
 @pytest.mark.parametrize(
     ('change', 'words'),
     [
         (changed('"event": 2, "time_s": ', '"event": 2, "time_s": 1'), 'event 2: time_s is 1'),
         (changed('{"event": 3,', '{"event": 3,,'), 'event 3: is no line of a mission log'),
+        (instead_of(3, '"text"'), 'event 3: is no line of a mission log: \'"text"\''),
+        (instead_of(3, '"\\ud800"'), 'event 3: is no line of a mission log'),
+        (instead_of(3, '3'), 'event 3: is no line of a mission log'),
+        (changed('"heard": [', f'"heard": {900 * "["}{900 * "]"}, "x": ['), 'event 0: '),
         (changed('"uav": 1, "dec', '"uav": 1,"dec'), 'the same values are written otherwise'),
         (changed('"n_sensors"', '"m_sensors"'), 'n_sensors is missing, flown '),
         (changed('"total_bit": ', '"total_bit": 1'), 'header: total_bit is 1'),

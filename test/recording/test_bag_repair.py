@@ -269,6 +269,26 @@ def test_an_interrupted_repair_can_be_repeated(
     ]
 
 
+@pytest.mark.parametrize(
+    ('name', 'content', 'words'),
+    [
+        ('a.bag', b'#ROSBAG V2.0\n', 'is a bag of ROS 1'),
+        ('a.db3', b'SQLite format 3', 'is no bag'),
+        ('a.txt', b'hello', 'is no bag'),
+    ],
+)
+def test_a_file_of_another_kind_is_refused_and_its_neighbours_are_left_alone(
+    tmp_path: Path, torn: tuple[Path, list[int]], name: str, content: bytes, words: str
+) -> None:
+    bag = copy_of(torn, tmp_path)
+    (bag / name).write_bytes(content)
+    before = {file: file.read_bytes() for file in bag.iterdir()}
+    with pytest.raises(BagError, match=f'{name}: {words}'):
+        repair(bag / name)
+    assert {file: file.read_bytes() for file in bag.iterdir()} == before
+    assert repair(bag / 'bag.mcap').n_messages == N_CHUNKS * PER_CHUNK
+
+
 def test_a_bag_that_is_being_recorded_is_not_touched(tmp_path: Path) -> None:
     bag = HandMadeBag(tmp_path / 'bag')
     write_radio(bag, range(4))

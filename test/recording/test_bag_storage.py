@@ -10,9 +10,11 @@ from bag_damage import changed_byte, copied
 from bags import HandMadeBag
 import pytest
 from rosbags.rosbag2 import CompressionMode, StoragePlugin, Writer
+from rosbags.rosbag2.storage_mcap import zstd
 from rosbags.typesys import get_typestore, Stores
 from uav_collect.errors import BagError
 from uav_collect.missions.rollout import fly
+from uav_collect.recording import bag_storage
 from uav_collect.recording.bag_reader import read_missions, read_recording
 from uav_collect.recording.bag_repair import repair
 from uav_collect.recording.mission_log import MissionLog
@@ -60,7 +62,9 @@ def test_a_bag_is_read_whatever_its_storage(
 
 
 @pytest.mark.parametrize('storage', [StoragePlugin.SQLITE3, StoragePlugin.MCAP])
-@pytest.mark.parametrize('packed', [CompressionMode.NONE, CompressionMode.FILE])
+@pytest.mark.parametrize(
+    'packed', [CompressionMode.NONE, CompressionMode.MESSAGE, CompressionMode.FILE]
+)
 @pytest.mark.parametrize('by_file', [False, True])
 def test_a_file_alone_is_a_bag(
     tmp_path: Path, bag: Path, log: MissionLog, storage: StoragePlugin, packed: CompressionMode,
@@ -257,3 +261,29 @@ def test_a_bag_whose_messages_no_reader_knows_is_repaired_without_them(tmp_path:
     assert done.n_messages == 1
     [left_out] = done.left_out
     assert left_out.startswith('topic /a: ')
+
+
+def test_a_packed_file_that_becomes_too_large_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(bag_storage, 'MOST_RECORD_BYTE', 0)
+    file = tmp_path / 'a.mcap.zstd'
+    file.write_bytes(zstd.compress(bytes(50_000_000)))
+    with pytest.raises(BagError, match=r'a\.mcap\.zstd: unpacks to more than .* bytes'):
+        read_missions(file)
+
+
+def test_messages_that_cannot_be_unpacked_are_counted_by_topic(
+    tmp_path: Path, bag: Path, log: MissionLog
+) -> None:
+    recorded = HandMadeBag(tmp_path / 'other')
+    recorded.add_scenario(build_site(load('paper_8x8')))
+    recorded.add_mission(log, 'world-1')
+    for _ in range(3):
+        recorded.add_bytes('/world/epoch', b'\x28\xb5\x2f\xfd' + bytes(40))
+    recorded.writer.close()
+    recording = read_recording(tmp_path / 'other')
+    assert recording.damages == [
+        f'{tmp_path}/other: topic /world/epoch: 3 messages cannot be unpacked'
+    ]
+    assert recording.missions[0].log.to_jsonl() == log.to_jsonl()

@@ -317,10 +317,12 @@ def line_difference(recorded: str, flown: str) -> str:
     """In which field two lines of mission logs differ, and both values."""
     try:
         mine, again = json.loads(recorded), json.loads(flown)
+        if isinstance(mine, dict):
+            found = _first_difference('', mine, again)
+            return found or 'the same values are written otherwise'
     except (ValueError, RecursionError):
-        return f'is no line of a mission log: {recorded[:60]!r}'
-    found = _first_difference('', mine, again)
-    return found or 'the same values are written otherwise'
+        pass
+    return f'is no line of a mission log: {recorded[:60]!r}'
 
 
 def _first_difference(path: str, recorded: Any, flown: Any) -> str | None:  # noqa: ANN401 - JSON

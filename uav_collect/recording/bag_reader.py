@@ -28,6 +28,7 @@ _SCENARIO = '/world/scenario'
 _MISSION = '/world/mission'
 _EPOCH = '/world/epoch'
 _DELIVERED = '/radio_rx'
+_MOST_LINES = 20  # about what is damaged
 _MOST_CHARACTERS = 80  # of a mission's id that is shown
 
 
@@ -109,7 +110,9 @@ def _read(path: Path, *, is_strict: bool) -> Recording:
         nothing = 'holds no mission, neither start nor end of one was recorded'
         raise BagError(f'{path}: {next(iter([*of_content, *problems, *bag.remarks]), nothing)}')
     lines = [f'{path}: {line}' for line in (*of_content, *problems, *bag.remarks)]
-    return Recording(missions=read, damages=lines)
+    n_more = len(lines) - _MOST_LINES
+    more = [f'{path}: {n_more} more of this'] if n_more > 0 else []
+    return Recording(missions=read, damages=[*lines[:_MOST_LINES], *more])
 
 
 def _found_in(reader: MessageReader) -> tuple[dict[str, list[Any]], dict[str, _Parts]]:

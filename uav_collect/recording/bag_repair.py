@@ -71,11 +71,11 @@ def repair(bag: Path) -> Repair:
         BagError: there is no bag, it is still being written, or it is not of this kind.
         OSError: the new file cannot be written; all is as it was before.
     """
-    folder = bag.parent if bag.is_file() else bag
-    source = _source(folder)
+    folder = bag if bag.is_dir() else bag.parent
+    source = _source(bag, folder)
     with _unlocked(source):
         clock = _Clock()
-        with open_bag(source if source.name.endswith(_BROKEN) else folder) as opened:
+        with open_bag(source) as opened:
             if _is_whole(opened, folder):
                 for topic, _, content in opened.messages(_tells_time):
                     clock.take(topic, content)
@@ -100,11 +100,13 @@ def repair(bag: Path) -> Repair:
     )
 
 
-def _source(folder: Path) -> Path:
+def _source(bag: Path, folder: Path) -> Path:
     """The file to read: what a repair that was killed has put aside, or the bag's only one."""
-    if not folder.is_dir():
-        what = 'is no folder with a bag' if folder.exists() else 'no such bag'
-        raise BagError(f'{folder}: {what}')
+    if bag != folder and bag.suffix != '.mcap':
+        with open_bag(bag):  # says what it is if it is no bag
+            raise BagError(f'{bag}: is no .mcap file: only these are repaired')
+    if not bag.exists():
+        raise BagError(f'{bag}: no such bag')
     found = sorted(folder.glob('*.mcap')) or sorted(folder.glob(f'*.mcap{_BROKEN}'))
     if len(found) == 1:
         return found[0]
@@ -125,8 +127,12 @@ def _unlocked(source: Path) -> Iterator[None]:
         yield
 
 
-def _is_whole(bag: Bag, folder: Path) -> bool:
-    return (folder / METADATA_FILE).is_file() and not (bag.damages or bag.remarks)
+def _is_whole(file: Bag, folder: Path) -> bool:
+    """Whether a bag's file and its metadata are as they were written."""
+    if file.damages or not (folder / METADATA_FILE).is_file():
+        return False
+    with open_bag(folder) as bag:
+        return not (bag.damages or bag.remarks)
 
 
 def _copy(bag: Bag, folder: Path, clock: _Clock, left_out: list[str]) -> int:

@@ -1,9 +1,10 @@
 """Opens bags, however they are stored: MCAP or sqlite3, packed or not, with metadata or without.
 
-All that says of a bag what is in it is in its files; metadata.yaml tells only which these are, and
-whether they, or their messages, are packed. So a bag is read without it, too.
+All that says what is in a bag is in its files; metadata.yaml tells only which these are. So a bag
+is read without it, too.
 """
 
+from collections import Counter
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager, ExitStack
 from dataclasses import dataclass, field
@@ -11,7 +12,6 @@ from functools import cached_property
 import heapq
 from operator import itemgetter
 from pathlib import Path, PurePath
-import shutil
 from tempfile import TemporaryDirectory
 from textwrap import indent
 from typing import Any, NamedTuple, Protocol
@@ -24,13 +24,20 @@ from uav_collect import files
 from uav_collect.config.yaml_text import read_value
 from uav_collect.errors import BagError, ConfigError, in_one_line
 from uav_collect.recording.mcap_file import McapFile, read_mcap
-from uav_collect.recording.mcap_records import BrokenError, unpacked_message
+from uav_collect.recording.mcap_records import (
+    BrokenError,
+    MOST_RECORD_BYTE,
+    unpacked_message,
+    ZSTD_MAGIC,
+)
 from uav_collect.recording.mission_folder import bag_files, BAG_SUFFIXES, METADATA_FILE
 
 _TOP = 'rosbag2_bagfile_information'
 _LIBRARY = 'rosbags'  # writes into the file what it writes into metadata.yaml
 _ROS1_MAGIC, _SQLITE_MAGIC = b'#ROSBAG V', b'SQLite format 3\0'
 _MOST_METADATA_BYTE = 1 << 24
+_MOST_TIMES = 100  # that a packed file becomes larger; bags become some ten times
+_BLOCK_BYTE = 1 << 20
 _SQLITE_ERRORS = (ReaderError, apsw.Error, KeyError, TypeError, ValueError)
 _CONVERT = 'rosbags-convert makes one of ROS 2 of it'
 _KINDS = 'a folder with metadata.yaml, an .mcap or a .db3 file'
@@ -55,7 +62,7 @@ class _Storage(Protocol):
     n_messages: int
 
     def messages(self, topics: Collection[int]) -> Iterator[tuple[int, int, bytes]]:
-        """RecordedTopic, log time and content of messages, by time."""
+        """Topic, log time and content of messages, by time."""
 
 
 @dataclass(kw_only=True)
@@ -64,7 +71,6 @@ class Bag:
 
     path: Path
     storages: list[_Storage]
-    has_packed_messages: bool = False
     damages: list[str] = field(default_factory=list)  # of what it holds; grows while it is read
     remarks: list[str] = field(default_factory=list)  # on its metadata, which nothing depends on
     has_checksums: bool = False  # of everything in it
@@ -81,16 +87,21 @@ class Bag:
     def messages(
         self, is_wanted: Callable[[RecordedTopic], bool]
     ) -> Iterator[tuple[RecordedTopic, int, bytes]]:
-        """RecordedTopic, log time and content of the messages of some topics, by time."""
+        """Topic, log time and content of the messages of some topics, by time."""
+        n_broken: Counter[RecordedTopic] = Counter()
         streams = [self._messages_of(storage, is_wanted) for storage in self.storages]
         for topic, log_ns, content in heapq.merge(*streams, key=itemgetter(1)):
-            if not self.has_packed_messages:
+            if not content.startswith(ZSTD_MAGIC):
                 yield topic, log_ns, content
                 continue
-            try:
+            try:  # a message that was packed by itself: none begins so
                 yield topic, log_ns, unpacked_message(content)
-            except BrokenError as error:
-                self.damages.append(f'{topic.name}: a message {error}')
+            except BrokenError:
+                n_broken[topic] += 1
+        self.damages += [
+            f'topic {in_one_line(topic.name)}: {count} messages cannot be unpacked'
+            for topic, count in n_broken.items()
+        ]
 
     def _messages_of(
         self, storage: _Storage, is_wanted: Callable[[RecordedTopic], bool]
@@ -144,7 +155,7 @@ class _Mcap:
             )
 
     def messages(self, topics: Collection[int]) -> Iterator[tuple[int, int, bytes]]:
-        """RecordedTopic, log time and content of messages, by time."""
+        """Topic, log time and content of messages, by time."""
         return self._mcap.messages(topics)
 
 
@@ -182,7 +193,7 @@ class _Sqlite:
         }
 
     def messages(self, topics: Collection[int]) -> Iterator[tuple[int, int, bytes]]:
-        """RecordedTopic, log time and content of messages, by time."""
+        """Topic, log time and content of messages, by time."""
         connections = [it for it in self._reader.connections if it.id in topics]
         try:
             for connection, log_ns, content in self._reader.messages(connections):
@@ -203,7 +214,6 @@ def _opened(path: Path, closing: ExitStack) -> Bag:
     else:
         found, missing = [path], []
     bag = Bag(path=path, storages=[], remarks=remarks)
-    bag.has_packed_messages = str(metadata.get('compression_mode', '')).lower() == 'message'
     bag.damages += [f'{name} is missing' for name in missing]
     mcaps = [_open_file(bag, file, closing) for file in found]
     bag.has_checksums = bool(mcaps) and all(it is not None and it.has_checksums for it in mcaps)
@@ -299,12 +309,20 @@ def _difference(text: str, mine: dict[str, Any], copy: str) -> list[str]:
 
 
 def _unpacked_file(file: Path, closing: ExitStack) -> Path:
-    """A packed file, unpacked for as long as the bag is open."""
+    """A packed file, unpacked for as long as the bag is open.
+
+    Raises:
+        BagError: it is none, or becomes larger than any bag.
+    """
     target = Path(closing.enter_context(TemporaryDirectory())) / file.name.removesuffix('.zstd')
-    with files.open_file(file) as (packed, _), target.open('wb') as unpacked:
+    with files.open_file(file) as (packed, n_byte), target.open('wb') as unpacked:
+        most_byte = _MOST_TIMES * n_byte + MOST_RECORD_BYTE
         try:
             with zstd.open(packed, 'rb') as content:
-                shutil.copyfileobj(content, unpacked)
+                while block := content.read(_BLOCK_BYTE):
+                    unpacked.write(block)
+                    if unpacked.tell() > most_byte:
+                        raise BagError(f'{file}: unpacks to more than {most_byte:,} bytes')
         except (EOFError, zstd.ZstdError) as error:
             raise BagError(f'{file}: cannot be unpacked, {in_one_line(str(error))}') from error
     return target

@@ -8,6 +8,7 @@ from rosbags.rosbag2 import ReaderError
 from rosbags.rosbag2.storage_mcap import decompress, zstd  # type: ignore[attr-defined]
 
 MAGIC = b'\x89MCAP0\r\n'
+ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
 # Kinds of records.
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = 0x01, 0x02, 0x03, 0x04, 0x05, 0x06
 CHUNK_INDEX, STATISTICS, METADATA, DATA_END = 0x08, 0x0B, 0x0C, 0x0F
