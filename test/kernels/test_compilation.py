@@ -1,13 +1,17 @@
 """A process that compiles kernels says so, and knows how long."""
 
+from pathlib import Path
 from queue import SimpleQueue
+import sys
 
+from processes import Processes
 import pytest
 from uav_collect.kernels.compilation import Compilation
 from uav_collect.kernels.compile import compilation, kernels_are_compiled
 from uav_collect.training.progress import SpeedMeter
 
 HANG_S = 60.0
+ROOT = Path(__file__).parents[2]
 
 
 def test_a_line_says_what_a_process_that_compiles_does() -> None:
@@ -50,6 +54,23 @@ def test_numba_tells_when_it_compiles() -> None:
     numba.njit(lambda number: number + 1)(1)
     assert compiling.duration_s > 0.0
     assert not compiling.is_going_on
+
+
+WAYS = {
+    'fly': 'import uav_collect; uav_collect.fly("paper_8x8", "sweep")',
+    'evaluate': 'import uav_collect; uav_collect.evaluate("paper_8x8", "sweep", 2)',
+    'pettingzoo': 'from uav_collect import pettingzoo_env; pettingzoo_env.env().reset(seed=0)',
+}
+
+
+@pytest.mark.skipif(not kernels_are_compiled(), reason='nothing is compiled')
+@pytest.mark.parametrize('way', WAYS.values(), ids=WAYS)
+def test_whoever_flies_from_python_hears_of_the_compiler(
+    way: str, processes: Processes, tmp_path: Path
+) -> None:
+    environment = {'PYTHONPATH': str(ROOT), 'XDG_CACHE_HOME': str(tmp_path / 'cache')}
+    flying = processes.run('fly', sys.executable, '-c', way, **environment)
+    flying.wait_for(r'^compiling kernels \(once\): this takes about a minute$')
 
 
 def test_a_training_is_not_charged_for_what_is_compiled() -> None:
