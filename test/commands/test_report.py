@@ -5,6 +5,7 @@ from dataclasses import replace
 import math
 import os
 from pathlib import Path
+import shutil
 
 from bags import HandMadeBag
 import numpy as np
@@ -255,6 +256,27 @@ def test_report_of_a_damaged_bag_names_the_damage_and_shows_what_is_whole(
     assert shown.err.startswith(f'{tmp_path}/bag: bag.mcap: chunk ')
     assert shown.err.count('\n') == 1
     assert 'warning: not all of the mission was recorded, or some of it is damaged' in shown.out
+
+
+def test_report_shows_the_bags_of_a_folder_that_can_be_read(
+    small: Scenario, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    site = build_site(small)
+    [log] = rollout.fly(site, [4], 'sweep')
+    for name in ('a', 'b', 'c'):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / 'none.mcap').write_bytes(b'none')
+    shutil.rmtree(tmp_path / 'b')
+    bag = HandMadeBag(tmp_path / 'b')
+    bag.add_scenario(site)
+    bag.add_mission(log, 'world-0')
+    bag.writer.close()
+    assert main(['report', str(tmp_path)]) == 2
+    shown = capsys.readouterr()
+    assert 'mission seed 4' in shown.out
+    assert [line for line in shown.err.splitlines() if line.startswith('error: ')] == [
+        f'error: {tmp_path}/{name}/none.mcap: is not an MCAP file' for name in ('a', 'c')
+    ]
 
 
 @pytest.mark.parametrize('name', ['pipe', 'pipe.jsonl', 'pipe.mcap', 'pipe.db3', 'pipe.bag'])

@@ -1,5 +1,6 @@
 """What befalls the records and messages of MCAP files."""
 
+from contextlib import suppress
 from functools import cache
 import json
 import struct
@@ -206,8 +207,8 @@ class FieldChange(NamedTuple):
 
     def _text(self, before: str) -> str:
         """A header of a log or a scenario a little changed, or another text."""
-        if before.startswith('{'):
-            values = json.loads(before)
+        with suppress(json.JSONDecodeError, RecursionError):
+            values = json.loads(before if before.startswith('{"format"') else '')
             values[sorted(values)[int(self.key_share * len(values))]] = self.json
             return json.dumps(values)
         if len(before) > 100:

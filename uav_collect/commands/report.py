@@ -114,21 +114,31 @@ def _find(path: Path) -> Iterator[tuple['FlownMission', Path]]:
 
 
 def _of_run(bags: Sequence[Path], folder: Path) -> Iterator[tuple['FlownMission', Path]]:
-    """The missions of a run folder: by its bags, or where these lack something by their logs."""
+    """The missions of a run folder: by its bags, or where these lack something by their logs.
+
+    Raises:
+        BagError: a bag cannot be read, and no log tells its missions; after all that can be read.
+    """
     logs = {log.name: log for log in sorted(folder.glob(f'*{_LOG_SUFFIX}'))}
+    is_logged, unread = bool(logs), []
     for bag in bags:
         try:
             missions = [*_recorded(bag, folder)]
         except BagError as error:
-            if not logs:
-                raise
-            terminal.say(f'{error}; the figures are those of the mission log')
+            if is_logged:
+                terminal.say(f'{error}; the figures are those of the mission log')
+            else:
+                unread.append(error)
             continue
         for mission, picture, index in missions:
             log = take_log(logs, mission.log.header.mission_seed, index)
             yield (mission if log is None else _fuller(mission, bag, log)), picture
     for log in logs.values():
         yield _logged_so_far(log), log.with_suffix('.png')
+    if unread:  # after those that can be read
+        for problem in unread[:-1]:
+            terminal.say(f'error: {problem}')
+        raise unread[-1]
 
 
 def _fuller(recorded: 'FlownMission', bag: Path, log: Path) -> 'FlownMission':
