@@ -195,6 +195,8 @@ CSV_CASES = (
     Case('two systems', 'sensor_id,x_m,y_m,lat,lon\na,1,2,3,4\n', 1,
          'has x_m,y_m and lat,lon: must have one pair of coordinates only'),
     Case('column twice', 'sensor_id,x_m,y_m,x_m\na,1,2,3\n', 1, 'column x_m appears twice'),
+    Case('unreadable column twice', 'sensor_id,\x1b,\x1b\na,1,2\n', 1,
+         "column '\\x1b' appears twice"),
     Case('field left out', 'sensor_id,x_m,y_m\na,1\n', 2,
          'has 2 fields: must have 3, as the header'),
     Case('decimal comma', 'sensor_id,x_m,y_m\na,1,5,2\n', 2,

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from uav_collect.config.layers import read_text
-from uav_collect.config.yaml_text import shown
+from uav_collect.config.yaml_text import dotted, shown
 from uav_collect.errors import ConfigError
 from uav_collect.scenario.earth import east_north_m
 
@@ -118,7 +118,7 @@ def _layout(path: Path, lines: list[_Line]) -> tuple[_System, bool]:
     _, header = lines[0]
     for column in header:
         if header.count(column) > 1 and column:
-            raise ConfigError(f'{path}:1: column {column} appears twice')
+            raise ConfigError(f'{path}:1: column {dotted((column,))} appears twice')
     if _ID_COLUMN not in header:
         raise ConfigError(
             f'{path}:1: column {_ID_COLUMN} is missing from {shown(",".join(header))}'
