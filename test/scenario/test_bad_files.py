@@ -71,7 +71,7 @@ def test_what_is_no_text_file_is_one_line_at_once(
 def test_what_is_extended_is_read_as_carefully(make: Callable[[Path], None], problem: str) -> None:
     Path('site.yaml').write_text(HEIR % 'bad.yaml')
     make(Path('bad.yaml'))
-    assert problems_of('site.yaml') == (f'site.yaml: extends bad.yaml{problem}',)
+    assert problems_of('site.yaml') == (f'site.yaml:1: extends bad.yaml{problem}',)
 
 
 @pytest.mark.parametrize(('make', 'problem'), BAD_FILES.values(), ids=BAD_FILES)
@@ -118,7 +118,7 @@ def test_a_name_that_no_file_can_have_is_one_short_line(name: str) -> None:
 def test_a_file_that_cannot_be_there_is_one_short_line(name: str) -> None:
     Path('site.yaml').write_text(f'extends: {name}\n')
     (line,) = problems_of('site.yaml')
-    assert line.startswith('site.yaml: extends ')
+    assert line.startswith('site.yaml:1: extends ')
     assert len(line) < 400
     Path('site.yaml').write_text(SITE % name)
     (line,) = problems_of('site.yaml')
@@ -130,7 +130,7 @@ def test_at_most_twenty_files_extend_each_other() -> None:
     for number in range(30):
         Path(f'{number}.yaml').write_text(HEIR % f'{number + 1}.yaml')
     assert problems_of('0.yaml') == (
-        '19.yaml: extends 20.yaml: must be one of at most 20 files that extend each other',
+        '19.yaml:1: extends 20.yaml: must be one of at most 20 files that extend each other',
     )
 
 

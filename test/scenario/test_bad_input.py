@@ -328,19 +328,19 @@ def test_a_scenario_that_is_not_there_is_one_line(name: str, problem: str) -> No
         ('just text', "site.yaml: is 'just text': must be a mapping of keys"),
         (
             'extends: [a]',
-            "site.yaml: extends is ['a']: must be a .yaml file or a scenario name",
+            "site.yaml:1: extends is ['a']: must be a .yaml file or a scenario name",
         ),
         (
             'extends: base.yaml',
-            'site.yaml: extends base.yaml: cannot be read: No such file or directory',
+            'site.yaml:1: extends base.yaml: cannot be read: No such file or directory',
         ),
         (
             'extends: base',
-            f"site.yaml: extends is 'base': must be a .yaml file or one of {NAMES}",
+            f"site.yaml:1: extends is 'base': must be a .yaml file or one of {NAMES}",
         ),
         (
             'extends: ./site.yaml',
-            'site.yaml: extends must not lead back to itself: site.yaml -> site.yaml',
+            'site.yaml:1: extends must not lead back to itself: site.yaml -> site.yaml',
         ),
         ('name: \x01', 'site.yaml:1: is not valid YAML: the character U+0001 is not allowed'),
     ],
@@ -355,7 +355,7 @@ def test_a_file_that_is_no_scenario_is_one_line(text: str, problem: str) -> None
 def test_a_circle_of_files_is_named_from_end_to_end() -> None:
     Path('a.yaml').write_text('extends: b.yaml')
     Path('b.yaml').write_text('extends: a.yaml')
-    line = 'a.yaml: extends must not lead back to itself: a.yaml -> b.yaml -> a.yaml'
+    line = 'a.yaml:1: extends must not lead back to itself: a.yaml -> b.yaml -> a.yaml'
     assert problems_of('a.yaml') == (line,)
 
 

@@ -127,13 +127,11 @@ def read(path: Path, library: Iterable[Path]) -> Document:
 def _layers(path: Path, library: tuple[Path, ...]) -> Iterator[tuple[Source, dict[Any, Any]]]:
     """A file, what it extends, and so on; each with its own values."""
     way: list[Path] = []
-    extended_by = ''
+    first = extended_by = ''
     while True:
         if any(os.path.realpath(above) == os.path.realpath(path) for above in way):
-            circle = ' -> '.join(map(shown_path, [*way, path]))
-            raise ConfigError(
-                f'{shown_path(way[0])}: extends must not lead back to itself: {circle}'
-            )
+            circle = shown_path(' -> '.join(map(str, [*way, path])))
+            raise ConfigError(f'{first} must not lead back to itself: {circle}')
         if len(way) == _MAX_FILES:
             raise ConfigError(
                 f'{extended_by}{shown_path(path)}: must be one of at most {_MAX_FILES} files that '
@@ -145,8 +143,9 @@ def _layers(path: Path, library: tuple[Path, ...]) -> Iterator[tuple[Source, dic
         if 'extends' not in values:
             return
         way.append(path)
-        extended_by = f'{source.label}: extends '
-        path = _extended(values['extends'], source, library)
+        extends = f'{source.label}:{source.line_of(("extends",))}: extends'
+        first, extended_by = first or extends, f'{extends} '
+        path = source.folder / _extended(values['extends'], extends, library)
 
 
 def find(name_or_path: str, folders: Iterable[Path], *, field: str) -> Path:
@@ -306,13 +305,11 @@ def _contains(value: object, key: str | int) -> bool:
     return isinstance(value, list | tuple) and isinstance(key, int) and 0 <= key < len(value)
 
 
-def _extended(name: object, source: Source, library: tuple[Path, ...]) -> Path:
+def _extended(name: object, field: str, library: tuple[Path, ...]) -> Path:
     is_short = isinstance(name, str) and 1 <= len(name) <= _MAX_EXTENDS
     if not isinstance(name, str) or not is_short or not name.isprintable():
-        raise ConfigError(
-            f'{source.label}: extends is {shown(name)}: must be a .yaml file or a scenario name'
-        )
-    return source.folder / find(name, library, field=f'{source.label}: extends')
+        raise ConfigError(f'{field} is {shown(name)}: must be a .yaml file or a scenario name')
+    return find(name, library, field=field)
 
 
 def _mapping_of(text: str, label: str, folder: Path) -> tuple[dict[Any, Any], Source]:
