@@ -10,8 +10,9 @@ from typing import NoReturn
 
 import uav_collect
 from uav_collect import files
+from uav_collect.config.arguments import error_lines, Parser
 from uav_collect.config.packages import packages_of
-from uav_collect.errors import in_one_line, UavCollectError
+from uav_collect.errors import UavCollectError
 from uav_collect.kernels.stops import obeyed_signals
 
 # One line each, here: help must not load what flies missions.
@@ -27,7 +28,6 @@ SUMMARIES = {
     'verify': 'fly recorded missions again, and prove their recordings byte for byte',
     'doctor': 'say whether a mission can fly on this machine, and what it would run on',
 }
-_MOST_CHARACTERS = 1_000  # of a line about what is wrong
 _FAILED = 1
 _MISUSE = 2
 _INTERRUPTED = 130  # as shells have it
@@ -39,14 +39,6 @@ class Command:
 
     add_arguments: Callable[[argparse.ArgumentParser], None]
     run: Callable[[argparse.Namespace], int]
-
-
-class _Parser(argparse.ArgumentParser):
-    """An ArgumentParser that says what is wrong in one line."""
-
-    def error(self, message: str) -> NoReturn:
-        _complain(f'{message} (see {self.prog} --help)')
-        self.exit(_MISUSE)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -61,7 +53,7 @@ def _misuse(arguments: Sequence[str]) -> NoReturn:
     """Say what commands there are."""
     width = max(map(len, SUMMARIES))
     lines = [f'  {name:{width}}  {summary}' for name, summary in SUMMARIES.items()]
-    parser = _Parser(
+    parser = Parser(
         prog='python -m uav_collect',
         description='Fleets of UAVs that collect data from ground sensors.',
         epilog='\n'.join(['commands:', *lines, '', 'COMMAND --help says more.']),
@@ -131,7 +123,7 @@ def _run(name: str, argv: Sequence[str], *, prog: str) -> int:
 def _perform(name: str, argv: Sequence[str], prog: str) -> int:
     with packages_of(name):
         command = command_named(name)
-        parser = _Parser(prog=prog)
+        parser = Parser(prog=prog)
         command.add_arguments(parser)
         return command.run(parser.parse_args(argv))
 
@@ -151,16 +143,10 @@ def _ended(perform: Callable[[], int]) -> int:
         _drop_output()
         return _FAILED
     except (OSError, UavCollectError) as error:  # any other is ours and shows its traceback
-        _complain(_text(error))
+        sys.stderr.write(error_lines(_text(error)))
         _drop_output()
         return _MISUSE
     return status
-
-
-def _complain(text: str) -> None:
-    """Say what is wrong, in lines that people can read."""
-    lines = [in_one_line(line, _MOST_CHARACTERS) for line in text.splitlines()]
-    sys.stderr.write(''.join(f'error: {line}\n' for line in lines))
 
 
 def _flush_unless_failed() -> None:
@@ -206,7 +192,7 @@ def command_named(name: str) -> Command:
 def _text(error: Exception) -> str:
     if isinstance(error, OSError) and error.strerror:
         return f'{error.filename}: {error.strerror}' if error.filename else error.strerror
-    return str(error)
+    return str(error) or type(error).__name__
 
 
 if __name__ == '__main__':

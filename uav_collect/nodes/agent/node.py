@@ -11,6 +11,7 @@ from typing import Any
 import uuid
 
 from rclpy.clock import Clock, ClockType
+from uav_collect.config.arguments import Parser
 from uav_collect.errors import ConfigError, NodeError, PolicyMismatchError
 from uav_collect.limits import ALLOCATOR_NAMES, GUARD_AFTER, MAX_GUARD_AFTER, MAX_UAVS
 from uav_collect.lockstep.checks import observation_problem, radio_problem
@@ -404,7 +405,7 @@ def _layout_named(name: str) -> Layout | None:
 
 def main(argv: Sequence[str]) -> int:
     """Run the agent of one UAV; the exit status."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog='uav_agent',
         description=_DESCRIPTION,
         epilog=help_text(PARAMETERS),

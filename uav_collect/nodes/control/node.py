@@ -7,6 +7,7 @@ import time
 from typing import Any
 
 from rclpy.clock import Clock, ClockType
+from uav_collect.config.arguments import Parser
 from uav_collect.errors import ConfigError
 from uav_collect.limits import MAX_SEED, MAX_UAVS
 from uav_collect.lockstep.asking import Asking
@@ -75,7 +76,7 @@ class ControlNode(ProcessNode):
 
 def main(argv: Sequence[str]) -> int:
     """Ask, and wait for the answer; the exit status."""
-    parser = argparse.ArgumentParser(prog='control', description=_DESCRIPTION)
+    parser = Parser(prog='control', description=_DESCRIPTION)
     commands = [*_COMMANDS, _INJECT]
     parser.add_argument('command', choices=commands, help='what the world is to do')
     parser.add_argument(

@@ -23,6 +23,7 @@ from rosbags.interfaces import (
     QosReliability,
     QosTime,
 )
+from uav_collect.config.arguments import Parser
 from uav_collect.errors import BagError, NodeError, RecordingError, UnreadableError
 from uav_collect.ingest.from_messages import converter_for
 from uav_collect.limits import MAX_UAVS, RECORDED
@@ -325,7 +326,7 @@ def main(argv: Sequence[str]) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog='recorder',
         description=_DESCRIPTION,
         epilog=help_text(PARAMETERS),

@@ -13,6 +13,7 @@ from typing import Any
 import uuid
 
 from rclpy.clock import Clock, ClockType
+from uav_collect.config.arguments import Parser
 from uav_collect.errors import (
     BagError,
     ConfigError,
@@ -299,7 +300,7 @@ def main(argv: Sequence[str]) -> int:
     """Run the trainer; the exit status."""
     import torch
 
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog='trainer',
         description=_DESCRIPTION,
         epilog=help_text(PARAMETERS),

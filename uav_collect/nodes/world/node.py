@@ -10,6 +10,7 @@ import uuid
 from builtin_interfaces.msg import Time
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
+from uav_collect.config.arguments import Parser
 from uav_collect.errors import ConfigError, NodeError
 from uav_collect.lockstep.checks import names_problem
 from uav_collect.lockstep.published_policy import PolicyStore
@@ -434,7 +435,7 @@ class WorldNode(ProcessNode):
 
 def main(argv: Sequence[str]) -> int:
     """Run the world node; the exit status."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog='world_sim',
         description=_DESCRIPTION,
         epilog=help_text(PARAMETERS),
