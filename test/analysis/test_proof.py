@@ -250,3 +250,10 @@ def test_what_a_recording_says_does_not_steer_the_terminal() -> None:
     proof = Proof(mission='\x1b[31m', verdict=Verdict.DIFFERS, findings=('a\x1f\nb', 'c' * 5_000))
     assert str(proof).isprintable()
     assert len(str(proof)) < 1_000
+
+
+def test_a_line_about_a_bag_names_its_first_damages_and_counts_the_others() -> None:
+    damages = tuple(f'chunk {number}' for number in range(1, 31))
+    proof = Proof(mission='bag', verdict=Verdict.DAMAGED, findings=damages)
+    assert str(proof).startswith('bag: damaged: chunk 1; chunk 2; ')
+    assert str(proof).endswith('; chunk 8; 22 more')

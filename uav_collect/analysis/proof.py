@@ -41,6 +41,7 @@ from uav_collect.uav.observation import Layout
 _BY_WORLD = (REASON_NAMES[FAILSAFE],)
 _MISSING = 'missing'  # stands for the value of a field that is not there
 _MOST_DIFFERENCES = 3  # of a mission that are named
+_MOST_FINDINGS = 8  # in a line about it
 
 
 class Verdict(Enum):
@@ -69,8 +70,10 @@ class Proof:
         mission = in_one_line(self.mission)
         if self.verdict is Verdict.PROVED:
             return f'{mission}: {self.verdict.value}, {", ".join(self._facts())}'
-        findings = '; '.join(map(in_one_line, self.findings))
-        return f'{mission}: {self.verdict.value}: {findings}'
+        n_more = len(self.findings) - _MOST_FINDINGS
+        more = [f'{n_more} more'] if n_more > 0 else []
+        findings = [*map(in_one_line, self.findings[:_MOST_FINDINGS]), *more]
+        return f'{mission}: {self.verdict.value}: {"; ".join(findings)}'
 
     def _facts(self) -> Iterator[str]:
         yield f'{self.n_events} events'
