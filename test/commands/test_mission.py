@@ -107,6 +107,18 @@ def test_a_mission_has_its_tables_and_picture_whatever_backend_the_terminal_name
 
 
 @pytest.mark.ros
+def test_a_mission_needs_neither_a_home_nor_a_locale(processes: Processes, tmp_path: Path) -> None:
+    run = tmp_path / 'Größe'
+    where = ['env', '-u', 'ROS_LOG_DIR', '-u', 'ROS_HOME', 'HOME=/proc/none', 'LC_ALL=C']
+    where += ['PYTHONUTF8=0', 'PYTHONCOERCECLOCALE=0']
+    words = ['-m', 'uav_collect', 'mission', '--set', TIGHT, '--policy', 'sweep', '--output']
+    flown = processes.run('mission', *where, sys.executable, *words, str(run))
+    assert flown.wait_for_exit() == 0
+    assert 'thriftiest plan' in flown.output
+    assert [*run.glob('*.png')]
+
+
+@pytest.mark.ros
 def test_the_policy_shipped_for_the_scenario_flies_unless_another_is_named(
     processes: Processes, scenario: Scenario, tmp_path: Path
 ) -> None:

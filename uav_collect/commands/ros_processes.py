@@ -64,7 +64,7 @@ class Fleet:
     def __init__(self, folder: Path, n_processes: int) -> None:
         """Keep the logs in a folder; so many processes will be started."""
         self._folder = folder
-        self._environment = _environment(n_processes)
+        self._environment = _environment(folder, n_processes)
         self._running: list[FleetProcess] = []
         self._restarts: list[tuple[str, float]] = []  # which process, when
 
@@ -207,8 +207,11 @@ def _find(executable: str) -> str:
     )
 
 
-def _environment(n_processes: int) -> Mapping[str, str]:
+def _environment(folder: Path, n_processes: int) -> Mapping[str, str]:
     # Missions of one machine stay on it, unless the user says otherwise.
     reach = 'LOCALHOST' if n_processes <= _PARTICIPANTS else 'SUBNET'
     defaults = {'ROS_AUTOMATIC_DISCOVERY_RANGE': reach, 'PYTHONUNBUFFERED': '1'}
-    return {**defaults, **os.environ, 'RCUTILS_COLORIZED_OUTPUT': '0'}
+    if not os.access(os.environ.get('HOME', ''), os.W_OK):  # where ROS would keep its log
+        defaults['ROS_LOG_DIR'] = str(folder.absolute())
+    # ROS takes no path of any other encoding, whatever that of the terminal.
+    return {**defaults, **os.environ, 'PYTHONUTF8': '1', 'RCUTILS_COLORIZED_OUTPUT': '0'}

@@ -127,6 +127,8 @@ def parse_arguments(parser: ArgumentParser, argv: Sequence[str]) -> Namespace:
         own = remove_ros_args(list(argv))
     except _rclpy.RCLInvalidROSArgsError as error:
         parser.error(' '.join(str(error).split()))
+    except UnicodeEncodeError as error:
+        parser.error(f'{error.object!a} must be UTF-8')
     return parser.parse_args(own)
 
 
