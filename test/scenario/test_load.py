@@ -188,7 +188,24 @@ def test_a_resolved_text_may_be_used_as_a_scenario_file(tmp_path: Path) -> None:
 by_the_same_cases = settings(deadline=None, derandomize=True, database=None)
 texts = st.one_of(
     st.sampled_from(
-        ['007', '1e5', '1.5e-3', '0x1f', 'on', 'null', '~', '1:30', '2024-01-01', '-']
+        [
+            *('007', '1e5', '1.5e-3', '0x1f', 'on', 'null', '~', '1:30', '2024-01-01', '-'),
+            *(
+                '-.5',
+                '+.5e3',
+                '00.5',
+                '1.',
+                '+.inf',
+                '.NaN',
+                'No',
+                '<<',
+                '=',
+                '?',
+                '!x',
+                '&a',
+                '*a',
+            ),
+        ]
     ),
     st.text(min_size=1).filter(str.isprintable),
 )

@@ -55,7 +55,7 @@ def _represent_tuple(dumper: _Dumper, items: tuple[object, ...]) -> yaml.Node:
 
 
 _Dumper.add_implicit_resolver(
-    'tag:yaml.org,2002:float', re.compile(f'^(?:{_EXPONENT.pattern})$'), [*'-+.0123456789']
+    'tag:yaml.org,2002:float', re.compile(f'^(?:{_FRACTION.pattern})$'), [*'-+.0123456789']
 )
 _Dumper.add_representer(tuple, _represent_tuple)
 
