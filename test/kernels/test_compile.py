@@ -1,6 +1,7 @@
 """Compiled kernels are kept for as long as no source changes, and are found by what they are."""
 
 from collections.abc import Callable
+import os
 from pathlib import Path
 import subprocess
 import sys
@@ -56,6 +57,52 @@ event = simulation.next_event()
     subprocess.run([sys.executable, '-c', script], check=True)
     assert kernels_are_cached([look])
     assert not kernels_are_cached([look, carry_out])
+
+
+def doubled(tmp_path: Path, *, most_bytes: int | None = None) -> tuple[str, str]:
+    """What a process says that compiles a kernel, or finds it; on a disk that may be full."""
+    script = tmp_path / 'doubled.py'
+    if not script.exists():  # its time is that of its kernel
+        script.write_text(
+            'import uav_collect.kernels.compile as c\n'
+            'def doubled(value): return 2 * value\n'
+            'print(c.kernel(doubled)(21))\n'
+        )
+    limit = [] if most_bytes is None else ['prlimit', f'--fsize={most_bytes}']
+    done = subprocess.run(
+        [*limit, sys.executable, str(script)],
+        env={
+            **os.environ, 'PYTHONPATH': str(Path(uav_collect.__file__).parents[1]),
+            'XDG_CACHE_HOME': str(tmp_path / 'cache'), 'PYTHONDONTWRITEBYTECODE': '1',
+        },
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    return done.stdout, done.stderr
+
+
+def test_a_disk_without_room_for_a_compiled_kernel_costs_a_line_and_no_result(
+    tmp_path: Path,
+) -> None:
+    out, said = doubled(tmp_path, most_bytes=10)
+    assert out == '42\n'
+    assert said.endswith(': File too large: kernels are not kept, the next process compiles'
+                         ' them again\n')  # fmt: skip
+    assert said.startswith(str(tmp_path / 'cache'))
+    assert said.count('\n') == 1
+    assert not [path for path in (tmp_path / 'cache').rglob('*') if path.is_file()]
+
+
+@pytest.mark.parametrize('damage', [b'', b'\0' * 100, b'\x80\x04\x95', b'nonsense'])
+def test_a_damaged_file_of_a_compiled_kernel_is_written_anew(
+    damage: bytes, tmp_path: Path
+) -> None:
+    assert doubled(tmp_path) == ('42\n', '')
+    for kind in ('*.nbi', '*.nbc'):
+        [file] = (tmp_path / 'cache').rglob(kind)
+        whole = file.read_bytes()
+        file.write_bytes(damage)
+        assert doubled(tmp_path) == ('42\n', '')
+        assert len(file.read_bytes()) == len(whole)
 
 
 MODULES = (batch_kernels, bound, rebuild)

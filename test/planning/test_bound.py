@@ -341,6 +341,20 @@ def test_a_broken_file_is_searched_again(
     assert seeds == [5]
 
 
+def test_a_number_that_was_changed_in_a_file_is_found_again(
+    bound_cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = bound(tiny(), 5)
+    [file] = bound_cache.rglob('5.json')
+    whole = file.read_text()
+    assert '"n_data_cells": ' in whole
+    file.write_text(whole.replace('"n_data_cells": ', '"n_data_cells": 1'))
+    seeds = searched(monkeypatch)
+    assert bound(tiny(), 5) == first
+    assert seeds == [5]
+    assert file.read_text() == whole
+
+
 def test_without_room_on_the_disk_the_bound_is_found_all_the_same(
     bound_cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -18,6 +18,7 @@ import tempfile
 from typing import Any, TypeVar
 
 from uav_collect.kernels.compilation import Compilation
+from uav_collect.kernels.patience import say
 
 _Kernel = TypeVar('_Kernel', bound=Callable[..., object])
 
@@ -138,8 +139,36 @@ def _compiled(function: _Kernel, *, counts: bool, nogil: bool = False) -> _Kerne
     if not kernels_are_compiled():
         return function
     options = {'cache': True, '_nrt': counts, 'nogil': nogil, **_OPTIONS}
-    compiled: _Kernel = _numba().njit(**options)(function)
-    return compiled
+    compiled: Any = _numba().njit(**options)(function)
+    _keep_if_possible(compiled._cache)
+    kernel_function: _Kernel = compiled
+    return kernel_function
+
+
+def _keep_if_possible(kept: Any) -> None:  # noqa: ANN401 - a cache of numba's
+    """Let a cache that is damaged or has no room cost time alone: what it lacks is compiled."""
+    load, save = kept.load_overload, kept.save_overload
+
+    def load_or_compile(*arguments: Any) -> Any:  # noqa: ANN401
+        try:
+            return load(*arguments)
+        except Exception:  # a damaged pickle raises anything
+            with suppress(OSError):
+                kept.flush()
+            return None
+
+    def save_or_leave(*arguments: Any) -> None:  # noqa: ANN401
+        try:
+            save(*arguments)
+        except Exception as error:  # of the disk; or of an index that could not be flushed
+            _say_lost(str(getattr(error, 'strerror', None) or error))
+
+    kept.load_overload, kept.save_overload = load_or_compile, save_or_leave
+
+
+@cache
+def _say_lost(reason: str) -> None:
+    say(f'{cache_folder()}: {reason}: kernels are not kept, the next process compiles them again')
 
 
 def _numba() -> Any:  # noqa: ANN401 - the module itself

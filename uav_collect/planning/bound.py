@@ -17,6 +17,7 @@ for any moves, any number of visits and any draws.
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
+import hashlib
 from itertools import pairwise
 import json
 import math
@@ -36,6 +37,7 @@ from uav_collect.uav.action_codes import BACKWARD, FORWARD, HOVER, LEFT, RIGHT
 
 KERNELS = (search, climb)  # that find plans, and what no plan beats
 N_ROUNDS = 2000  # of the search for each plan: some 0.3 s where kernels are interpreted
+_MAX_BYTES = 2**22  # of a bound that is kept
 _BALANCE = 0.1  # weight of all UAVs' times beside the latest one's, where the search is steered
 _TIE_S_PER_J = 1e-10  # of plans that take the same time the one of less energy is the best
 
@@ -204,7 +206,10 @@ def _is_affordable(problem: PlanProblem, plan: Plan) -> bool:
 def _read(file: Path) -> Bound | None:
     """The bound that a file keeps; None where there is no file, or a broken one."""
     try:
-        values: dict[str, Any] = json.loads(file.read_text(encoding='utf-8'))
+        digest, content = files.read_bounded(file, _MAX_BYTES).split(b'\n', 1)
+        if digest.decode() != hashlib.sha256(content).hexdigest():
+            return None
+        values: dict[str, Any] = json.loads(content)
         plans = {name: _plan_of(values[name]) for name in ('shortest', 'thriftiest')}
         return Bound(**(values | plans))
     except (OSError, ValueError, TypeError, KeyError):
@@ -225,4 +230,6 @@ def _write(file: Path, bound: Bound) -> None:
     """Keep a bound, whole or not at all; where the disk does not take it, it is found again."""
     with suppress(OSError):
         file.parent.mkdir(parents=True, exist_ok=True)
-        files.write_atomically(file, json.dumps(asdict(bound)).encode())
+        content = json.dumps(asdict(bound)).encode()
+        digest = hashlib.sha256(content).hexdigest().encode()
+        files.write_atomically(file, digest + b'\n' + content)
