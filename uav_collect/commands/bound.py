@@ -60,13 +60,15 @@ def run(arguments: argparse.Namespace) -> int:
         for bandwidth, some in bounds.items()
     }
     # Before anything is shown: whoever reads that may have left.
+    contents = {}
     if arguments.json is not None:
-        files.write_atomically(arguments.json, _json(arguments, scenario, rows))
+        contents[arguments.json] = _json(arguments, scenario, rows)
     if arguments.csv is not None:
-        files.write_atomically(arguments.csv, _csv(scenario, bounds))
+        contents[arguments.csv] = _csv(scenario, bounds)
+    is_written = terminal.write_files(contents)
     for bandwidth, (n_known, estimates) in rows.items():
         _show(arguments, scenario, bandwidth, n_known, estimates)
-    return 0
+    return 0 if is_written else terminal.UNWRITTEN
 
 
 def _plan(arguments: argparse.Namespace, scenario: 'Scenario') -> '_Bounds':

@@ -110,12 +110,14 @@ def run(arguments: argparse.Namespace) -> int:
         return terminal.INTERRUPTED
     findings = _find(arguments, flown, bounds)
     # Before anything is shown: whoever reads that may have left.
+    contents = {}
     if arguments.json is not None:
-        files.write_atomically(arguments.json, _json(arguments, scenario, flown, findings))
+        contents[arguments.json] = _json(arguments, scenario, flown, findings)
     if arguments.csv is not None:
-        files.write_atomically(arguments.csv, _csv(arguments, scenario, flown, bounds))
+        contents[arguments.csv] = _csv(arguments, scenario, flown, bounds)
+    is_written = terminal.write_files(contents)
     _show(arguments, scenario, flown, findings, monotonic() - start_s)
-    return 0
+    return 0 if is_written else terminal.UNWRITTEN
 
 
 def _contenders(arguments: argparse.Namespace, scenario: 'Scenario') -> list[_Contender]:

@@ -1,11 +1,13 @@
 """What a command says while it works, on stderr, and Ctrl-C that waits until it has saved."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 import os
+from pathlib import Path
 import signal
 from types import FrameType
 
+from uav_collect import files
 from uav_collect.analysis.console import plain_column, plain_console
 from uav_collect.kernels import stops
 from uav_collect.kernels.patience import repeated_line
@@ -13,6 +15,7 @@ from uav_collect.kernels.patience import say as say
 from uav_collect.limits import stop_signals
 from uav_collect.training.time_left import TimeLeft
 
+UNWRITTEN = 2  # exit status where a disk did not take what was found
 INTERRUPTED = 130  # exit status after Ctrl-C, as shells have it
 _NOTICE = b'\nstopping at the next step and saving; again: stop at once, without saving\n'
 _LINE_EVERY_S = 5.0
@@ -83,6 +86,23 @@ class Interruption:
             raise KeyboardInterrupt
         self._number = signal_number
         os.write(2, _NOTICE)  # a handler may have interrupted another write of sys.stderr
+
+
+def write_files(contents: Mapping[Path, bytes]) -> bool:
+    """Write what a command has found; whether all could be, else a line says which could not.
+
+    It does not raise: the tables that are still to be shown may have taken hours.
+    """
+    is_written = True
+    for path, content in contents.items():
+        try:
+            files.write_atomically(path, content)
+        except BrokenPipeError:  # whoever reads it has left
+            raise
+        except OSError as error:
+            say(f'error: {path}: {error.strerror or error}')
+            is_written = False
+    return is_written
 
 
 @contextmanager
