@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from full_disk import no_file_beyond
 import pytest
 from study_jobs import flights
 from uav_collect.errors import StoreError
@@ -37,3 +38,29 @@ def test_a_job_without_its_last_file_does_not_count_as_done(tmp_path: Path) -> N
 def test_a_file_that_no_job_gave_is_named(tmp_path: Path) -> None:
     with pytest.raises(StoreError, match=r'abc/missions\.csv: cannot be read'):
         Store(tmp_path).read('abc', MISSIONS)
+
+
+def test_a_disk_that_is_full_leaves_nothing_of_a_job_and_its_last_state(tmp_path: Path) -> None:
+    store, job = Store(tmp_path / 'store'), flights()
+    digest = digest_of(job)
+    store.save_state(digest, b'half')
+    with no_file_beyond(10):
+        with pytest.raises(OSError, match='File too large') as raised:
+            store.save(job, {MISSIONS: b'rows'}, Cost())
+        assert raised.value.filename == f'{tmp_path}/store/jobs/{digest}'
+        with pytest.raises(OSError, match='File too large') as raised:
+            store.save_state(digest, b'nearly all of it')
+        assert raised.value.filename == f'{tmp_path}/store/states/{digest}'
+    assert not store.has(digest)
+    assert store.state(digest) == b'half'
+    assert [*(tmp_path / 'store' / 'jobs').iterdir()] == []
+    store.save(job, {MISSIONS: b'rows'}, Cost())
+    assert store.read(digest, MISSIONS) == b'rows'
+
+
+def test_a_store_where_none_can_be_is_named(tmp_path: Path) -> None:
+    (tmp_path / 'store').touch()
+    store, job = Store(tmp_path / 'store'), flights()
+    with pytest.raises(NotADirectoryError) as raised:
+        store.save(job, {MISSIONS: b'rows'}, Cost())
+    assert str(raised.value.filename).startswith(f'{tmp_path}/store')

@@ -77,11 +77,12 @@ class Store:
 
     def _write_folder(self, folder: Path, contents: Mapping[str, bytes]) -> None:
         partial = folder.with_name(f'.{folder.name}.{os.getpid()}.part')
-        partial.mkdir(parents=True)
         try:
-            for name, content in contents.items():
-                files.write_atomically(partial / name, content)
-            partial.rename(folder)
+            with files.naming(folder):
+                partial.mkdir(parents=True)
+                for name, content in contents.items():
+                    files.write_atomically(partial / name, content)
+                partial.rename(folder)
         except OSError:
             if not folder.is_dir():  # someone else was faster: the bytes are the same
                 raise
