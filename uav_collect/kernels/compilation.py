@@ -5,7 +5,7 @@ from threading import RLock, Timer
 from time import monotonic
 from typing import Any
 
-from uav_collect.kernels.patience import SAID_EVERY_S, say
+from uav_collect.kernels.patience import explain, SAID_EVERY_S, say
 
 _SAID_AFTER_S = 1.0  # of compiling, in all
 
@@ -49,6 +49,7 @@ class Compilation:
             return
         self._is_watched = True
         own = {'on_start': lambda *_: self.begin(), 'on_end': lambda *_: self.end()}
+        explain(lambda: self.is_going_on)
         event.register('numba:compile', type('Listener', (event.Listener,), own)())
 
     def begin(self) -> None:

@@ -10,12 +10,19 @@ SAID_AFTER_S = 2.0  # shorter waits need no word
 SAID_EVERY_S = 30.0  # of one that lasts
 
 _is_silent = False
+_is_explained: Callable[[], bool] = bool  # nothing does
 
 
 def be_silent() -> None:
     """Say nothing more in this process: another one speaks for it."""
     global _is_silent
     _is_silent = True
+
+
+def explain(is_explained: Callable[[], bool]) -> None:
+    """Let waits go unsaid while something tells that it says itself what takes so long."""
+    global _is_explained
+    _is_explained = is_explained
 
 
 def say(text: str) -> None:
@@ -34,7 +41,14 @@ def waiting_for(what: str, say_line: Callable[[str], None] = say) -> Iterator[No
     Args:
         what: follows 'waiting for '.
     """
-    with repeated_line(lambda waited_s: f'waiting for {what}{_so_far(waited_s)}', say_line):
+
+    def say_unless_explained(line: str) -> None:
+        if not _is_explained():
+            say_line(line)
+
+    with repeated_line(
+        lambda waited_s: f'waiting for {what}{_so_far(waited_s)}', say_unless_explained
+    ):
         yield
 
 

@@ -1,0 +1,47 @@
+"""Who waits hears for what, unless something else says it already."""
+
+from queue import SimpleQueue
+
+import pytest
+from uav_collect.kernels import patience
+
+HANG_S = 60.0
+
+
+def test_a_wait_that_lasts_says_for_what() -> None:
+    said: SimpleQueue[str] = SimpleQueue()
+    with patience.waiting_for('the picture', said.put):
+        assert said.get(timeout=HANG_S) == 'waiting for the picture'
+
+
+def test_a_wait_that_something_else_explains_says_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked: SimpleQueue[bool] = SimpleQueue()
+    said: SimpleQueue[str] = SimpleQueue()
+
+    def is_explained() -> bool:
+        asked.put(True)
+        return True
+
+    monkeypatch.setattr(patience, '_is_explained', is_explained)
+    with patience.waiting_for('the picture', said.put):
+        assert asked.get(timeout=HANG_S)
+    assert said.empty()
+
+
+def test_a_short_wait_says_nothing() -> None:
+    said: SimpleQueue[str] = SimpleQueue()
+    with patience.waiting_for('the picture', said.put):
+        pass
+    assert said.empty()
+
+
+def test_a_process_that_another_one_speaks_for_is_silent(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(patience, '_is_silent', False)
+    patience.say('one')
+    patience.be_silent()
+    patience.say('two')
+    assert capsys.readouterr().err == 'one\n'
