@@ -14,6 +14,7 @@ import os
 from pathlib import Path
 import re
 import signal
+import sys
 from types import FrameType
 from typing import Any
 
@@ -133,12 +134,13 @@ def _ending() -> Iterator[None]:
     """Raise in a try that takes too long; end the process if it does not even listen."""
 
     def hang(signal_number: int, frame: FrameType | None) -> None:
+        if _is_compiling():  # whichever try comes first, that is none of its
+            _start_clocks()
+            return
         raise HangError(f'no end after {_CPU_S} s of work or {_WALL_S} s of waiting')
 
     before = [(number, signal.signal(number, hang)) for number in (signal.SIGPROF, signal.SIGALRM)]
-    signal.setitimer(signal.ITIMER_PROF, _CPU_S)
-    signal.setitimer(signal.ITIMER_REAL, _WALL_S)
-    faulthandler.dump_traceback_later(2.0 * _WALL_S, exit=True)
+    _start_clocks()
     try:
         yield
     finally:
@@ -147,3 +149,14 @@ def _ending() -> Iterator[None]:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         for number, handler in before:
             signal.signal(number, handler)
+
+
+def _start_clocks() -> None:
+    signal.setitimer(signal.ITIMER_PROF, _CPU_S)
+    signal.setitimer(signal.ITIMER_REAL, _WALL_S)
+    faulthandler.dump_traceback_later(10.0 * _WALL_S, exit=True)
+
+
+def _is_compiling() -> bool:
+    lock = sys.modules.get('numba.core.compiler_lock')
+    return lock is not None and bool(lock.global_compiler_lock.is_locked())
