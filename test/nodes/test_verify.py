@@ -17,6 +17,7 @@ pytest.importorskip('rclpy')
 pytest.importorskip('uav_collect_msgs')
 
 from uav_collect.nodes import topics
+from uav_collect.recording.mcap_file import read_mcap
 from uav_collect_msgs.msg import Mission
 
 pytestmark = pytest.mark.ros
@@ -100,8 +101,9 @@ def test_a_log_alone_does_not_tell_what_a_trainer_has_published(
 
 def in_chunk(run: Path) -> None:
     bag = run / 'bag' / 'run_bag.mcap'
+    chunk = max(read_mcap(bag).parts, key=lambda part: part.n_byte)
     content = bytearray(bag.read_bytes())
-    content[len(content) // 4] ^= 1
+    content[chunk.begin + chunk.n_byte // 2] ^= 1
     bag.write_bytes(content)
 
 

@@ -287,3 +287,25 @@ def test_messages_that_cannot_be_unpacked_are_counted_by_topic(
         f'{tmp_path}/other: topic /world/epoch: 3 messages cannot be unpacked'
     ]
     assert recording.missions[0].log.to_jsonl() == log.to_jsonl()
+
+
+@pytest.mark.parametrize(
+    ('change', 'words'),
+    [
+        ("UPDATE topics SET name = x'00' WHERE name LIKE '%rx'", 'a topic of the database'),
+        ("UPDATE topics SET type = x'00' WHERE name LIKE '%rx'", 'a topic of the database'),
+        ("UPDATE messages SET data = 'text' WHERE id = 3", '1 messages of the database'),
+        ('UPDATE messages SET timestamp = 0.5 WHERE id = 3', '1 messages of'),
+    ],
+)
+def test_a_value_of_another_kind_in_a_database_is_a_damage(
+    tmp_path: Path, bag: Path, change: str, words: str
+) -> None:
+    file = only_file(copied(bag, tmp_path / 'other'))
+    connection = sqlite3.connect(file)
+    connection.execute(change)
+    connection.commit()
+    connection.close()
+    recording = read_recording(file)
+    assert words in recording.damages[0]
+    assert not recording.missions[0].is_complete

@@ -180,7 +180,7 @@ def _added(writer: Writer, topic: RecordedTopic) -> Connection:
 
 def _qos_of(topic: RecordedTopic) -> list[Qos]:
     """The QoS that its publishers offered; none where the bag's words for it make no sense."""
-    with suppress(ReaderError, KeyError, TypeError, ValueError):
+    with suppress(ReaderError, AttributeError, KeyError, RecursionError, TypeError, ValueError):
         return parse_qos(topic.qos)
     return []
 

@@ -38,7 +38,10 @@ _ROS1_MAGIC, _SQLITE_MAGIC = b'#ROSBAG V', b'SQLite format 3\0'
 _MOST_METADATA_BYTE = 1 << 24
 _MOST_TIMES = 100  # that a packed file becomes larger; bags become some ten times
 _BLOCK_BYTE = 1 << 20
-_SQLITE_ERRORS = (ReaderError, apsw.Error, KeyError, TypeError, ValueError)
+_SQLITE_ERRORS = (
+    *(ReaderError, apsw.Error, AttributeError, KeyError, RecursionError, TypeError),
+    ValueError,
+)
 _CONVERT = 'rosbags-convert makes one of ROS 2 of it'
 _KINDS = 'a folder with metadata.yaml, an .mcap or a .db3 file'
 
@@ -180,26 +183,32 @@ class _Sqlite:
         if log.is_file() and log.stat().st_size:
             self.damages.append(f'its recorder was cut off, {log.name} is not read')
         self.n_messages = self._reader.metadata.message_count
-        self.topics = {
-            it.id: RecordedTopic(
-                it.topic,
-                it.msgtype,
-                {'MSG': 'ros2msg', 'IDL': 'ros2idl'}.get(it.msgdef.format.name, ''),
-                it.msgdef.data,
-                getattr(it.ext, 'serialization_format', ''),
-                '',
+        self.topics: dict[int, RecordedTopic] = {}
+        for it in self._reader.connections:
+            encoding = {'MSG': 'ros2msg', 'IDL': 'ros2idl'}.get(it.msgdef.format.name, '')
+            serialization = getattr(it.ext, 'serialization_format', '')
+            topic = RecordedTopic(
+                it.topic, it.msgtype, encoding, it.msgdef.data, serialization, ''
             )
-            for it in self._reader.connections
-        }
+            if all(isinstance(value, str) for value in topic):
+                self.topics[it.id] = topic
+            else:
+                self.damages.append('a topic of the database is damaged')
 
     def messages(self, topics: Collection[int]) -> Iterator[tuple[int, int, bytes]]:
         """Topic, log time and content of messages, by time."""
         connections = [it for it in self._reader.connections if it.id in topics]
+        n_broken = 0
         try:
             for connection, log_ns, content in self._reader.messages(connections):
-                yield connection.id, log_ns, content
+                if isinstance(log_ns, int) and isinstance(content, bytes):
+                    yield connection.id, log_ns, content
+                else:
+                    n_broken += 1
         except _SQLITE_ERRORS as error:
             self.damages.append(f'the database cannot be read further: {in_one_line(str(error))}')
+        if n_broken:
+            self.damages.append(f'{n_broken} messages of the database are damaged')
 
 
 def _opened(path: Path, closing: ExitStack) -> Bag:
