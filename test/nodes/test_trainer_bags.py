@@ -21,7 +21,8 @@ from uav_collect.scenario.site import build_site
 
 pytestmark = pytest.mark.ros
 
-N_MISSIONS = 200
+N_MISSIONS = 24
+PACE = 80.0  # simulated over wall-clock time
 
 
 def recorded(processes: Processes, folder: Path, n_missions: int) -> tuple[Path, Path]:
@@ -30,20 +31,16 @@ def recorded(processes: Processes, folder: Path, n_missions: int) -> tuple[Path,
     The later one gets what the world has published before, so that both have missions in common.
     """
     fleet, second = fleet_of(processes, folder), folder / 'later_bag'
-    recorder = fleet.start_recorder()
+    recorder = fleet.start_recorder(stop_after_missions=n_missions // 2)
     agents = fleet.start_agents('random', 'equal', observation_layout='egocentric')
-    unwatched = {'sample_rate_hz': 0.0, 'picture_period_s': 0.0}
-    world = fleet.start_world(missions=-1, decision_timeout_s=1000.0, **unwatched)
-    world.wait_for(f'-{n_missions // 10} ended')
-    recorder.send(signal.SIGINT)
+    # Slow enough that the later one finds even the first of them.
+    world = fleet.start_world(missions=-1, decision_timeout_s=1000.0, real_time_factor=PACE)
     assert recorder.wait_for_exit() == 0
-    later = processes.start('recorder', '--output', str(second))
-    later.wait_for('recording UAV 2')
-    world.wait_for(f'-{n_missions - 1} ended')
-    for process in agents:
+    flags = ['--output', str(second), *parameters(stop_after_missions=n_missions)]
+    later = processes.start('recorder', *flags)
+    assert later.wait_for_exit(TRAINED_S) == 0
+    for process in (*agents, world):
         process.kill()
-    later.send(signal.SIGINT)
-    later.wait_for_exit()  # 1 where it came too late for messages: missions are joined or not
     return fleet.bag, second
 
 
