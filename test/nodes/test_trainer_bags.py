@@ -1,7 +1,6 @@
 """Learning from recordings: each mission once, and what was in them is said."""
 
 from pathlib import Path
-import signal
 
 from bag_damage import changed_byte
 from bags import HandMadeBag
