@@ -58,6 +58,14 @@ def test_a_file_is_read_up_to_a_size_and_none_of_a_larger_one(tmp_path: Path) ->
         files.read_bounded(large, 10**7)
 
 
+def test_an_error_of_another_file_is_not_that_of_the_one_being_read(tmp_path: Path) -> None:
+    path, other = tmp_path / 'file', '/elsewhere'
+    path.touch()
+    with pytest.raises(OSError, match='No space') as raised, files.open_file(path):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), other)
+    assert raised.value.filename == other
+
+
 def test_a_pipe_a_device_and_a_folder_are_no_files_to_read(tmp_path: Path) -> None:
     pipe = tmp_path / 'pipe'
     os.mkfifo(pipe)  # that nobody ever writes into

@@ -91,7 +91,7 @@ def loaded_by(module: str) -> set[str]:
         waiting += (new := graph[waiting.pop()] - reached)
         reached |= new
     found = {path: it for path, it in SOURCES.items() if structure.module_of(path) in reached}
-    return {it.name for it in PACKAGES.values() if it.module in imports_of(found)}
+    return {it.name for it in PACKAGES.values() if it.top_module in imports_of(found)}
 
 
 def beyond(wall: Wall, sources: Sources) -> set[str]:
@@ -303,13 +303,13 @@ def test_every_executable_says_what_it_needs() -> None:
 
 
 def test_every_package_that_is_imported_has_an_entry() -> None:
-    known = {*ROS_MODULES, *(it.module for it in PACKAGES.values())}
+    known = {*ROS_MODULES, *(it.top_module for it in PACKAGES.values())}
     assert imports_of(SOURCES) == known
 
 
 def test_the_manifest_names_every_package_that_is_imported_or_says_that_pip_has_it() -> None:
     manifest = parse_package(str(ROOT))
-    by_pip = re.findall(r'<!-- pip install ([\w ]+):', (ROOT / 'package.xml').read_text())
+    by_pip = re.findall(r'<!-- pip install ([\w. ]+):', (ROOT / 'package.xml').read_text())
     *of_pip, of_tests = [{*names.split()} for names in by_pip]
     of_system = {it.apt or it.name for it in PACKAGES.values()} - set().union(*of_pip)
     assert {it.name for it in manifest.exec_depends} == {
@@ -319,7 +319,7 @@ def test_the_manifest_names_every_package_that_is_imported_or_says_that_pip_has_
     }
     assert set().union(*of_pip) == {it.name for it in PACKAGES.values() if not it.apt}
     own = {Path(path).stem for path in TESTS} | {'bench', 'tools'}
-    modules = {it.module for it in PACKAGES.values()}
+    modules = {it.top_module for it in PACKAGES.values()}
     tested = imports_of(TESTS) - own - ROS_MODULES - modules - imports_of(LAUNCH_FILES)
     keys = {'action_msgs': 'action_msgs', 'catkin_pkg': 'python3-catkin-pkg-modules'}
     assert {keys.get(name, f'python3-{name}') for name in tested - of_tests} == {

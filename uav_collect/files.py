@@ -71,7 +71,7 @@ def open_file(path: Path) -> Iterator[tuple[BinaryIO, int]]:
     A folder is none, nor is a pipe or a device: they have no size and may never answer.
 
     Raises:
-        OSError: naming the file.
+        OSError: it cannot be opened; naming the file. Errors of reading it name none.
     """
     try:
         # To open a pipe would wait for whoever writes into it.
@@ -84,7 +84,7 @@ def open_file(path: Path) -> Iterator[tuple[BinaryIO, int]]:
             is_folder = stat.S_ISDIR(about.st_mode)
             what = 'is a folder' if is_folder else 'is a pipe or a device'
             raise OSError(errno.EINVAL, f'{what}: must be a file', str(path))
-        with naming(path), open(number, 'rb', closefd=False) as file:
+        with open(number, 'rb', closefd=False) as file:
             yield file, about.st_size
     finally:
         os.close(number)
@@ -97,7 +97,8 @@ def read_bounded(path: Path, most_bytes: int) -> bytes:
         OSError: naming the file.
     """
     with open_file(path) as (file, n_bytes):
-        content = file.read(most_bytes + 1) if n_bytes <= most_bytes else b''
+        with naming(path):
+            content = file.read(most_bytes + 1) if n_bytes <= most_bytes else b''
         if max(n_bytes, len(content)) > most_bytes:  # it may grow
             what = f'has {n_bytes:,} bytes: must have at most {most_bytes:,}'
             raise OSError(errno.EFBIG, what, str(path))

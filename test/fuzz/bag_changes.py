@@ -7,11 +7,11 @@ import struct
 from typing import Any, NamedTuple
 from zlib import crc32
 
+from backports import zstd
 from bags import definition_text
 from byte_changes import BYTE_CHANGES, ByteChange, changed_bytes
 from hypothesis import strategies as st
 import numpy as np
-from rosbags.rosbag2.storage_mcap import zstd  # type: ignore[attr-defined]
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 from rosbags.typesys.store import Typestore
 from uav_collect.recording.mcap_records import channel_of, chunk_of, schema_of

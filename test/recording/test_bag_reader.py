@@ -9,7 +9,7 @@ import pytest
 from tiny_world import tiny, uav
 from uav_collect.errors import BagError, RecordingError
 from uav_collect.missions.rollout import fly
-from uav_collect.recording.bag_reader import read_missions, RecordedMission
+from uav_collect.recording.bag_reader import read_missions, read_recording, RecordedMission
 from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.load import load
 from uav_collect.scenario.model import Scenario
@@ -65,6 +65,21 @@ def test_bytes_that_are_no_message_are_passed_over(
     mission = read_one(tmp_path / 'bag')
     assert mission.log.to_jsonl() == flown[0].to_jsonl()
     assert mission.is_complete
+
+
+def test_an_event_that_is_recorded_twice_with_different_values_is_left_out(
+    tmp_path: Path, site: Site, flown: list[MissionLog]
+) -> None:
+    bag = HandMadeBag(tmp_path / 'bag')
+    bag.add_scenario(site)
+    bag.add_mission(flown[0], 'first')
+    bag.add('/world/epoch', 'Epoch', mission_id='first', event=3, uav=1)
+    bag.writer.close()
+    [mission] = (recording := read_recording(tmp_path / 'bag')).missions
+    [damage] = recording.damages
+    assert damage.endswith('first: event 3, left out: is recorded twice with different values')
+    assert len(mission.log.events) == len(flown[0].events) - 1
+    assert not mission.is_complete
 
 
 def test_every_bit_of_heard_survives_a_fleet_of_64(tmp_path: Path) -> None:

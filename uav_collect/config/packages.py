@@ -28,6 +28,11 @@ class Package:
     only_for: str = ''  # what alone needs it; '': a mission over ROS does
 
     @property
+    def top_module(self) -> str:
+        """The first part of the module's name."""
+        return self.module.partition('.')[0]
+
+    @property
     def version(self) -> str:
         """The version that is installed; '' if nothing tells."""
         try:
@@ -60,6 +65,8 @@ PACKAGES = {
         Package(name='rich', module='rich', apt='python3-rich', oldest='13.7'),
         Package(name='matplotlib', module='matplotlib', apt='python3-matplotlib', oldest='3.6'),
         Package(name='rosbags', module='rosbags', oldest='0.11.9'),
+        Package(name='backports.zstd', module='backports.zstd'),
+        Package(name='lz4', module='lz4'),
         Package(name='numba', module='numba', only_for='compiled kernels'),
         Package(name='cvxpy', module='cvxpy', only_for='--bandwidth cvxpy'),
         Package(name='clarabel', module='clarabel', only_for='--bandwidth cvxpy'),
@@ -82,15 +89,16 @@ ROS_PACKAGES = (
 # What each executable loads in any case.
 _ON_BOARD = ('numpy', 'PyYAML')
 _SHOWING = (*_ON_BOARD, 'rich')
+_BAGS = ('rosbags', 'backports.zstd', 'lz4')
 NEEDED = {
     'world_sim': _ON_BOARD,
     'uav_agent': _ON_BOARD,
-    'recorder': (*_ON_BOARD, 'rosbags'),
-    'trainer': (*_SHOWING, 'rosbags', 'torch'),
+    'recorder': (*_ON_BOARD, *_BAGS),
+    'trainer': (*_SHOWING, *_BAGS, 'torch'),
     'control': _ON_BOARD,
-    'mission': (*_SHOWING, 'matplotlib', 'rosbags'),
-    'report': (*_SHOWING, 'matplotlib', 'rosbags'),
-    'verify': (*_ON_BOARD, 'rosbags'),
+    'mission': (*_SHOWING, 'matplotlib', *_BAGS),
+    'report': (*_SHOWING, 'matplotlib', *_BAGS),
+    'verify': (*_ON_BOARD, *_BAGS),
     'evaluate': _SHOWING,
     'bound': _SHOWING,
     'train': (*_SHOWING, 'matplotlib'),
@@ -175,7 +183,7 @@ def _missing(error: ModuleNotFoundError) -> str:
     name = (error.name or '').partition('.')[0]
     if name in (*ROS_PACKAGES, MESSAGES):
         return f'{name} is missing: {ros_remedy(name)}'
-    return next((it.problem for it in PACKAGES.values() if it.module == name), '')
+    return next((it.problem for it in PACKAGES.values() if it.top_module == name), '')
 
 
 def is_there(module: str) -> bool:

@@ -85,7 +85,7 @@ class MessageReader:
     def messages(
         self, is_accepted: Callable[[str, bytes], bool] | None = None
     ) -> Iterator[tuple[str, Any]]:
-        """RecordedTopic and content of the messages, by time, but bytes that are none.
+        """Topic and content of the messages, by time, but bytes that are none.
 
         Args:
             is_accepted: of a serialized message on a topic; None: all are.
@@ -106,7 +106,7 @@ def messages(
     is_accepted: Callable[[str, bytes], bool] | None = None,
     damages: list[str] | None = None,
 ) -> Iterator[tuple[str, Any]]:
-    """RecordedTopic and content of the messages of some topics, by time, but bytes that are none.
+    """Topic and content of the messages of some topics, by time, but bytes that are none.
 
     Args:
         path: folder or file of the bag.

@@ -59,7 +59,9 @@ class _Parts:
     start: Any = None  # the first Mission message
     phases: set[int] = field(default_factory=set)
     epochs: dict[int, Any] = field(default_factory=dict)  # by event, the first of each
-    contradicted: set[int] = field(default_factory=set)  # events told twice, otherwise
+    contradicted: set[int] = field(
+        default_factory=set
+    )  # events recorded twice with different values
     n_radio_messages: int = 0
 
 
@@ -219,7 +221,9 @@ def _usable_epochs(parts: _Parts, header: MissionHeader, problems: list[str]) ->
     model = header.event_model()
     usable = []
     for event, epoch in sorted(parts.epochs.items()):
-        problem = 'is told twice, otherwise' if event in parts.contradicted else None
+        problem = (
+            'is recorded twice with different values' if event in parts.contradicted else None
+        )
         if (problem := problem or _problem_of(epoch, model)) is None:
             usable.append(epoch)
         else:

@@ -10,7 +10,9 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 import fcntl
+import filecmp
 from pathlib import Path
+import re
 import shutil
 from tempfile import TemporaryDirectory
 
@@ -19,7 +21,7 @@ from rosbags.rosbag2 import ReaderError, StoragePlugin, Writer, WriterError
 from rosbags.rosbag2.metadata import parse_qos
 from rosbags.typesys.store import Typestore
 from uav_collect import files
-from uav_collect.errors import BagError
+from uav_collect.errors import BagError, in_one_line
 from uav_collect.recording.bag_checksums import BagChecksums
 from uav_collect.recording.bag_messages import DEFINITION_ERRORS, types_of
 from uav_collect.recording.bag_storage import Bag, open_bag, RecordedTopic
@@ -30,7 +32,8 @@ from uav_collect.recording.mission_folder import METADATA_FILE
 
 _CLOCK = 'rosgraph_msgs/msg/Clock'
 _OWN_TYPES = 'uav_collect_msgs/'
-_BROKEN = '.broken'
+_BROKEN = '.broken'  # behind the name of what is kept; then .broken.2, .broken.3 and so on
+_KEPT = re.compile(rf'.*\.mcap{re.escape(_BROKEN)}(\.[1-9][0-9]*)?', re.DOTALL)
 _WORK = '.repairing-'  # what the folder of a repair begins with
 _LEFT_OUT = 'left out by repair'  # key of a remark
 
@@ -42,7 +45,8 @@ class Repair:
     n_messages: int
     last_sim_time_s: float | None  # latest simulated time in it, None without any
     broken_file: Path | None  # where the broken file is kept; None if the bag was whole
-    left_out: tuple[str, ...]  # what was damaged, one line each
+    left_out: tuple[str, ...] = ()  # what of the broken file is lost, one line each
+    remarks: tuple[str, ...] = ()  # what else of it was damaged, without a loss
 
 
 class _Clock:
@@ -73,7 +77,7 @@ def repair(bag: Path) -> Repair:
     """
     folder = bag if bag.is_dir() else bag.parent
     source = _source(bag, folder)
-    with _unlocked(source):
+    with _locked(source):
         clock = _Clock()
         with open_bag(source) as opened:
             if _is_whole(opened, folder):
@@ -83,13 +87,13 @@ def repair(bag: Path) -> Repair:
                     n_messages=opened.n_messages,
                     last_sim_time_s=clock.last_s,
                     broken_file=None,
-                    left_out=(),
                 )
             for leftover in folder.glob(f'{_WORK}*'):  # of a repair that was killed
                 shutil.rmtree(leftover, ignore_errors=True)
             with TemporaryDirectory(prefix=_WORK, dir=folder) as work:
-                name = source.name.removesuffix(_BROKEN).removesuffix('.mcap')
-                left_out = [*opened.damages]
+                name = source.name.partition('.mcap')[0]
+                remarks = [it for it in opened.damages if it in opened.harmless]
+                left_out = [it for it in opened.damages if it not in opened.harmless]
                 n_messages = _copy(opened, Path(work) / name, clock, left_out)
                 kept = _swap(source, Path(work) / name)
     return Repair(
@@ -97,6 +101,7 @@ def repair(bag: Path) -> Repair:
         last_sim_time_s=clock.last_s,
         broken_file=kept,
         left_out=tuple(left_out),
+        remarks=tuple(remarks),
     )
 
 
@@ -107,14 +112,27 @@ def _source(bag: Path, folder: Path) -> Path:
             raise BagError(f'{bag}: is no .mcap file: only these are repaired')
     if not bag.exists():
         raise BagError(f'{bag}: no such bag')
-    found = sorted(folder.glob('*.mcap')) or sorted(folder.glob(f'*.mcap{_BROKEN}'))
+    found = sorted(folder.glob('*.mcap'))
+    if not found:
+        targets = {file.with_name(file.name.partition(_BROKEN)[0]) for file in _kept_in(folder)}
+        found = [_kept_of(target)[-1] for target in sorted(targets)]
     if len(found) == 1:
         return found[0]
     raise BagError(f'{folder}: must hold one .mcap file to repair, holds {len(found)}')
 
 
+def _kept_in(folder: Path) -> Iterator[Path]:
+    return (it for it in folder.glob(f'*.mcap{_BROKEN}*') if _KEPT.fullmatch(it.name))
+
+
+def _kept_of(target: Path) -> list[Path]:
+    """The broken files that repairs of one have kept, the latest last."""
+    own = [it for it in _kept_in(target.parent) if it.name.startswith(f'{target.name}{_BROKEN}')]
+    return sorted(own, key=lambda it: (len(it.name), it.name))
+
+
 @contextmanager
-def _unlocked(source: Path) -> Iterator[None]:
+def _locked(source: Path) -> Iterator[None]:
     """Keep recorders from a file, unless one has it."""
     with files.open_file(source) as (file, _):
         try:
@@ -151,12 +169,13 @@ def _copy(bag: Bag, folder: Path, clock: _Clock, left_out: list[str]) -> int:
             try:
                 topics[topic] = _added(writer, topic)
             except (*DEFINITION_ERRORS, WriterError) as error:
-                why = ' '.join(str(error).split())[:200]
-                left_out.append(f'topic {topic.name}: {why}')
+                left_out.append(f'topic {in_one_line(topic.name)}: {in_one_line(str(error))}')
+        n_damages = len(bag.damages)
         for topic, log_ns, content in bag.messages(topics.__contains__):
             writer.write(topics[topic], log_ns, content)
             clock.take(topic, content)
             n_messages += 1
+        left_out += bag.damages[n_damages:]  # those that only reading has shown
         for key, value in bag.custom_data.items():
             writer.set_custom_data(key, value)
         if left_out:
@@ -209,8 +228,11 @@ def _swap(source: Path, work: Path) -> Path:
     """Put the new bag in place of the broken one, metadata last; returns where that is kept."""
     folder = source.parent
     target = folder / f'{work.name}.mcap'
-    kept = folder / f'{target.name}{_BROKEN}'
-    is_moved = not kept.exists()
+    before = _kept_of(target)
+    is_moved = source not in before
+    if is_moved and before and filecmp.cmp(source, work / target.name, shallow=False):
+        is_moved = False  # a repair was killed that had only to move the metadata
+    kept = _next_kept(target, before) if is_moved else before[-1]
     if is_moved:
         source.replace(kept)
     try:
@@ -222,3 +244,11 @@ def _swap(source: Path, work: Path) -> Path:
         raise
     (folder / RESERVE).unlink(missing_ok=True)
     return kept
+
+
+def _next_kept(target: Path, before: Sequence[Path]) -> Path:
+    first = f'{target.name}{_BROKEN}'
+    if not before:
+        return target.with_name(first)
+    number = int(before[-1].name.removeprefix(first).removeprefix('.') or 1)
+    return target.with_name(f'{first}.{number + 1}')

@@ -17,8 +17,8 @@ from textwrap import indent
 from typing import Any, NamedTuple, Protocol
 from urllib.parse import quote
 
+from backports import zstd
 from rosbags.rosbag2 import ReaderError
-from rosbags.rosbag2.storage_mcap import zstd  # type: ignore[attr-defined]
 from rosbags.rosbag2.storage_sqlite3 import apsw, Sqlite3Reader  # type: ignore[attr-defined]
 from uav_collect import files
 from uav_collect.config.yaml_text import read_value
@@ -75,6 +75,7 @@ class Bag:
     path: Path
     storages: list[_Storage]
     damages: list[str] = field(default_factory=list)  # of what it holds; grows while it is read
+    harmless: set[str] = field(default_factory=set)  # those of them that cost no message
     remarks: list[str] = field(default_factory=list)  # on its metadata, which nothing depends on
     has_checksums: bool = False  # of everything in it
     metadata: dict[str, Any] = field(default_factory=dict)  # what metadata.yaml says
@@ -90,7 +91,12 @@ class Bag:
     def messages(
         self, is_wanted: Callable[[RecordedTopic], bool]
     ) -> Iterator[tuple[RecordedTopic, int, bytes]]:
-        """Topic, log time and content of the messages of some topics, by time."""
+        """Topic, log time and content of the messages of some topics, by time.
+
+        Raises:
+            BagError: a file is not any more what it was when the bag was opened.
+            OSError: one cannot be read any more.
+        """
         n_broken: Counter[RecordedTopic] = Counter()
         streams = [self._messages_of(storage, is_wanted) for storage in self.storages]
         for topic, log_ns, content in heapq.merge(*streams, key=itemgetter(1)):
@@ -250,6 +256,7 @@ def _open_file(bag: Bag, file: Path, closing: ExitStack) -> McapFile | None:
     elif begin.startswith(b'\x89MCAP') or file.suffix == '.mcap':
         mcap = read_mcap(file)
         storage = _Mcap(mcap)
+        bag.harmless |= {f'{name}: {damage}' for damage in mcap.damages if not damage.is_loss}
     else:
         raise BagError(f'{file}: is no bag, must be {_KINDS}')
     bag.storages.append(storage)

@@ -7,6 +7,7 @@ come from the chunks, or from the summary if the chunk that announced them is lo
 """
 
 from binascii import crc32
+from bisect import bisect_right
 from collections import Counter
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
@@ -17,6 +18,7 @@ from typing import BinaryIO
 
 from uav_collect import files
 from uav_collect.errors import BagError
+from uav_collect.recording.mcap_damages import Damage, DamageNotes
 from uav_collect.recording.mcap_records import (
     BrokenError,
     CHANNEL,
@@ -52,29 +54,6 @@ from uav_collect.recording.mcap_records import (
 
 _MOST_KEPT_BYTE = 1 << 26  # of unpacked chunks that are not unpacked again
 _LOOSE_BYTE = 1 << 20  # of messages outside chunks that are read together
-_MOST_DAMAGES = 20  # that are named one by one
-
-
-@dataclass(frozen=True, kw_only=True)
-class Damage:
-    """What is not as it was written, and where."""
-
-    what: str
-    chunk: int | None = None  # number from 1
-    begin: int | None = None  # first byte
-    end: int | None = None  # behind the last byte
-    span_ns: tuple[int, int] | None = None  # log times that it held
-
-    def __str__(self) -> str:
-        parts = []
-        if self.chunk is not None:
-            parts.append(f'chunk {self.chunk}')
-        if self.begin is not None and self.end is not None and self.begin < self.end:
-            parts.append(f'bytes {self.begin} to {self.end}')
-        if self.span_ns is not None:
-            first_s, last_s = (time_ns / 1e9 for time_ns in self.span_ns)
-            parts.append(f'simulated time {first_s:.3f} s to {last_s:.3f} s')
-        return f'{", ".join(parts)}: {self.what}' if parts else self.what
 
 
 @dataclass(kw_only=True)
@@ -88,6 +67,7 @@ class _Part:
     first_ns: int  # log time
     channels: Counter[int]
     content: bytes | None  # if it is kept
+    checksum: int  # of the unpacked content, if that is not kept
 
 
 @dataclass(kw_only=True)
@@ -113,18 +93,47 @@ class McapFile:
             channels: of which to give messages; None: of all that are known.
 
         Raises:
+            BagError: the file is not any more what it was when it was read first.
             OSError: the file cannot be read any more.
         """
         wanted = {*(self.channels if channels is None else channels)}
         with files.open_file(self.path) as (file, _):
             parts = [
-                _sorted_messages(file, part, wanted)
+                self._sorted_messages(file, part, wanted)
                 for part in self.parts
                 if wanted & part.channels.keys()
             ]
             for log_ns, channel, content in heapq.merge(*parts, key=_log_time):
                 if content is not None:
                     yield channel, log_ns, content
+
+    def _sorted_messages(
+        self, file: BinaryIO, part: _Part, wanted: Collection[int]
+    ) -> Iterator[tuple[int, int, bytes | None]]:
+        """Log time, channel and content of a part's messages, after a mark of when it begins."""
+        yield part.first_ns, 0, None  # unpacked only when it is its turn
+        content = self._content_of(part, file) if part.content is None else part.content
+        found: list[tuple[int, int, bytes]] = []
+        for at, kind, length in heads_of(content):
+            if kind == MESSAGE:
+                channel, _, log_ns, _ = MESSAGE_HEAD.unpack_from(content, at)
+                if channel in wanted:
+                    found.append((log_ns, channel, content[at + MESSAGE_HEAD.size : at + length]))
+        found.sort(key=_log_time)
+        yield from found
+
+    def _content_of(self, part: _Part, file: BinaryIO) -> bytes:
+        """What lies in a part, as it was when the file was read first; else a BagError."""
+        file.seek(part.begin)
+        try:
+            content = unpacked(file.read(part.n_byte), part.compression, part.size)
+        except BrokenError:
+            content = None
+        if content is None or crc32(content) != part.checksum:
+            end = part.begin + part.n_byte
+            what = f'bytes {part.begin} to {end} have changed while it was read'
+            raise BagError(f'{self.path}: {what}')
+        return content
 
 
 def read_mcap(path: Path) -> McapFile:
@@ -142,9 +151,6 @@ def read_mcap(path: Path) -> McapFile:
                 raise BagError(f'{path}: is not an MCAP file')
             mcap.damages.append(Damage(what='does not begin as an MCAP file'))
         _Reading(mcap, file, size).read()
-    if len(mcap.damages) > _MOST_DAMAGES:
-        n_more = len(mcap.damages) - _MOST_DAMAGES
-        mcap.damages[_MOST_DAMAGES:] = [Damage(what=f'{n_more} more damages')]
     return mcap
 
 
@@ -158,6 +164,8 @@ class _Reading:
         self._has_footer = False
         self._chunks: list[int] = []  # where they were found
         self._spans: dict[int, tuple[int, int]] = {}  # log times by place, as the index tells
+        self._notes = DamageNotes()
+        self._note = self._notes.add
         self._n_by_summary: int | None = None  # messages, by the summary
         self._loose = bytearray()  # messages outside chunks that follow each other
         self._loose_at = 0
@@ -180,28 +188,17 @@ class _Reading:
         mcap.n_messages = counts.total()
         n_unknown = sum(count for channel, count in counts.items() if channel not in mcap.channels)
         if n_unknown:
-            self._note(f'{n_unknown} messages are of channels that are not announced')
-        if self._n_by_summary not in (None, mcap.n_messages) and not mcap.damages:
-            self._note(
-                f'holds {mcap.n_messages} messages, its summary tells of {self._n_by_summary}'
-            )
+            what = f'{n_unknown} messages are of channels that are not announced'
+            self._note(what, may_cost=True)
+        if self._n_by_summary not in (None, mcap.n_messages) and not self._has_damages():
+            what = f'holds {mcap.n_messages} messages, its summary lists {self._n_by_summary}'
+            self._note(what, may_cost=mcap.n_messages < (self._n_by_summary or 0))
+        has_all = self._n_by_summary == mcap.n_messages - n_unknown
+        chunks = {*self._spans, *self._chunks}
+        mcap.damages += self._notes.damages(chunks, self._spans, has_all=has_all)
 
-    def _note(self, what: str, begin: int | None = None, end: int | None = None) -> None:
-        """Note a damage; of a chunk if the index has one there."""
-        is_chunk = begin is not None and (begin in self._spans or begin in self._chunks)
-        places = sorted({*self._spans, *self._chunks})
-        span_ns = None if begin is None else self._spans.get(begin)
-        if span_ns is not None and span_ns[0] > span_ns[1]:
-            span_ns = None  # no message is in it
-        self._mcap.damages.append(
-            Damage(
-                what=what,
-                chunk=places.index(begin) + 1 if begin is not None and is_chunk else None,
-                begin=begin,
-                end=end,
-                span_ns=span_ns,
-            )
-        )
+    def _has_damages(self) -> bool:
+        return bool(self._mcap.damages or self._notes.n_damages)
 
     # The summary.
 
@@ -217,7 +214,7 @@ class _Reading:
         begin, _, stored = FOOTER_BODY.unpack_from(footer, HEAD.size)
         begin = begin or footer_at
         if not len(MAGIC) <= begin <= footer_at or footer_at - begin > MOST_RECORD_BYTE:
-            self._note(f'its footer tells of a summary at byte {begin}', footer_at, size)
+            self._note(f'its footer places the summary at byte {begin}', footer_at, size)
             return []
         file.seek(begin)
         content = file.read(footer_at - begin)
@@ -245,13 +242,15 @@ class _Reading:
     def _read_data(self) -> bool:
         """Follow the records from the start; whether their end was found."""
         at = len(MAGIC)
+        index = sorted(self._spans)
         while True:
             self._file.seek(at)
             head = self._file.read(HEAD.size)
             kind, length = HEAD.unpack(head) if len(head) == HEAD.size else (0, 0)
             end = at + HEAD.size + length
             if kind == 0 or end > self._size or length > MOST_RECORD_BYTE:
-                following = min((it for it in self._spans if it > at), default=None)
+                place = bisect_right(index, at)
+                following = index[place] if place < len(index) else None
                 self._note_break(at, following, length)
                 if following is None:
                     return False
@@ -259,7 +258,7 @@ class _Reading:
                 continue
             body = self._file.read(length)
             if kind == DATA_END:
-                self._check_sum(at, body)
+                self._check_sum(body)
                 return True
             if kind == FOOTER:
                 self._note('its data have no end', at, end)
@@ -273,20 +272,18 @@ class _Reading:
         what = f'a record of {length:,} bytes cannot be there'
         if not self._has_footer and following is None:
             what = 'ends without a footer: its recorder was cut off, or the file'
-        self._note(what, at, end)
+        self._note(what, at, end, may_cost=at < end)
 
-    def _check_sum(self, at: int, body: bytes) -> None:
+    def _check_sum(self, body: bytes) -> None:
         stored = int.from_bytes(body[:SUM_BYTE], 'little')
         self._mcap.has_checksums = stored != 0
-        if stored not in (0, self._sum) and not self._mcap.damages:
-            self._note('a record between chunks is damaged: the checksum differs', 0, at)
+        if stored not in (0, self._sum) and not self._has_damages():
+            self._note('a record between chunks is damaged: the checksum differs')
 
     def _note_lost_chunks(self) -> None:
         """Note chunks of the index in whose place are others, or none."""
-        for at in sorted({*self._spans} - {*self._chunks}):
-            noted = [(it.begin, it.end) for it in self._mcap.damages]
-            if not any(begin is not None and begin <= at < (end or 0) for begin, end in noted):
-                self._note('is not there', at, at + HEAD.size)
+        for at in self._notes.outside({*self._spans} - {*self._chunks}):
+            self._note('is not there', at, at + HEAD.size, may_cost=True)
 
     def _take(self, at: int, kind: int, body: bytes) -> None:
         """Take what a record says."""
@@ -311,7 +308,7 @@ class _Reading:
             else:
                 self._take_announcement(kind, body)
         except (BrokenError, struct.error) as error:
-            self._note(str(error), at, at + HEAD.size + len(body))
+            self._note(str(error), at, at + HEAD.size + len(body), may_cost=kind == CHUNK)
 
     def _end_loose(self) -> None:
         """Make one part of the messages outside chunks that follow each other."""
@@ -320,7 +317,8 @@ class _Reading:
             try:
                 self._add_part(self._loose_at, content, len(content), '')
             except BrokenError as error:
-                self._note(str(error), self._loose_at, self._loose_at + len(content))
+                end = self._loose_at + len(content)
+                self._note(str(error), self._loose_at, end, may_cost=True)
 
     def _take_chunk(self, at: int, body: bytes) -> None:
         if at not in self._spans and len(body) >= CHUNK_HEAD.size:
@@ -354,6 +352,7 @@ class _Reading:
         for kind, body in announced:
             self._take_announcement(kind, body)
         self._kept_byte += len(content)
+        is_kept = self._kept_byte <= _MOST_KEPT_BYTE
         self._mcap.parts.append(
             _Part(
                 begin=begin,
@@ -362,7 +361,8 @@ class _Reading:
                 compression=compression,
                 first_ns=min(times_ns, default=0),
                 channels=channels,
-                content=content if self._kept_byte <= _MOST_KEPT_BYTE else None,
+                content=content if is_kept else None,
+                checksum=0 if is_kept else crc32(content),
             )
         )
 
@@ -372,30 +372,11 @@ class _Reading:
         if kind == SCHEMA:
             number, schema = schema_of(body)
             if mcap.schemas.setdefault(number, schema) != schema:
-                raise BrokenError(f'type {number} is announced twice, otherwise')
+                raise BrokenError(f'type {number} is defined twice, differently')
         elif kind == CHANNEL:
             number, channel = channel_of(body)
             if mcap.channels.setdefault(number, channel) != channel:
-                raise BrokenError(f'channel {number} is announced twice, otherwise')
-
-
-def _sorted_messages(
-    file: BinaryIO, part: _Part, wanted: Collection[int]
-) -> Iterator[tuple[int, int, bytes | None]]:
-    """Log time, channel and content of a part's messages, after a mark of when it begins."""
-    yield part.first_ns, 0, None  # unpacked only when it is its turn
-    content = part.content
-    if content is None:
-        file.seek(part.begin)
-        content = unpacked(file.read(part.n_byte), part.compression, part.size)
-    found: list[tuple[int, int, bytes]] = []
-    for at, kind, length in heads_of(content):
-        if kind == MESSAGE:
-            channel, _, log_ns, _ = MESSAGE_HEAD.unpack_from(content, at)
-            if channel in wanted:
-                found.append((log_ns, channel, content[at + MESSAGE_HEAD.size : at + length]))
-    found.sort(key=_log_time)
-    yield from found
+                raise BrokenError(f'channel {number} is defined twice, differently')
 
 
 def _log_time(message: tuple[int, int, bytes | None]) -> int:

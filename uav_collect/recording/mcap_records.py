@@ -2,10 +2,11 @@
 
 from collections.abc import Iterator
 import struct
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from rosbags.rosbag2 import ReaderError
-from rosbags.rosbag2.storage_mcap import decompress, zstd  # type: ignore[attr-defined]
+from backports import zstd
+from lz4.frame import LZ4FrameDecompressor
+from uav_collect.errors import in_one_line
 
 MAGIC = b'\x89MCAP0\r\n'
 ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
@@ -22,10 +23,7 @@ SUM_BYTE = 4
 FOOTER_BYTE = HEAD.size + FOOTER_BODY.size
 MOST_RECORD_BYTE = 1 << 28  # nobody writes larger ones, and each is held in memory
 _SHORT = struct.Struct('<H')
-_UNPACK_ERRORS = (
-    *(EOFError, MemoryError, OverflowError, ReaderError, RuntimeError, ValueError),
-    zstd.ZstdError,
-)
+_UNPACK_ERRORS = (EOFError, MemoryError, OverflowError, RuntimeError, ValueError, zstd.ZstdError)
 
 
 class BrokenError(Exception):
@@ -86,21 +84,31 @@ def unpacked(packed: bytes, compression: str, size: int) -> bytes:
     """
     if size > MOST_RECORD_BYTE:
         raise BrokenError(f'its content of {size:,} bytes is larger than {MOST_RECORD_BYTE:,}')
-    try:
-        if compression == '':
-            content = packed
-        elif compression == 'zstd':  # never more than the chunk says
-            unpacker = zstd.ZstdDecompressor()
-            content = unpacker.decompress(packed, max_length=size)
-            if not unpacker.eof:
-                raise BrokenError('its lengths contradict each other')
-        else:
-            content = decompress(packed, compression, size, 0)
-    except _UNPACK_ERRORS as error:
-        raise BrokenError(f'cannot be unpacked, {" ".join(str(error).split())}') from error
+    content = packed
+    if compression:
+        if (unpacker := _unpacker(compression)) is None:
+            named = in_one_line(repr(compression))
+            raise BrokenError(f"is packed by {named}: must be lz4, zstd or ''")
+        try:
+            content = unpacker.decompress(
+                packed, max_length=size
+            )  # never more than the chunk says
+        except _UNPACK_ERRORS as error:
+            raise BrokenError(f'cannot be unpacked, {in_one_line(str(error))}') from error
+        if not unpacker.eof:
+            raise BrokenError('its lengths contradict each other')
     if len(content) != size:
         raise BrokenError(f'has {len(content)} bytes, must have {size}')
     return bytes(content)
+
+
+def _unpacker(compression: str) -> Any:  # noqa: ANN401 - of either library
+    match compression:
+        case 'lz4':
+            return LZ4FrameDecompressor()
+        case 'zstd':
+            return zstd.ZstdDecompressor()
+    return None
 
 
 def unpacked_message(packed: bytes) -> bytes:
@@ -163,7 +171,7 @@ def text_at(body: bytes, at: int) -> tuple[str, int]:
     n_byte = _number_at(LENGTH, body, at)
     at += LENGTH.size
     if n_byte > len(body) - at:
-        raise BrokenError(f'a text of {n_byte} bytes cannot be')
+        raise BrokenError(f'string length {n_byte} exceeds the record')
     try:
         return body[at : at + n_byte].decode(), at + n_byte
     except UnicodeDecodeError as error:

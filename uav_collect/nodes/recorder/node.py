@@ -358,6 +358,8 @@ def _repair(bag: Path) -> int:
     else:
         for damage in done.left_out:
             sys.stdout.write(f'left out: {damage}\n')
+        for remark in done.remarks:
+            sys.stdout.write(f'damaged, no message lost: {remark}\n')
         sys.stdout.write(f'kept {done.broken_file}\n')
     return 0
 
