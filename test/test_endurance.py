@@ -1,5 +1,6 @@
 """Chaos and soak, as users run them, tell what they tried and what was lost."""
 
+import importlib.util
 from pathlib import Path
 import sys
 
@@ -25,6 +26,22 @@ def test_a_fault_that_is_none_is_refused_with_those_there_are(processes: Process
     chaos = processes.run('chaos', sys.executable, str(TOOLS / 'chaos.py'), '--only', 'snow')
     assert chaos.wait_for_exit() == 2
     assert 'faults are world: kill -9, ' in chaos.output
+
+
+def test_what_grows_after_a_warm_up_is_told_by_its_slope() -> None:
+    spec = importlib.util.spec_from_file_location('soak', TOOLS / 'soak.py')
+    assert spec is not None and spec.loader is not None
+    soak = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(soak)
+    warming = [(0.0, 90e3), (10.0, 99e3)]  # what happens first does not count
+    growing = [(10.0 * number, 100e3 + 3.0 * number) for number in range(4, 11)]
+    taken = [
+        soak.Sample(at_s=at_s, n_missions=int(at_s), resident_kb=kb, n_files=20)
+        for at_s, kb in (*warming, *growing)
+    ]
+    memory_kb, n_files = soak.slopes(taken)
+    assert memory_kb == pytest.approx(30.0)  # 3 kB in 10 missions
+    assert n_files == pytest.approx(0.0)
 
 
 def test_a_soak_says_of_every_node_by_how_much_it_grows(processes: Processes) -> None:

@@ -81,10 +81,10 @@ def _try_batch(surface: Surface, n_tries: int, stopping: Event) -> None:
         )
         surface.n_tries += sum(file.stat().st_size for file in Path(noted).glob('tries-*'))
         surface.tried_s += time.monotonic() - begin_s
-        if done.returncode == 0 or stopping.is_set():
-            return
+        has_tried = any(Path(noted).glob('tries-*'))
+        if (done.returncode == 0 and has_tried) or stopping.is_set():
+            return  # with tests that were skipped nothing is shown
         failure = kept / f'failure-{seed}.txt'
-        last_try = Path(noted) / 'last_try'
         last_try = Path(noted) / 'last_try'
         text = last_try.read_text() if last_try.exists() else 'nothing was tried\n'
         heading = f'# seed {seed}, {n_tries} tries, exit status {done.returncode}'

@@ -4,17 +4,20 @@
 by the environment: how many, from which seed, and where to note them.
 """
 
+import atexit
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 import faulthandler
-import functools
+from functools import cache, wraps
+import importlib
 import io
 import os
 from pathlib import Path
+import pkgutil
 import re
 import signal
-import sys
+import tempfile
 from types import FrameType
 from typing import Any
 
@@ -22,6 +25,7 @@ from hypothesis import given, HealthCheck, Phase, seed, settings
 from hypothesis.database import DirectoryBasedExampleDatabase
 from hypothesis.strategies import SearchStrategy
 from uav_collect.__main__ import main
+from uav_collect.kernels.compile import compilation
 
 SEED = os.environ.get('UAV_COLLECT_FUZZ_SEED')  # None: the same tries each time
 N_TRIES = int(os.environ.get('UAV_COLLECT_FUZZ_TRIES', '2000'))  # of a surface
@@ -33,8 +37,8 @@ _MAX_LINES = 21  # of an error: twenty problems and the number of the others
 _NAN = re.compile(r'(?<![\w.])nan\b', re.IGNORECASE)  # a value of a user's file is shown as .nan
 
 
-class HangError(Exception):
-    """A try that does not end."""
+class HangError(BaseException):
+    """A try that does not end; no `except Exception` of what is tried takes it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,7 +61,7 @@ def fuzzed(
     """
 
     def decorate(test: Callable[..., None]) -> Callable[..., None]:
-        @functools.wraps(test)
+        @wraps(test)
         def try_once(*args: Any, **drawn: Any) -> None:  # noqa: ANN401
             note_try(drawn)
             with _ending():
@@ -71,6 +75,16 @@ def fuzzed(
     return decorate
 
 
+@cache
+def memory_folder(surface: str) -> Path:
+    """A folder of this process that files are written to in no time, gone when it ends."""
+    memory = '/dev/shm'
+    root = memory if os.access(memory, os.W_OK) else None
+    held = tempfile.TemporaryDirectory(prefix=f'fuzz-{surface}-', dir=root)
+    atexit.register(held.cleanup)
+    return Path(held.name)
+
+
 def note_try(drawn: object) -> None:
     """Note what is tried, so that it is known if this process dies of it."""
     if _FOLDER is not None:
@@ -80,15 +94,29 @@ def note_try(drawn: object) -> None:
 
 
 def run_command(*arguments: object) -> Outcome:
-    """Run `python -m uav_collect ARGUMENTS` in this process."""
+    """Run `python -m uav_collect ARGUMENTS` in this process, whose kernels stay as they are."""
+    _import_kernels()
+    environment = dict(os.environ)
     out, err = (io.TextIOWrapper(io.BytesIO(), 'utf-8', write_through=True) for _ in range(2))
     with redirect_stdout(out), redirect_stderr(err):
         try:
             status = main([str(argument) for argument in arguments])
         except SystemExit as ended:
             status = ended.code if isinstance(ended.code, int) else 1
+        finally:
+            os.environ.clear()  # commands of one mission choose to interpret kernels
+            os.environ.update(environment)
     texts = [stream.buffer.getvalue().decode() for stream in (out, err)]
     return Outcome(status=status, stdout=texts[0], stderr=texts[1])
+
+
+@cache
+def _import_kernels() -> None:
+    """Import all modules with kernels: what a command imports first, would be as it wants it."""
+    for room in ('physics', 'uav', 'world', 'missions', 'planning', 'ingest'):
+        package = importlib.import_module(f'uav_collect.{room}')
+        for module in pkgutil.iter_modules(package.__path__):
+            importlib.import_module(f'uav_collect.{room}.{module.name}')
 
 
 def check_outcome(outcome: Outcome, *, names: str | None = None) -> None:
@@ -132,12 +160,15 @@ def _settings() -> settings:
 @contextmanager
 def _ending() -> Iterator[None]:
     """Raise in a try that takes too long; end the process if it does not even listen."""
+    hung, compiled_s = [], compilation.duration_s
 
     def hang(signal_number: int, frame: FrameType | None) -> None:
-        if _is_compiling():  # whichever try comes first, that is none of its
+        # Whichever try comes first compiles for all; half way the compiler must not be left.
+        if compilation.is_going_on or compilation.duration_s > compiled_s:
             _start_clocks()
             return
-        raise HangError(f'no end after {_CPU_S} s of work or {_WALL_S} s of waiting')
+        hung.append(HangError(f'no end after {_CPU_S} s of work or {_WALL_S} s of waiting'))
+        raise hung[0]
 
     before = [(number, signal.signal(number, hang)) for number in (signal.SIGPROF, signal.SIGALRM)]
     _start_clocks()
@@ -149,14 +180,11 @@ def _ending() -> Iterator[None]:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         for number, handler in before:
             signal.signal(number, handler)
+    if hung:  # and what was tried took it for something else
+        raise hung[0]
 
 
 def _start_clocks() -> None:
     signal.setitimer(signal.ITIMER_PROF, _CPU_S)
     signal.setitimer(signal.ITIMER_REAL, _WALL_S)
     faulthandler.dump_traceback_later(10.0 * _WALL_S, exit=True)
-
-
-def _is_compiling() -> bool:
-    lock = sys.modules.get('numba.core.compiler_lock')
-    return lock is not None and bool(lock.global_compiler_lock.is_locked())

@@ -7,7 +7,6 @@ without checksums that fit; its messages by field, its types by definition, its 
 from functools import cache
 from pathlib import Path
 import shutil
-import tempfile
 from typing import NamedTuple
 
 from bag_changes import (
@@ -29,7 +28,7 @@ from bag_changes import (
 from bag_damage import copied
 from bags import HandMadeBag
 from byte_changes import BYTE_CHANGES, ByteChange, changed_bytes
-from fuzzing import check_lines, fuzzed
+from fuzzing import check_lines, fuzzed, memory_folder
 from hypothesis import strategies as st
 from recordings import end_of, messages_of, start_of, write_bag
 from tiny_world import tiny, uav
@@ -44,9 +43,6 @@ from uav_collect.recording.bag_storage import open_bag
 from uav_collect.recording.mission_log import from_jsonl
 from uav_collect.scenario.site import build_site
 from uav_collect.world.sensor_field import demand_of
-
-MEMORY = tempfile.TemporaryDirectory(prefix='fuzz-bag-', dir='/dev/shm')
-FOLDER = Path(MEMORY.name)
 
 
 class Made(NamedTuple):
@@ -64,7 +60,7 @@ def made() -> Made:
     """A bag of a mission of two UAVs."""
     site = build_site(tiny(uav(5.0), uav(10.0)))
     [log] = fly(site, [0], 'sweep')
-    folder = FOLDER / 'made'
+    folder = memory_folder('bag') / 'made'
     bag = HandMadeBag(folder, chunk_byte=2_500, step_ns=1_000_000)
     bag.add_scenario(site)
     bag.add_mission(log, 'world-0', n_radio_messages=3)
@@ -79,10 +75,10 @@ def read(path: Path) -> Recording | None:
     try:
         recording = read_recording(path)
     except BagError as error:
-        check_lines([str(error)], names=str(FOLDER))
+        check_lines([str(error)], names=str(memory_folder('bag')))
         return None
     if recording.damages:
-        check_lines(recording.damages[:20], names=str(FOLDER))
+        check_lines(recording.damages[:20], names=str(memory_folder('bag')))
     for mission in recording.missions:
         if mission.is_complete and mission.log.to_jsonl() != made().log:
             flown = FlownMission(
@@ -111,7 +107,7 @@ def check_unseen_is_equal(recording: Recording | None) -> None:
 
 def written(content: bytes) -> Path:
     """A file of a bag."""
-    path = FOLDER / 'bag.mcap'
+    path = memory_folder('bag') / 'bag.mcap'
     path.write_bytes(content)
     return path
 
@@ -170,7 +166,7 @@ def test_metadata_of_a_bag_that_is_whole(
         metadata = ''.join(lines[:at] + lines[at + 3 :]).encode()
     else:
         metadata = changed_bytes(metadata, changes)
-    folder = FOLDER / 'run'
+    folder = memory_folder('bag') / 'run'
     folder.mkdir(exist_ok=True)
     (folder / 'run.mcap').write_bytes(made().content)
     (folder / 'metadata.yaml').write_bytes(metadata)
@@ -181,20 +177,20 @@ def test_metadata_of_a_bag_that_is_whole(
 def database() -> bytes:
     """The same bag as a database."""
     made()
-    folder = copied(FOLDER / 'made', FOLDER / 'database')
+    folder = copied(memory_folder('bag') / 'made', memory_folder('bag') / 'database')
     return (folder / 'database.db3').read_bytes()
 
 
 @fuzzed(share=0.05, changes=BYTE_CHANGES)
 def test_bytes_of_a_database(changes: list[ByteChange]) -> None:
-    path = FOLDER / 'bag.db3'
+    path = memory_folder('bag') / 'bag.db3'
     path.write_bytes(changed_bytes(database(), changes))
     read(path)
 
 
 @fuzzed(share=0.05, changes=BYTE_CHANGES)
 def test_a_repaired_file_is_whole_and_holds_nothing_else(changes: list[ByteChange]) -> None:
-    folder = FOLDER / 'repaired'
+    folder = memory_folder('bag') / 'repaired'
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir()
     file = folder / 'repaired.mcap'
@@ -203,7 +199,7 @@ def test_a_repaired_file_is_whole_and_holds_nothing_else(changes: list[ByteChang
     try:
         repair(folder)
     except BagError as error:
-        check_lines([str(error)], names=str(FOLDER))
+        check_lines([str(error)], names=str(memory_folder('bag')))
         assert [it.read_bytes() for it in folder.iterdir()] == [before]
         return
     original = {record.body[MESSAGE_HEAD.size :] for record in made().records}
@@ -221,7 +217,9 @@ def whole() -> bytes:
     [log] = fly(site, [0], 'sweep')
     demand_bit = demand_of(site, 0)
     phases = [start_of(site, log, demand_bit), end_of(site, log, demand_bit)]
-    folder = write_bag(FOLDER / 'whole', site, {'world-0': (phases, messages_of(site, log))})
+    folder = write_bag(
+        memory_folder('bag') / 'whole', site, {'world-0': (phases, messages_of(site, log))}
+    )
     return (folder / 'whole.mcap').read_bytes()
 
 
@@ -230,7 +228,7 @@ def verdicts(path: Path) -> set[Verdict]:
     try:
         proofs = [*prove_recording(path, Given())]
     except UavCollectError as error:
-        check_lines([str(error)], names=str(FOLDER))
+        check_lines([str(error)], names=str(memory_folder('bag')))
         return set()
     check_lines([str(proof) for proof in proofs][:20])
     return {proof.verdict for proof in proofs}

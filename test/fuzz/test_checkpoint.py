@@ -4,13 +4,11 @@ from collections.abc import Callable
 from copy import deepcopy
 import functools
 import json
-from pathlib import Path
-import tempfile
 from typing import Any
 
 from checkpoints import forged, new_trainer, saved_training
 from episodes import single_threaded_torch
-from fuzzing import check_lines, fuzzed
+from fuzzing import check_lines, fuzzed, memory_folder
 from hypothesis import strategies as st
 import numpy as np
 import pytest
@@ -35,7 +33,6 @@ from uav_collect.training.run_record import (
 )
 
 single_threaded_torch()
-_FOLDER = tempfile.TemporaryDirectory(prefix='fuzz_checkpoint_')
 _HEAD = 72  # bytes before the head
 _TYPES = ('i1', 'u1', 'i4', 'i8', 'u8', 'f4', 'f8')
 _TABLES = {VALIDATION_FILE: VALIDATION_COLUMNS, PROGRESS_FILE: PROGRESS_COLUMNS}
@@ -56,7 +53,7 @@ _values = st.recursive(
 @functools.cache
 def whole() -> bytes:
     """The bytes of a tiny training's checkpoint."""
-    folder = Path(_FOLDER.name) / 'saved'
+    folder = memory_folder('checkpoint') / 'saved'
     saved_training(folder)
     return (folder / STATE_FILE).read_bytes()
 
@@ -76,7 +73,7 @@ def trainer() -> Any:  # noqa: ANN401 - a Trainer
 
 def refused(content: bytes) -> bool:
     """Whether a checkpoint is refused; if so, as people can read it, and left as it is."""
-    folder = Path(_FOLDER.name) / 'tried'
+    folder = memory_folder('checkpoint') / 'tried'
     folder.mkdir(exist_ok=True)
     file = folder / STATE_FILE
     file.write_bytes(content)
@@ -290,7 +287,7 @@ def test_a_run_folder_that_was_tampered_with_is_refused_or_is_the_same_run(
     change: tuple[str, bytes | None],
 ) -> None:
     name, content = change
-    folder = Path(_FOLDER.name) / 'run'
+    folder = memory_folder('checkpoint') / 'run'
     folder.mkdir(exist_ok=True)
     files = {**run_files(), name: content}
     for each, held in files.items():

@@ -7,11 +7,10 @@ proves it.
 from functools import cache
 import json
 from pathlib import Path
-import tempfile
 from typing import Any, NamedTuple
 
 from byte_changes import BYTE_CHANGES, ByteChange, changed_bytes
-from fuzzing import check_lines, fuzzed
+from fuzzing import check_lines, fuzzed, memory_folder
 from hypothesis import strategies as st
 import numpy as np
 from tiny_world import tiny, uav
@@ -24,8 +23,6 @@ from uav_collect.missions.rollout import fly
 from uav_collect.recording.mission_log import read_so_far
 from uav_collect.scenario.site import build_site, Site
 
-MEMORY = tempfile.TemporaryDirectory(prefix='fuzz-log-', dir='/dev/shm')
-FOLDER = Path(MEMORY.name)
 SHARES = st.floats(0.0, 1.0, exclude_max=True)
 RAW = st.sampled_from(
     ['NaN', '-Infinity', '1e999', '-0.0', '1' + 5_000 * '0', '[' * 2_000, '"\\ud800"', 'tru', '']
@@ -64,7 +61,7 @@ def made() -> Made:
         tiny(uav(5.0), uav(10.0), faults=[{'kind': 'silent', 'uav': 1, 'at_s': 5.0}])
     )
     [log] = fly(site, [0], 'sweep')
-    (FOLDER / 'scenario.yaml').write_text(site.scenario.to_yaml())
+    (memory_folder('log') / 'scenario.yaml').write_text(site.scenario.to_yaml())
     content = log.to_jsonl()
     assert b'"fault"' in content
     return Made(site, content, tuple(content.decode().splitlines()))
@@ -148,7 +145,7 @@ def changed_log(line_changes: list[LineChange], byte_changes: list[ByteChange]) 
     for change in line_changes:
         change.made(lines)
     content = ''.join(f'{line}\n' for line in lines).encode(errors='surrogatepass')
-    path = FOLDER / 'mission_0.jsonl'
+    path = memory_folder('log') / 'mission_0.jsonl'
     path.write_bytes(changed_bytes(content, byte_changes))
     return path
 

@@ -15,7 +15,7 @@ import re
 import tempfile
 from typing import Any, NoReturn
 
-from fuzzing import check_lines, check_outcome, fuzzed, run_command
+from fuzzing import check_lines, check_outcome, fuzzed, memory_folder, run_command
 from hypothesis import strategies as st
 import numpy as np
 from random_policies import header, random_policy
@@ -306,7 +306,7 @@ def test_a_file_that_lacks_a_part_or_has_more_is_refused(
 
 @fuzzed(share=0.03, changes=CHANGES)
 def test_a_command_flies_a_forged_file_or_refuses_it_by_its_name(changes: list[Change]) -> None:
-    with tempfile.TemporaryDirectory(dir='/dev/shm') as name:
+    with tempfile.TemporaryDirectory(dir=memory_folder('policy')) as name:
         folder = Path(name)
         (folder / 'forged.safetensors').write_bytes(forged(changes))
         (folder / 'field.yaml').write_text(FIELD)

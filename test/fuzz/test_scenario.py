@@ -8,7 +8,7 @@ import re
 import tempfile
 from typing import Any
 
-from fuzzing import fuzzed
+from fuzzing import fuzzed, memory_folder
 from hypothesis import strategies as st
 from hypothesis.strategies import DrawFn
 import pytest
@@ -55,8 +55,7 @@ DOCUMENTS = _documents()
 
 @pytest.fixture(scope='module')
 def folder() -> Iterator[Path]:
-    root = '/dev/shm' if Path('/dev/shm').is_dir() else None
-    with tempfile.TemporaryDirectory(dir=root, prefix='fuzz-scenario-') as name:
+    with tempfile.TemporaryDirectory(dir=memory_folder('scenario')) as name:
         folder = Path(name)
         (folder / 'base.yaml').write_bytes(b'extends: paper_8x8\nname: base\n')
         for document in DOCUMENTS:  # kernels compile before tries are timed

@@ -5,7 +5,7 @@ import json
 from pathlib import Path
 import tempfile
 
-from fuzzing import fuzzed
+from fuzzing import fuzzed, memory_folder
 from hypothesis import strategies as st
 from hypothesis.strategies import DrawFn
 import pytest
@@ -87,8 +87,7 @@ def _change(draw: DrawFn, header: list[str], rows: list[list[str]]) -> None:
 
 @pytest.fixture(scope='module')
 def folder() -> Iterator[Path]:
-    root = '/dev/shm' if Path('/dev/shm').is_dir() else None
-    with tempfile.TemporaryDirectory(dir=root, prefix='fuzz-site-') as name:
+    with tempfile.TemporaryDirectory(dir=memory_folder('site')) as name:
         folder, document = Path(name), json.loads(json.dumps(tiny(*FLEET).as_mapping()))
         del document['sensors'], document['demand']
         (folder / 'base.yaml').write_bytes(yaml_of(document))
