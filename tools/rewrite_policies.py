@@ -4,16 +4,21 @@
 began to cover the header. A file that is of today's format already stays as it is.
 """
 
+import argparse
+from collections.abc import Sequence
 from pathlib import Path
 import sys
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # whether or not it is installed
 from uav_collect.errors import PolicyMismatchError
 from uav_collect.uav.policy_file import load_policy, policy_bytes, save_policy
 
 
-def main(paths: list[str]) -> int:
+def main(argv: Sequence[str] | None = None) -> int:
     """Rewrite the policies; the exit status."""
-    for path in map(Path, paths):
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('paths', nargs='+', type=Path, metavar='FILE', help='policies')
+    for path in parser.parse_args(argv).paths:
         try:
             policy = load_policy(path)
         except PolicyMismatchError as error:
@@ -26,4 +31,4 @@ def main(paths: list[str]) -> int:
 
 
 if __name__ == '__main__':
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main())

@@ -12,9 +12,11 @@ from pathlib import Path
 import re
 import signal
 import subprocess
+import sys
 import tempfile
 import time
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))  # whether or not it is installed
 from uav_collect.commands.ros_processes import ros_parameters
 from uav_collect.errors import BagError
 from uav_collect.missions.rollout import fly
