@@ -28,7 +28,7 @@ def test_a_fault_that_is_none_is_refused_with_those_there_are(processes: Process
     assert 'faults are world: kill -9, ' in chaos.output
 
 
-def test_what_grows_after_a_warm_up_is_told_by_its_slope() -> None:
+def test_what_grows_after_a_warm_up_shows_in_its_slope() -> None:
     spec = importlib.util.spec_from_file_location('soak', TOOLS / 'soak.py')
     assert spec is not None and spec.loader is not None
     soak = importlib.util.module_from_spec(spec)
