@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 from uav_collect.errors import ConfigError
+from uav_collect.limits import MAX_SENSORS
 from uav_collect.lockstep.requested_scenario import requested_site, ScenariosOfWorld
 from uav_collect.scenario.load import fingerprint, load
 
@@ -18,6 +19,16 @@ def test_a_scenario_is_found_by_its_name_and_read_from_its_text() -> None:
         assert fingerprint(requested_site(asked).scenario) == fingerprint(scenario)
 
 
+def test_a_scenario_of_as_many_sensors_as_there_may_be_is_read_from_its_text() -> None:
+    entries = [
+        {'id': f'sensor {n:05}', 'x_m': n % 400 + 0.123456, 'y_m': n / 50.0, 'data_mbit': None}
+        for n in range(MAX_SENSORS)
+    ]
+    text = load('paper_8x8', {'sensors': {'kind': 'listed', 'entries': entries}}).to_yaml()
+    assert len(text) > 1_000_000
+    assert requested_site(text).n_sensors == MAX_SENSORS
+
+
 @pytest.mark.parametrize(
     ('asked', 'complaint'),
     [
@@ -26,7 +37,7 @@ def test_a_scenario_is_found_by_its_name_and_read_from_its_text() -> None:
         ('[\n', 'is not valid YAML'),
         ('[' * 100_000 + '\n', 'must be at most 50 levels'),
         (ALIASES, 'must have at most 250,000 values'),
-        (' ' * 2_000_000, 'more than 1,000,000 characters'),
+        ('\n' * 5_000_000, 'has 5,000,000 characters: must have at most 4,194,304'),
     ],
     ids=['name', 'unresolved', 'no YAML', 'deep', 'aliases', 'long'],
 )

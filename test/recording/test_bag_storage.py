@@ -12,6 +12,7 @@ from bags import HandMadeBag
 import pytest
 from rosbags.rosbag2 import CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
+from uav_collect.config.yaml_text import MAX_BYTES
 from uav_collect.errors import BagError
 from uav_collect.missions.rollout import fly
 from uav_collect.recording import bag_storage
@@ -116,6 +117,21 @@ def test_metadata_that_is_none_costs_nothing_but_a_line(
     assert recording.missions[0].is_complete
     with pytest.raises(BagError, match=r'metadata\.yaml: is not '):
         read_missions(folder)
+
+
+def test_metadata_that_is_too_large_is_not_read(
+    tmp_path: Path, bag: Path, log: MissionLog
+) -> None:
+    folder = tmp_path / 'bag'
+    shutil.copytree(bag, folder)
+    with (folder / 'metadata.yaml').open('ab') as metadata:
+        metadata.write(b'#' * MAX_BYTES)
+    n_byte = (folder / 'metadata.yaml').stat().st_size
+    recording = read_recording(folder)
+    assert recording.damages == [
+        f'{folder}: metadata.yaml: has {n_byte:,} bytes: must have at most {MAX_BYTES:,}'
+    ]
+    assert recording.missions[0].log.to_jsonl() == log.to_jsonl()
 
 
 def test_a_damaged_chunk_is_named_and_what_is_whole_is_read(

@@ -174,6 +174,7 @@ def test_a_value_that_cannot_be_is_refused_with_what_is_allowed(
             "mission_seed is '3': must be a whole number",
         ),
         ('"mission_seed": 3', '"mission_seed": -3', 'mission_seed is -3: must be 0 to'),
+        ('"cells_per_side": 4', '"cells_per_side": 65', 'cells_per_side is 65: must be 1 to 64'),
         ('"scenario": "scripted"', '"scenario": 7', 'scenario is 7: must be text'),
         ('"scripted"', '"a\\ud800"', 'must be printable text'),
         ('"cell_size_m": 50.0', '"cell_size_m": null', 'cell_size_m is empty: must be a number'),

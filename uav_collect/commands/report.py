@@ -28,6 +28,8 @@ what is whole are shown with a warning. The exit status is 0 if missions were sh
 not be read or drawn.
 """
 _FAILED = 2  # exit status where a picture could not be drawn
+# What a disk or Matplotlib, its fonts and its renderer raise; all else is a mistake of ours.
+_DRAWING_ERRORS = (MemoryError, OSError, OverflowError, RuntimeError, ValueError)
 _LOG_SUFFIX = '.jsonl'
 _MAX_DATA_CELLS = 200  # on average, up to which a mission's bound takes some seconds
 
@@ -74,7 +76,7 @@ def show(mission: 'FlownMission', picture: Path, console: 'Console') -> bool:
     try:
         with waiting_for('the picture'):
             mission.draw(picture)
-    except Exception as error:  # whatever it is: the other missions have tables, too
+    except _DRAWING_ERRORS as error:  # the other missions have tables, too
         reason = in_one_line(str(getattr(error, 'strerror', None) or error))
         terminal.say(f'error: {picture}: cannot be drawn: {reason}')
         return False

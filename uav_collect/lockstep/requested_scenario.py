@@ -7,8 +7,6 @@ from uav_collect.scenario.site import build_site, Site
 from uav_collect.uav.actions import check_can_start
 from uav_collect.uav.briefing import brief
 
-_MOST_CHARACTERS = 1_000_000  # of its text: a site of ten thousand sensors fits
-
 
 def requested_site(scenario: str) -> Site:
     """The site of a scenario that a fleet can fly.
@@ -20,8 +18,6 @@ def requested_site(scenario: str) -> Site:
     Raises:
         ConfigError: there is none of that name, or it is not valid; in one line.
     """
-    if len(scenario) > _MOST_CHARACTERS:
-        raise ConfigError(f'the scenario has more than {_MOST_CHARACTERS:,} characters')
     names = scenario_names()
     if '\n' not in scenario and scenario not in names:
         known = ', '.join(names)

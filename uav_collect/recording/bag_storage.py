@@ -21,7 +21,7 @@ from backports import zstd
 from rosbags.rosbag2 import ReaderError
 from rosbags.rosbag2.storage_sqlite3 import apsw, Sqlite3Reader  # type: ignore[attr-defined]
 from uav_collect import files
-from uav_collect.config.yaml_text import read_value
+from uav_collect.config.yaml_text import MAX_BYTES, read_value
 from uav_collect.errors import BagError, ConfigError, in_one_line
 from uav_collect.recording.mcap_file import McapFile, read_mcap
 from uav_collect.recording.mcap_records import (
@@ -35,7 +35,6 @@ from uav_collect.recording.mission_folder import bag_files, BAG_SUFFIXES, METADA
 _TOP = 'rosbag2_bagfile_information'
 _LIBRARY = 'rosbags'  # writes into the file what it writes into metadata.yaml
 _ROS1_MAGIC, _SQLITE_MAGIC = b'#ROSBAG V', b'SQLite format 3\0'
-_MOST_METADATA_BYTE = 1 << 24
 _MOST_TIMES = 100  # that a packed file becomes larger; bags become some ten times
 _BLOCK_BYTE = 1 << 20
 _SQLITE_ERRORS = (
@@ -290,7 +289,7 @@ def _metadata_of(folder: Path, remarks: list[str]) -> tuple[str, dict[str, Any]]
     if not file.exists():
         return '', {}  # all that matters is in the bag's file
     try:
-        text = files.read_bounded(file, _MOST_METADATA_BYTE).decode()
+        text = files.read_bounded(file, MAX_BYTES).decode()
     except OSError as error:
         remarks.append(f'{METADATA_FILE}: {error.strerror}')
         return '', {}

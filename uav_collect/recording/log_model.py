@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 from uav_collect.config.yaml_text import shown
-from uav_collect.limits import MAX_GUARD_AFTER, MAX_UAVS
+from uav_collect.limits import MAX_CELLS_PER_SIDE, MAX_GUARD_AFTER, MAX_UAVS
 from uav_collect.scenario.model import FAULT_KINDS
 from uav_collect.uav.action_codes import ACTION_NAMES, REASON_NAMES
 
@@ -41,7 +41,6 @@ EVENT_NAMES: tuple[str, ...] = EVENT_DTYPE.names or ()
 
 _MOST = 1e18  # of what is measured: beyond all that is flown, and sums of it stay finite
 _MOST_COUNT = 2**53
-_MOST_CELLS = 1_000  # on a side
 _LONGEST = 1_000  # characters of a name
 _MOST_SEED = 2**63 - 1
 
@@ -154,7 +153,7 @@ def header_problem(values: Mapping[str, Any]) -> str | None:
             return problem
     numbers = (
         Field('mission_seed', int, 0, _MOST_SEED),
-        Field('cells_per_side', int, 1, _MOST_CELLS),
+        Field('cells_per_side', int, 1, MAX_CELLS_PER_SIDE),
         Field('cell_size_m', float, math.ulp(0.0), _MOST),
         Field('total_bit', float, 0.0, _MOST),
     )
