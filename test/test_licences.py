@@ -20,8 +20,3 @@ def test_a_licence_is_permitted_if_one_choice_of_it_is(
     expression: str, is_permitted: bool
 ) -> None:
     assert licences.is_permitted('package', expression) is is_permitted
-
-
-def test_all_that_is_installed_is_permitted(capsys: pytest.CaptureFixture[str]) -> None:
-    assert licences.main([]) == 0
-    assert capsys.readouterr().out.startswith('licences of ')

@@ -7,23 +7,30 @@ import pytest
 from tiny_world import tiny
 from uav_collect.__main__ import main
 
+COMMANDS = {
+    'evaluate': (('--policy', 'sweep', '--missions', '2'), 'sweep'),
+    'bound': (('--missions', '1', '--rounds', '0'), 'all demand known'),
+}
 
-@pytest.mark.parametrize(('command', 'option'), [('evaluate', '--json'), ('evaluate', '--csv')])
+
+@pytest.mark.parametrize('option', ['--json', '--csv'])
+@pytest.mark.parametrize('command', COMMANDS)
 def test_figures_that_no_disk_takes_are_shown_all_the_same(
     command: str, option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     scenario, kept = tmp_path / 'tiny.yaml', tmp_path / 'kept'
     scenario.write_text(tiny().to_yaml())
     kept.write_text('from before')
-    words = [command, '--scenario', str(scenario), '--policy', 'sweep', '--missions', '2']
+    options, figures = COMMANDS[command]
+    words = [command, '--scenario', str(scenario), *options]
     with no_file_beyond(60):
         assert main([*words, option, str(kept)]) == 2
     shown = capsys.readouterr()
     assert shown.err.splitlines()[-1] == f'error: {kept}: File too large'
-    assert 'sweep' in shown.out
+    assert figures in shown.out
     assert kept.read_text() == 'from before'
     assert {path.name for path in tmp_path.iterdir()} == {'tiny.yaml', 'kept'}
     assert main([*words, option, '/dev/full']) == 2
     shown = capsys.readouterr()
     assert shown.err.splitlines()[-1].startswith('error: /dev/full: No space left on device')
-    assert 'sweep' in shown.out
+    assert figures in shown.out

@@ -3,6 +3,7 @@
 from pathlib import Path
 from queue import SimpleQueue
 import sys
+from threading import Event
 
 from processes import Processes
 import pytest
@@ -24,11 +25,35 @@ def test_a_line_says_what_a_process_that_compiles_does() -> None:
 
 def test_short_ones_are_said_once_they_add_up() -> None:
     said: SimpleQueue[str] = SimpleQueue()
-    compiling = Compilation(said.put)
-    while said.empty():
+    now_s = 100.0
+    compiling = Compilation(said.put, lambda: now_s)
+    for _ in range(3):
         compiling.begin()
+        now_s += 0.3
         compiling.end()
-    assert compiling.duration_s >= 0.9
+    assert said.empty()
+    compiling.begin()
+    now_s += 0.3
+    assert said.get(timeout=HANG_S) == 'compiling kernels (once): this takes about a minute'
+    assert compiling.duration_s == pytest.approx(1.2)
+    compiling.end()
+
+
+def test_a_slow_reader_of_the_line_delays_no_compiler() -> None:
+    is_read, reads = Event(), Event()
+
+    def read_slowly(_: str) -> None:
+        reads.set()
+        assert is_read.wait(HANG_S)
+
+    now_s = 100.0
+    compiling = Compilation(read_slowly, lambda: now_s)
+    compiling.begin()
+    now_s += 10.0
+    assert reads.wait(HANG_S)
+    compiling.end()  # would wait as long as the reader
+    assert not compiling.is_going_on
+    is_read.set()
 
 
 def test_kernels_that_are_compiled_within_others_count_once() -> None:

@@ -8,7 +8,6 @@ import sys
 
 import pytest
 import uav_collect
-from uav_collect.ingest import rebuild
 from uav_collect.kernels.compile import kernels_are_cached, sources_digest
 from uav_collect.missions import batch_kernels
 from uav_collect.missions.batch_kernels import carry_out
@@ -105,7 +104,7 @@ def test_a_damaged_file_of_a_compiled_kernel_is_written_anew(
         assert len(file.read_bytes()) == len(whole)
 
 
-MODULES = (batch_kernels, bound, rebuild)
+MODULES = (batch_kernels, bound)
 
 
 @pytest.mark.parametrize('module', MODULES, ids=lambda it: it.__name__)

@@ -1,6 +1,7 @@
 """Who waits hears for what, unless something else says it already."""
 
 from queue import SimpleQueue
+import threading
 
 import pytest
 from uav_collect.kernels import patience
@@ -30,11 +31,17 @@ def test_a_wait_that_something_else_explains_says_nothing(
     assert said.empty()
 
 
-def test_a_short_wait_says_nothing() -> None:
+def test_the_first_line_comes_after_the_pause() -> None:
     said: SimpleQueue[str] = SimpleQueue()
-    with patience.waiting_for('the picture', said.put):
-        pass
-    assert said.empty()
+    with patience.repeated_line(lambda waited_s: f'{waited_s}', said.put, after_s=0.1):
+        assert float(said.get(timeout=HANG_S)) >= 0.1
+
+
+def test_no_line_comes_after_what_was_waited_for() -> None:
+    said: SimpleQueue[str] = SimpleQueue()
+    with patience.repeated_line(lambda _: 'still', said.put, after_s=0.0):
+        assert said.get(timeout=HANG_S) == 'still'
+    assert 'patience' not in {thread.name for thread in threading.enumerate()}
 
 
 def test_a_process_that_another_one_speaks_for_is_silent(

@@ -347,6 +347,3 @@ def _sum_rewards(
                 events.duration_s[event],
                 events.energy_j[event],
             )
-
-
-KERNELS = (_sum_rewards,)  # that sum up what a mission's decisions earned

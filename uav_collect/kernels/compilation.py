@@ -1,7 +1,7 @@
 """Knows when this process compiles kernels, in whatever thread, and says so on stderr."""
 
 from collections.abc import Callable
-from threading import RLock, Timer
+from threading import current_thread, RLock, Timer
 from time import monotonic
 from typing import Any
 
@@ -13,13 +13,18 @@ _SAID_AFTER_S = 1.0  # of compiling, in all
 class Compilation:
     """Whether kernels are being compiled, and how long that has taken so far."""
 
-    def __init__(self, say_line: Callable[[str], None] = say) -> None:
+    def __init__(
+        self,
+        say_line: Callable[[str], None] = say,
+        clock_s: Callable[[], float] = monotonic,
+    ) -> None:
         """Begin with none.
 
         Args:
             say_line: says a line to the user.
+            clock_s: a monotonic clock [s].
         """
-        self._say = say_line
+        self._say, self._clock_s = say_line, clock_s
         self._lock = RLock()  # numba may compile again while it compiles
         self._is_watched = False
         self._n_begun = 0  # and not ended
@@ -36,12 +41,12 @@ class Compilation:
     def duration_s(self) -> float:
         """How long kernels have been compiled so far, what was found in the cache left out [s]."""
         with self._lock:
-            return self._ended_s + (monotonic() - self._begun_s if self._n_begun else 0.0)
+            return self._ended_s + (self._clock_s() - self._begun_s if self._n_begun else 0.0)
 
     def now_s(self) -> float:
         """A monotonic clock that stands while kernels are compiled [s]."""
         with self._lock:
-            return (self._begun_s if self._n_begun else monotonic()) - self._ended_s
+            return (self._begun_s if self._n_begun else self._clock_s()) - self._ended_s
 
     def watch(self, event: Any) -> None:  # noqa: ANN401 - a module
         """Let `numba.core.event` tell from now on when kernels are compiled."""
@@ -57,7 +62,7 @@ class Compilation:
         with self._lock:
             self._n_begun += 1
             if self._n_begun == 1:
-                self._begun_s = monotonic()
+                self._begun_s = self._clock_s()
                 self._set_timer()
 
     def end(self) -> None:
@@ -76,10 +81,12 @@ class Compilation:
 
     def _tell(self) -> None:
         with self._lock:
-            if self._n_begun == 0:
+            if self._n_begun == 0 or current_thread() is not self._timer:
                 return
-            duration_s = self.duration_s
+            duration_s, is_due = self.duration_s, self.duration_s >= self._say_at_s
             so_far = '' if self._say_at_s == _SAID_AFTER_S else f', {duration_s:.0f} s so far'
-            self._say(f'compiling kernels (once): this takes about a minute{so_far}')
-            self._say_at_s = duration_s + SAID_EVERY_S
+            if is_due:
+                self._say_at_s = duration_s + SAID_EVERY_S
             self._set_timer()
+        if is_due:  # without the lock: whoever reads may be slow
+            self._say(f'compiling kernels (once): this takes about a minute{so_far}')

@@ -5,6 +5,7 @@ mission flown by nodes equals the same mission flown in one process. A node hand
 time: interpreted, it starts at once and needs 100 MB less.
 """
 
+import atexit
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from functools import cache
@@ -13,6 +14,7 @@ import importlib.util
 import inspect
 import os
 from pathlib import Path
+import shutil
 import stat
 import tempfile
 from typing import Any, TypeVar
@@ -25,6 +27,7 @@ _Kernel = TypeVar('_Kernel', bound=Callable[..., object])
 _PACKAGE = Path(__file__).resolve().parents[1]
 _SWITCH = 'UAV_COLLECT_KERNELS'
 _OPTIONS = {'error_model': 'numpy', 'forceinline': True, 'no_cfunc_wrapper': True}
+_NOT_KEPT = 'kernels are not kept, the next process compiles them again'
 compilation = Compilation()  # of this process
 
 
@@ -116,7 +119,12 @@ def _temporary_folder() -> Path:
         folder.mkdir(mode=0o700)
     about = folder.lstat()
     is_own = stat.S_ISDIR(about.st_mode) and about.st_uid == os.getuid()
-    return folder if is_own and not about.st_mode & 0o077 else Path(tempfile.mkdtemp())
+    if is_own and not about.st_mode & 0o077:
+        return folder
+    say(f'{folder}: is not of this user alone: {_NOT_KEPT}')
+    own = tempfile.mkdtemp()
+    atexit.register(shutil.rmtree, own, ignore_errors=True)
+    return Path(own)
 
 
 def kernels_are_cached(kernels: Iterable[Callable[..., object]]) -> bool:
@@ -168,7 +176,7 @@ def _keep_if_possible(kept: Any) -> None:  # noqa: ANN401 - a cache of numba's
 
 @cache
 def _say_lost(reason: str) -> None:
-    say(f'{cache_folder()}: {reason}: kernels are not kept, the next process compiles them again')
+    say(f'{cache_folder()}: {reason}: {_NOT_KEPT}')
 
 
 def _numba() -> Any:  # noqa: ANN401 - the module itself

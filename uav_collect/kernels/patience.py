@@ -81,6 +81,7 @@ def repeated_line(
         yield
     finally:
         is_over.set()
+        thread.join()  # no line comes after what the block leads to
 
 
 def _so_far(waited_s: float) -> str:
