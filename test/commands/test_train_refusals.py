@@ -181,14 +181,15 @@ def as_folder(path: Path) -> None:
 @pytest.mark.parametrize(
     ('name', 'tamper', 'words'),
     [
-        ('checkpoint/state.pt', Path.unlink, 'is missing: without it the run cannot be gone on'),
-        ('checkpoint/state.pt', flipped, 'is no whole checkpoint (its digest'),
+        ('checkpoint/state.pt', Path.unlink, 'is missing: cannot resume without it; start'),
+        ('checkpoint/state.pt', flipped, 'is damaged: checksum mismatch'),
         ('checkpoint/state.pt', as_pipe, 'is a pipe'),
         ('checkpoint/state.pt', as_folder, 'is a folder'),
         ('scenario.yaml', Path.unlink, 'No such file'),
         ('scenario.yaml', as_folder, 'scenario.yaml'),
         ('scenario.yaml', edited('cells_per_side: 4', 'cells_per_side: 5'), 'its fingerprint is'),
         ('scenario.yaml', edited('name: field', 'name: meadow'), 'its name is meadow: must be'),
+        ('scenario.yaml', edited('name: field', 'extends: field\nname: field'), 'unknown key'),
         ('training.yaml', Path.unlink, 'No such file'),
         ('training.yaml', edited('hidden_size: 8', 'hidden_size: 9'), 'its fingerprint is'),
         ('run.json', edited('"seed": 0', '"seed": 1'), 'seeds are (0,): lack 1'),

@@ -86,6 +86,37 @@ def test_a_run_that_was_killed_before_its_first_look_goes_on_from_its_beginning(
     assert learned(run) == learned(finished[0])
 
 
+def test_a_run_that_was_killed_before_its_first_checkpoint_begins_anew(
+    settings: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    save = Trainer.save
+    first, second = tmp_path / 'pair_s3', tmp_path / 'pair_s4'
+
+    def save_unless_killed(trainer: Trainer, folder: Path) -> None:
+        if folder.parent == second:
+            raise KeyboardInterrupt
+        save(trainer, folder)
+
+    few = [*settings, '--decisions', '200', '--output', str(tmp_path / 'pair')]
+    with monkeypatch.context() as patched:
+        patched.setattr(Trainer, 'save', save_unless_killed)
+        assert main(['train', *few, '--seed', '3', '4']) == 130
+    left = {path.name for path in second.iterdir()}
+    assert left == {'.beginning', 'scenario.yaml', 'training.yaml'}
+    assert main(['train', '--resume', str(first)]) == 0
+    assert (read_run(second).seed, read_run(second).is_done) == (4, True)
+    assert not (second / '.beginning').exists()
+
+
+def test_a_folder_that_somebody_else_has_filled_is_no_beginning_of_a_run(
+    settings: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / 'scenario.yaml').write_text('mine')
+    assert main(['train', *settings, '--output', str(tmp_path)]) == 2
+    assert said(capsys) == f'error: {tmp_path}: is there already: choose another --output'
+    assert (tmp_path / 'scenario.yaml').read_text() == 'mine'
+
+
 def test_a_run_that_was_killed_right_after_its_end_is_done(
     finished: Finished, tmp_path: Path
 ) -> None:

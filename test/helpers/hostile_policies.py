@@ -63,6 +63,11 @@ def interrupts(situation: Situation) -> NoReturn:
     raise KeyboardInterrupt  # line: interrupts
 
 
+def throws(situation: Situation) -> NoReturn:
+    (number for number in ()).throw(KeyboardInterrupt)  # line: throws
+    raise AssertionError
+
+
 def closes_generator(situation: Situation) -> NoReturn:
     raise GeneratorExit  # line: closes_generator
 
@@ -196,3 +201,11 @@ def asks_to_end(situation: Situation) -> int:
     """As Ctrl-C does, while the function runs."""
     signal.raise_signal(signal.SIGINT)
     return 5
+
+
+def tidies_up_when_asked_to_end(situation: Situation) -> int:
+    try:
+        return asks_to_end(situation)
+    except KeyboardInterrupt:
+        sys.stdout.flush()
+        raise

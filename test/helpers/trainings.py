@@ -17,6 +17,7 @@ from uav_collect.learning.trainer import Trainer
 from uav_collect.missions.experience import Episode
 from uav_collect.training.config import load_preset, TrainingConfig
 from uav_collect.training.progress import Budget
+from uav_collect.uav.briefing import brief
 
 SCENARIO = tiny(uav(5.0, energy_budget_kj=9.0), uav(10.0, energy_budget_kj=5.0))
 SETTINGS = {
@@ -74,7 +75,8 @@ def config_of(**values: object) -> TrainingConfig:
 
 def replayed(folder: Path) -> tuple[list[Episode], dict[str, Any]]:
     """The missions that a saved trainer holds, in the order in which they came; its state."""
-    trainer = Trainer([SCENARIO], config_of(), 'aqmix', 0, sources=[FleetSource(NEVER)])
+    source = FleetSource(brief(SCENARIO), NEVER)
+    trainer = Trainer([SCENARIO], config_of(), 'aqmix', 0, sources=[source])
     trainer.load(folder / 'checkpoint')
     replay = trainer._tasks[0].replay
     held = [replay._episode(mission) for mission in replay._missions]
@@ -83,7 +85,8 @@ def replayed(folder: Path) -> tuple[list[Episode], dict[str, Any]]:
 
 def in_process(seeds: Sequence[int], budget: Budget) -> tuple[list[Episode], Trainer]:
     """What the same network flies and learns in this process."""
-    trainer = Trainer([SCENARIO], config_of(), 'aqmix', 0, sources=[source := FleetSource(NEVER)])
+    source = FleetSource(brief(SCENARIO), NEVER)
+    trainer = Trainer([SCENARIO], config_of(), 'aqmix', 0, sources=[source])
     config, frozen = trainer.config, trainer.snapshot()
     setup = MissionSetup(
         scenario=SCENARIO,

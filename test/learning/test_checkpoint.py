@@ -1,12 +1,14 @@
 """A checkpoint is to the byte what was written, or it is refused; reading it runs no code."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from copy import deepcopy
+import io
 import os
 from pathlib import Path
 import pickle
 import random
-from typing import Any
+from typing import Any, BinaryIO
 
 from checkpoints import forged, new_trainer, saved_training
 from episodes import single_threaded_torch
@@ -87,7 +89,7 @@ def test_a_byte_that_was_changed_anywhere_is_found_before_anything_is_read(file:
         changed[place] ^= 1 << rng.randrange(8)
         file.write_bytes(changed)
         said = refusal(file)
-        assert said.startswith('is no whole checkpoint ('), (place, said)
+        assert said.startswith('is damaged: '), (place, said)
         assert 'head' not in said, (place, said)
 
 
@@ -95,7 +97,7 @@ def test_a_checkpoint_that_is_shorter_or_longer_is_refused_unread(file: Path) ->
     whole = file.read_bytes()
     for n_bytes in (0, 1, 23, 24, 71, 72, 100, len(whole) // 2, len(whole) - 1):
         file.write_bytes(whole[:n_bytes])
-        assert refusal(file).startswith('is no whole checkpoint (')
+        assert refusal(file).startswith('is damaged: ')
     for more in (b'\0', b'more', whole):
         file.write_bytes(whole + more)
         assert 'bytes: must have' in refusal(file)
@@ -107,12 +109,12 @@ def test_a_file_of_holes_costs_no_memory(file: Path) -> None:
         with file.open('wb') as written:
             written.write(start)
             written.truncate(2**40)  # all holes: no memory has room for it
-        assert refusal(file).startswith('is no whole checkpoint (')
+        assert refusal(file).startswith('is damaged: ')
 
 
 def test_what_is_no_file_is_named_at_once(tmp_path: Path) -> None:
     file = tmp_path / STATE_FILE
-    assert refusal(file) == ('is missing: without it the run cannot be gone on with; train anew')
+    assert refusal(file) == 'is missing: cannot resume without it; start a new training'
     file.mkdir()
     assert 'is a folder' in refusal(file)
     file.rmdir()
@@ -121,6 +123,38 @@ def test_what_is_no_file_is_named_at_once(tmp_path: Path) -> None:
     file.unlink()
     file.symlink_to('/dev/zero')
     assert 'must be a file' in refusal(file)
+
+
+class _Pieces(io.BytesIO):
+    """A file of a system that gives less than it is asked for, and in the end nothing."""
+
+    def __init__(self, content: bytes, n_kept: int) -> None:
+        super().__init__(content)
+        self._n_left = n_kept
+
+    def readinto(self, buffer: Any) -> int:  # noqa: ANN401
+        n_read = super().readinto(memoryview(buffer)[: min(7, self._n_left)])
+        self._n_left -= n_read
+        return n_read
+
+
+@pytest.mark.parametrize('n_lacking', [0, 1])
+def test_arrays_are_read_whole_or_refused(
+    n_lacking: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_checkpoint(tmp_path, STATE)
+    content = (tmp_path / STATE_FILE).read_bytes()
+    n_bytes = len(content) - 72 - int.from_bytes(content[64:72], 'little')
+
+    @contextmanager
+    def opened(path: Path) -> Iterator[tuple[BinaryIO, int]]:
+        yield _Pieces(content, n_bytes - n_lacking), len(content)
+
+    monkeypatch.setattr(files, 'open_file', opened)
+    if n_lacking:
+        assert refusal(tmp_path / STATE_FILE) == 'is damaged: it ends within its arrays'
+    else:
+        assert checkpoint_bytes(read_checkpoint(tmp_path)) == content
 
 
 class _Trap:
@@ -139,10 +173,10 @@ def test_a_pickle_is_refused_and_does_nothing(
     torch.save({'scenarios': _Trap()}, file)  # the format of before
     assert refusal(file).startswith('is a checkpoint of an older version')
     file.write_bytes(pickle.dumps(_Trap()))
-    assert refusal(file).startswith('is no whole checkpoint')
+    assert refusal(file).startswith('is damaged: ')
     whole = checkpoint_bytes(STATE)
     file.write_bytes(forged(whole[:72] + pickle.dumps(_Trap())))
-    assert refusal(file).startswith('is no whole checkpoint')
+    assert refusal(file).startswith('is damaged: ')
     assert not (tmp_path / 'trapped').exists()
 
 
@@ -170,7 +204,7 @@ def test_a_head_that_was_forged_is_refused_in_one_line(head: bytes, tmp_path: Pa
     sizes = n_bytes.to_bytes(8, 'little') + len(head).to_bytes(8, 'little')
     content = checkpoint_bytes({})[:56] + sizes + head + data
     (tmp_path / STATE_FILE).write_bytes(forged(content))
-    assert refusal(tmp_path / STATE_FILE).startswith('is no whole checkpoint (')
+    assert refusal(tmp_path / STATE_FILE).startswith('is damaged: ')
 
 
 def test_a_checkpoint_takes_the_place_of_the_one_before_whole_or_not_at_all(

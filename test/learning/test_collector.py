@@ -192,7 +192,7 @@ def test_recent_figures_are_those_of_the_missions_that_ended() -> None:
 def test_a_restored_collector_flies_on_as_the_one_that_was_saved() -> None:
     collector, other = collector_of(), collector_of(seed=5)
     collector.collect(agent(), 130, 0.5)
-    other.restore(read_back(collector.state()), collector._env.briefing)
+    other.restore(read_back(collector.state()))
     assert other.n_decisions == collector.n_decisions
     first, second = (each.collect(agent(), 200, 0.5) for each in (collector, other))
     assert len(first) == len(second) > 3

@@ -46,7 +46,7 @@ def source_of(
     most_waiting: int = 10**9,
     **values: Any,  # noqa: ANN401
 ) -> FleetSource:
-    source = FleetSource(most_waiting, **values)
+    source = FleetSource(brief(SETUP.scenario), most_waiting, **values)
     for each in missions:
         source.add(each)
     return source
@@ -116,7 +116,7 @@ def test_it_hands_out_missions_until_there_are_as_many_decisions_as_were_asked_f
 
 
 def test_it_waits_for_missions_that_another_thread_adds() -> None:
-    source, missions = FleetSource(10**9), episodes(range(10))
+    source, missions = FleetSource(brief(SETUP.scenario), 10**9), episodes(range(10))
     adding = Thread(target=deque, args=(map(source.add, missions), 0))
     adding.start()
     taken = source.collect(agent(), n_made([it.episode for it in missions]), 0.5)
@@ -143,9 +143,9 @@ def test_a_learner_that_is_too_slow_takes_what_waits_without_an_update_each() ->
 
 
 def test_a_restored_source_goes_on_and_knows_what_was_learned_from() -> None:
-    source, other = source_of(episodes(range(20))), FleetSource(10**9)
+    source, other = source_of(episodes(range(20))), FleetSource(brief(SETUP.scenario), 10**9)
     source.collect(agent(), 40, 0.5)
-    other.restore(read_back(source.state()), brief(SETUP.scenario))
+    other.restore(read_back(source.state()))
     assert other.known.state() == source.known.state() == {'world': [0, 20]}
     assert other.n_decisions == source.n_decisions
     first, second = (each.collect(agent(), 30, 0.5) for each in (source, other))

@@ -119,6 +119,31 @@ def test_a_bug_is_shown_and_fails(processes: Processes) -> None:
     assert 'Traceback' in process.output
 
 
+def test_a_node_that_does_not_come_to_obey_a_signal_ends_with_a_status_of_its_own(
+    processes: Processes,
+) -> None:
+    endless = (
+        'from uav_collect.kernels import stops; stops.DEAF_S = 0.1;'
+        ' self.get_logger().info("deaf"); import hashlib;'
+        ' hashlib.pbkdf2_hmac("sha256", b"", b"", 2**31 - 1)'
+    )
+    process = speaker(processes, at_tick=endless)
+    process.wait_for('deaf')
+    process.send(signal.SIGTERM)
+    process.wait_for('stopped in a step .* what was saved before is whole')
+    assert process.wait_for_exit() == 1
+
+
+def test_a_node_that_ends_is_not_ended_by_force(processes: Processes) -> None:
+    own_end = (
+        'from uav_collect.kernels import stops; stops.watchdog.acknowledge ='
+        ' lambda: print("acknowledged", flush=True); self.end(3)'
+    )
+    process = speaker(processes, at_tick=own_end)
+    assert process.wait_for_exit() == 3
+    assert process.output.index('acknowledged') < process.output.index('said bye')
+
+
 class Spinner:
     """A node and the executor that nodes get, in this process."""
 

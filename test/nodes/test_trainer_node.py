@@ -39,6 +39,7 @@ from uav_collect.nodes import topics
 from uav_collect.nodes.trainer.settings import PARAMETERS, planned_run, TrainerSettings
 from uav_collect.training.folder import open_training_folder
 from uav_collect.training.progress import Budget
+from uav_collect.uav.briefing import brief
 from uav_collect_msgs.msg import Epoch
 
 pytestmark = pytest.mark.ros
@@ -287,7 +288,7 @@ def test_a_run_without_its_checkpoint_is_not_begun_anew(tmp_path: Path) -> None:
     with open_training_folder(planned_run(settings_of(folder)), 0, lambda: None):
         pass
     with pytest.raises(CheckpointError, match=r'run/checkpoint/state\.pt: is missing'):
-        open_trainer(planned_run(settings_of(folder)), [FleetSource(NEVER)])
+        open_trainer(planned_run(settings_of(folder)), [FleetSource(brief(SCENARIO), NEVER)])
 
 
 def test_a_disk_that_fills_up_ends_the_training_with_one_line(

@@ -74,7 +74,7 @@ def test_ray_leaves_signals_to_whom_they_were_and_ends_what_compiles(
             engine,
             by_digest(training()),
             Store(tmp_path),
-            is_stopping=lambda: interruption.signal_number is not None,
+            is_stopping=interruption.acknowledge,
         )
     assert (status.done, status.n_lost, status.failures) == (0, 0, {})
     assert seen[-1] == Stopped()

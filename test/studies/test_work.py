@@ -38,9 +38,9 @@ def test_a_state_that_was_changed_or_runs_code_is_refused(
     whole = saved_by(None)
     assert saved_by(whole)
     for state, words in (
-        (pickle.dumps((_Trap(), _Trap())), 'is no whole checkpoint'),
-        (whole[:-1], 'is no whole checkpoint'),
-        (whole[:200] + b'x' + whole[201:], 'some of its bytes were changed'),
+        (pickle.dumps((_Trap(), _Trap())), 'is damaged: '),
+        (whole[:-1], 'is damaged: '),
+        (whole[:200] + b'x' + whole[201:], 'checksum mismatch'),
         (checkpoint_bytes({'job': {}}), 'cost is missing'),
         (forged(whole.replace(b'"n_interruptions":0', b'"n_interruptions":-')), 'is not JSON'),
         (forged(whole.replace(b'"cpu_s":', b'"cpu_x":')), 'cost/cpu_s is missing'),

@@ -211,6 +211,7 @@ def line_of(name: str) -> int:
         ('leaves', 'SystemExit: 7'),
         ('exits_deeper', 'SystemExit: 7'),
         ('interrupts', 'KeyboardInterrupt'),
+        ('throws', 'KeyboardInterrupt'),
         ('closes_generator', 'GeneratorExit'),
         ('groups', 'BaseExceptionGroup: all (2 sub-exceptions)'),
         ('recurses', 'RecursionError: maximum recursion depth exceeded'),
@@ -280,6 +281,7 @@ def test_a_number_of_another_library_is_an_action() -> None:
             'UAV 1 at 0.0 s in cell 0: it closes sys.stderr (hostile_',
         ),
         ('asks_to_end', 130, ''),
+        ('tidies_up_when_asked_to_end', 130, ''),
     ],
 )
 def test_the_status_is_the_programs_own(name: str, status: int, said: str) -> None:

@@ -115,7 +115,7 @@ def _run_jobs(arguments: argparse.Namespace, plan: 'FiguresPlan') -> int:
             _engine(arguments),
             checkpoint_s=arguments.checkpoint_minutes * 60.0,
             order=lambda job: -plan.rates.cost_s(job),
-            is_stopping=lambda: interruption.signal_number is not None,
+            is_stopping=interruption.acknowledge,
             show=show,
         )
     return _exit_status(plan, jobs, interruption)

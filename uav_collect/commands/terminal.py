@@ -9,9 +9,9 @@ from types import FrameType
 
 from uav_collect import files
 from uav_collect.analysis.console import plain_column, plain_console
-from uav_collect.kernels import stops
 from uav_collect.kernels.patience import repeated_line
 from uav_collect.kernels.patience import say as say
+from uav_collect.kernels.stops import interrupts, kept_handlers, watchdog
 from uav_collect.limits import stop_signals
 from uav_collect.training.time_left import TimeLeft
 
@@ -69,10 +69,15 @@ class Interruption:
 
     @property
     def signal_number(self) -> int | None:
-        """The first signal that came; who asks for it is the one to end the process."""
-        if self._number is not None:
-            stops.heard()
+        """The first signal that came."""
         return self._number
+
+    def acknowledge(self) -> bool:
+        """Whether a signal came; if so, who asks ends the process, however long that takes."""
+        if self._number is None:
+            return False
+        watchdog.acknowledge()
+        return True
 
     @property
     def exit_status(self) -> int:
@@ -81,9 +86,8 @@ class Interruption:
 
     def note(self, signal_number: int, frame: FrameType | None) -> None:
         """Handle a signal: note the first, obey the second."""
-        del frame
         if self._number is not None:
-            raise KeyboardInterrupt
+            interrupts.raise_one(signal_number, frame)
         self._number = signal_number
         os.write(2, _NOTICE)  # a handler may have interrupted another write of sys.stderr
 
@@ -116,7 +120,7 @@ def deferred_interruption() -> Iterator[Interruption]:
 @contextmanager
 def interrupted_by_signals() -> Iterator[None]:
     """Raise KeyboardInterrupt at every signal that asks this process to end."""
-    with _handled_by(stops.interrupt_and_hear):
+    with _handled_by(interrupts.raise_one):
         yield
 
 
@@ -137,9 +141,7 @@ def _handled_by(handle: Callable[[int, FrameType | None], None]) -> Iterator[Non
                     os.dup2(nowhere.fileno(), number)
         handle(signal_number, frame)
 
-    before = {number: signal.signal(number, handle_one) for number in stop_signals()}
-    try:
+    with kept_handlers():
+        for number in stop_signals():
+            signal.signal(number, handle_one)
         yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

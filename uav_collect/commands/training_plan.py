@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from uav_collect.commands import options
 from uav_collect.commands.terminal import say
 from uav_collect.errors import TrainingRunError
+from uav_collect.training.folder import is_free
 from uav_collect.training.planned_run import new_record, PlannedRun, stored_run
 from uav_collect.training.run_record import read_run, RUN_FILE, RunRecord
 
@@ -83,7 +84,7 @@ def _check_new(folder: Path) -> None:
             f'{folder}: holds a run: go on with it by --resume {folder},'
             ' or choose another --output'
         )
-    if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
+    if not is_free(folder):
         raise TrainingRunError(f'{folder}: is there already: choose another --output')
 
 
@@ -135,7 +136,7 @@ def _resumed_training(arguments: argparse.Namespace) -> TrainingPlan:
     for seed, other in zip(record.seeds, folders, strict=False):
         if other.resolve() == folder.resolve():
             continue
-        planned = replace(record, seed=seed)
+        planned = replace(record, seed=seed, is_done=False)
         if (other / RUN_FILE).exists():
             found = _with_budget(read_run(other), arguments)
             _check_sibling(other, found, planned)

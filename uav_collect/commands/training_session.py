@@ -44,7 +44,7 @@ def train_with_display(run: PlannedRun, checkpoint_s: float, interruption: Inter
                     trainer,
                     folder,
                     checkpoint_s=checkpoint_s,
-                    is_stopped=lambda: interruption.signal_number is not None,
+                    is_stopped=interruption.acknowledge,
                     show=show,
                 )
         except InterruptedRunError as stopped:

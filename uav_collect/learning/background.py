@@ -13,6 +13,7 @@ from uav_collect.learning.trainer import Trainer
 from uav_collect.training.folder import BEST_POLICY
 from uav_collect.training.planned_run import PlannedRun
 from uav_collect.training.progress import Budget, Progress
+from uav_collect.uav.briefing import brief
 from uav_collect.uav.policy_network import FrozenPolicy
 
 
@@ -53,7 +54,7 @@ class BackgroundTraining:
             ConfigError: the scenario cannot be trained with these settings.
             PolicyMismatchError: the network is not that of the policy to start from.
         """
-        self.source = FleetSource(most_waiting, self._publish_if_due)
+        self.source = FleetSource(brief(run.scenarios[0]), most_waiting, self._publish_if_due)
         self.progress: Progress | None = None  # the latest
         self.ending: Ending | None = None  # once it has ended
         self._run, self._checkpoint_s = run, checkpoint_s

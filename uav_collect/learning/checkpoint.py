@@ -66,7 +66,7 @@ def read_checkpoint(folder: Path) -> dict[str, Any]:
             return _read(file, n_bytes)
     except FileNotFoundError as error:
         raise CheckpointError(
-            f'{path}: is missing: without it the run cannot be gone on with; train anew'
+            f'{path}: is missing: cannot resume without it; start a new training'
         ) from error
     except OSError as error:
         raise CheckpointError(f'{path}: cannot be read: {error.strerror}') from error
@@ -127,7 +127,7 @@ def _read(file: BinaryIO, n_bytes: int) -> dict[str, Any]:
     while piece := file.read(_PIECE_BYTES):
         found.update(piece)
     if found.digest() != digest:
-        raise _broken('its digest is another one: some of its bytes were changed')
+        raise _broken('checksum mismatch')
     # From here on it is what was written, unless somebody meant to deceive.
     if n_head > min(n_bytes - _FIRST_BYTES, _MAX_HEAD_BYTES):
         raise _broken(f'its head has {n_head:,} bytes')
@@ -139,7 +139,7 @@ def _check_format(first: bytes) -> None:
     if first.startswith(_OLD_FORMAT):
         raise CheckpointError(
             'is a checkpoint of an older version, whose format could run code: go on with the'
-            ' version that wrote it, or train anew'
+            ' version that wrote it, or start a new training'
         )
     if len(first) < _FIRST_BYTES or not first.startswith(_FORMAT):
         raise _broken(f'it does not begin with {_FORMAT.decode()!r}')
@@ -161,11 +161,21 @@ def _state(head: bytes, file: BinaryIO, n_left: int) -> dict[str, Any]:
             raise _broken('it ends within its arrays')
         n_left -= n_array
         array = np.empty(shape, kind)
-        file.readinto(array.reshape(-1).view(np.uint8))  # type: ignore[attr-defined]
+        _fill(array, file)
         _put(values, path, array)
     if n_left:
         raise _broken(f'{n_left:,} bytes at its end belong to no array')
     return values
+
+
+def _fill(array: NDArray[Any], file: BinaryIO) -> None:
+    """Read an array's bytes, in as many pieces as the file gives them."""
+    left = array.reshape(-1).view(np.uint8).data
+    while left:
+        n_read = file.readinto(left)  # type: ignore[attr-defined]
+        if not n_read:
+            raise _broken('it ends within its arrays')
+        left = left[n_read:]
 
 
 def _places(places: Sequence[Any]) -> Iterator[tuple[_Path, np.dtype[Any], tuple[int, ...]]]:
@@ -195,4 +205,4 @@ def _put(values: Any, path: _Path, array: NDArray[Any]) -> None:  # noqa: ANN401
 
 
 def _broken(reason: str) -> CheckpointError:
-    return CheckpointError(f'is no whole checkpoint ({reason})')
+    return CheckpointError(f'is damaged: {reason}')

@@ -20,7 +20,6 @@ from uav_collect.training.config import TrainingConfig
 from uav_collect.training.progress import RecentMissions
 from uav_collect.training.seeds import first_training_seed
 from uav_collect.uav.action_codes import NONE
-from uav_collect.uav.briefing import Briefing
 
 
 class Collector:
@@ -96,13 +95,12 @@ class Collector:
             'n_missions': self.n_missions,
         }
 
-    def restore(self, saved: SavedPart, briefing: Briefing) -> None:
+    def restore(self, saved: SavedPart) -> None:
         """Go on from where another collector of the same settings was.
 
         Raises:
             CheckpointError: something that was saved is not what one of these settings saves.
         """
-        del briefing  # its own missions are flown again, not read
         like = self._env.flights()
         flights = Flights(*(saved.array_like(name, getattr(like, name)) for name in like._fields))
         try:

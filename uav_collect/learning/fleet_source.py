@@ -26,16 +26,19 @@ def _ignore(epsilon: float) -> None:
 class FleetSource:
     """Where the learner waits for missions; an `EpisodeSource` of a `task.Task`."""
 
-    def __init__(self, most_waiting: int, fly: Callable[[float], None] = _ignore) -> None:
+    def __init__(
+        self, briefing: Briefing, most_waiting: int, fly: Callable[[float], None] = _ignore
+    ) -> None:
         """Start empty.
 
         Args:
+            briefing: of the fleet that flies.
             most_waiting: decisions that may wait for the learner. Where it is slower than the
                 fleet it takes what waits at once: updates become fewer, no mission is lost.
             fly: called, each time that missions are asked for, with the epsilon by which they
                 should explore; how the network gets on board is its matter.
         """
-        self._most_waiting, self._fly = most_waiting, fly
+        self._briefing, self._most_waiting, self._fly = briefing, most_waiting, fly
         self._changed = Condition()
         self._waiting: deque[JoinedMission] = deque()
         self._n_waiting = 0  # decisions
@@ -108,13 +111,13 @@ class FleetSource:
                 'n_missions': self.n_missions,
             }
 
-    def restore(self, saved: SavedPart, briefing: Briefing) -> None:
+    def restore(self, saved: SavedPart) -> None:
         """Take over the state of another one.
 
         Raises:
             CheckpointError: something that was saved is not what such a source saves.
         """
-        waiting = [_restored(each, briefing) for each in saved.parts('waiting')]
+        waiting = [_restored(each, self._briefing) for each in saved.parts('waiting')]
         with self._changed:
             self._waiting.extend(waiting)
             self._n_waiting = sum(_n_made(it.episode) for it in self._waiting)

@@ -9,6 +9,7 @@ import numpy as np
 from uav_collect.analysis.metrics import mission_metrics
 from uav_collect.analysis.statistics import MEASURES, mission_seeds
 from uav_collect.errors import CheckpointError, InterruptedRunError, PolicyMismatchError
+from uav_collect.kernels.stops import watchdog
 from uav_collect.learning.checkpoint import read_checkpoint, STATE_FILE, write_checkpoint
 from uav_collect.learning.learner import Learner
 from uav_collect.learning.minibatch import Algorithm
@@ -155,7 +156,8 @@ class Trainer:
         Raises:
             OSError: it cannot be written.
         """
-        write_checkpoint(folder, self.state())
+        with watchdog.saving():
+            write_checkpoint(folder, self.state())
 
     def load(self, folder: Path) -> None:
         """Go on from what a trainer of the same run wrote by `save`.
@@ -201,7 +203,7 @@ class Trainer:
             strict=True,
         )  # fmt: skip
         for task, source, replay in parts:
-            task.source.restore(source, task.briefing)
+            task.source.restore(source)
             task.replay.restore(replay.optional('held'))
         self._turn = saved.whole('turn')
         _restore_rng(self._rng, saved.part('rng'))

@@ -25,7 +25,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 from rclpy.utilities import remove_ros_args
 from uav_collect.errors import NodeError
-from uav_collect.kernels.stops import heard, obeyed_signals
+from uav_collect.kernels.stops import obeyed_signals, watchdog
 from uav_collect.limits import stop_signals
 from uav_collect.lockstep.seals import KEY_FILE, read_secret, Secret
 from uav_collect.nodes.incidents import Incidents
@@ -102,9 +102,13 @@ class _Stop:
 
     @property
     def asked(self) -> bool:
-        """Whether there was a signal; who looks is the one to end the process."""
+        """Whether there was a signal."""
+        return self._is_asked
+
+    def acknowledge(self) -> bool:
+        """Whether there was a signal; if so, who asks ends the process, however long it takes."""
         if self._is_asked:
-            heard()
+            watchdog.acknowledge()
         return self._is_asked
 
     def ignore_more(self) -> None:
@@ -141,9 +145,10 @@ def run_node(make_node: Callable[[], ProcessNode], argv: Sequence[str]) -> int:
         argv: what follows the program's name on the command line, `--ros-args` included.
 
     Returns:
-        Exit status of the process: 0 after a signal to end, else what the node asked for.
+        Exit status of the process: 0 after a signal to end, else what the node asked for. One
+        that does not come to obey a signal ends with `FAILED`.
     """
-    with obeyed_signals(lambda _: 0):
+    with obeyed_signals(lambda _: FAILED):
         return _run_in_ros(make_node, argv, _Stop())
 
 
@@ -214,11 +219,12 @@ def _run(node: ProcessNode, stop: _Stop) -> int:
     executor = make_executor()
     executor.add_node(node)
     try:
-        while node.end_status is None and not stop.asked:
+        while node.end_status is None and not stop.acknowledge():
             _spin_once(node, executor)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     finally:
+        watchdog.acknowledge()  # a signal from now on asks for what happens already
         node.on_stop()
         if node.end_status == 0:
             _wait_to_be_discovered(started_s, stop)

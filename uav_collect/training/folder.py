@@ -7,6 +7,7 @@ import fcntl
 from io import FileIO
 import os
 from pathlib import Path
+import shutil
 from typing import Any, TYPE_CHECKING
 
 from uav_collect import files
@@ -30,6 +31,7 @@ BEST_POLICY = 'policy.safetensors'
 LAST_POLICY = 'last.safetensors'
 CURVE = 'curve.png'
 TENSORBOARD = 'tensorboard'
+BEGINNING = '.beginning'  # in a folder whose run has no first checkpoint yet
 
 
 class TrainingFolder:
@@ -126,6 +128,7 @@ def open_training_folder(
         if not run.is_begun:
             _begin(run, begin)
         files.write_atomically(run.folder / RUN_FILE, run.record.to_json())
+        (run.folder / BEGINNING).unlink(missing_ok=True)
         tables = [
             stack.enter_context(_table(run.folder / name, columns, n_decisions))
             for name, columns in (
@@ -137,17 +140,34 @@ def open_training_folder(
         yield TrainingFolder(run, n_decisions, tables[0], tables[1], scalars)
 
 
+def is_free(folder: Path) -> bool:
+    """Whether there is nothing in a folder but what a run left that did not come to begin."""
+    if not folder.exists():
+        return True
+    names = {path.name for path in folder.iterdir()} if folder.is_dir() else {folder.name}
+    return not names or (BEGINNING in names and RUN_FILE not in names)
+
+
 def _begin(run: PlannedRun, write_checkpoint: Callable[[], None]) -> None:
-    """Write what a run is gone on with; its record, which says that there is one, comes last."""
+    """Write what a run is gone on with; its record, which says that there is one, comes last.
+
+    Another file says meanwhile that the folder is free all the same, should this be killed.
+    """
+    beginning = run.folder / BEGINNING
+    if beginning.exists():
+        shutil.rmtree(run.folder / CHECKPOINT, ignore_errors=True)
+        for path in (*run.folder.glob('scenario*.yaml'), run.folder / INITIAL_POLICY):
+            path.unlink(missing_ok=True)
     try:
+        beginning.touch()
         for path, scenario in zip(run.scenario_files, run.scenarios, strict=True):
             files.write_atomically(path, scenario.to_yaml().encode())
         files.write_atomically(run.folder / CONFIG_FILE, run.config.to_yaml().encode())
         _save_policy(run.initial, run.folder / INITIAL_POLICY)
         write_checkpoint()
     except OSError:
-        written = (*run.scenario_files, run.folder / CONFIG_FILE, run.folder / INITIAL_POLICY)
-        for path in written:
+        names = (CONFIG_FILE, INITIAL_POLICY, BEGINNING)
+        for path in (*run.scenario_files, *(run.folder / name for name in names)):
             path.unlink(missing_ok=True)
         for folder in (run.folder / CHECKPOINT, run.folder):
             with suppress(OSError):  # not there, or others have more in it

@@ -82,7 +82,7 @@ def stored_run(folder: Path, record: RunRecord) -> PlannedRun:
         ConfigError: a file of it cannot be read.
         PolicyMismatchError: the policy that it started from cannot be read.
     """
-    from uav_collect.scenario.load import fingerprint, load
+    from uav_collect.scenario.load import fingerprint, from_file
     from uav_collect.training.config import load_preset
     from uav_collect.uav.policy_file import load_policy
 
@@ -92,7 +92,7 @@ def stored_run(folder: Path, record: RunRecord) -> PlannedRun:
         _scenario_files(folder, len(record.n_uavs)), record.scenario_fingerprint.split(),
         strict=True,
     ):  # fmt: skip
-        scenarios.append(load(path))
+        scenarios.append(from_file(path))
         _check_same(path, 'fingerprint', fingerprint(scenarios[-1]), wanted, run_file)
     first = _scenario_files(folder, 1)[0]
     names = ' '.join(dict.fromkeys(scenario.name for scenario in scenarios))

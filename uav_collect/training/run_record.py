@@ -165,7 +165,10 @@ def _record(values: object) -> RunRecord:
         (record.device in DEVICES, f'device is {_shown(record.device)}'),
         (record.seed in record.seeds, f'seeds are {_shown(record.seeds)}: lack {record.seed}'),
         (n_uavs == n_fingerprints > 0, f'n_uavs has {n_uavs} entries: needs {n_fingerprints}'),
-        ((record.minutes is None) != (record.decisions is None), 'has not minutes or decisions'),
+        (
+            (record.minutes is None) != (record.decisions is None),
+            'must have either minutes or decisions',
+        ),
         (record.minutes is None or 0 < record.minutes < math.inf, f'minutes is {record.minutes}'),
     ):
         if not is_right:

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterator
 import importlib
 from inspect import getattr_static
-import opcode
 from pathlib import Path
 import sys
 from types import CodeType, FunctionType, MethodType
@@ -11,12 +10,12 @@ from typing import Any
 
 from uav_collect import files
 from uav_collect.errors import in_one_line
+from uav_collect.kernels.stops import interrupts
 
 _MAX_TEXT = 200  # characters of what an error says
 _MAX_SHOWN = 60  # of a value or a name
 _STREAMS = ('stdout', 'stderr')
 _IMPORTING = ('<frozen ', str(importlib.__file__))  # where Python's own code is that imports
-_RAISING = {opcode.opmap['RAISE_VARARGS'], opcode.opmap['RERAISE']}
 _name_of = vars(type)['__name__'].__get__  # whatever a metaclass makes of it
 
 _Place = tuple[str, int]  # file and line
@@ -39,9 +38,9 @@ def run_user_code(file: str | None, function: Callable[..., Any], *arguments: ob
     """
     open_before = [name for name in _STREAMS if not _is_closed(name)]
     try:
-        answer = function(*arguments)
-    except BaseException as error:  # the user's code may raise anything, SystemExit too
-        _raise_if_signalled(error)
+        answer = _answer(function, *arguments)
+    except _RaisedError as raised:
+        error = raised.error
         place = _raised_at(error, file) or _defined_at(function)
         raise UserCodeError(f'{error_text(error)}{_in_brackets(place)}') from error
     finally:
@@ -85,13 +84,28 @@ def _is_closed(stream: str) -> bool:
     return getattr(getattr(sys, stream), 'closed', True) is True
 
 
-def _raise_if_signalled(error: BaseException) -> None:
-    """Raise what Ctrl-C raised: the statement in which it came did not raise it itself."""
-    if not isinstance(error, KeyboardInterrupt):
-        return
-    *_, last = _frames(error)
-    if last.tb_frame.f_code.co_code[last.tb_lasti] not in _RAISING:
-        raise error
+class _RaisedError(Exception):
+    """A user's class or function raised something, which no signal did."""
+
+    def __init__(self, error: BaseException) -> None:
+        self.error = error
+
+
+def _answer(function: Callable[..., Any], *arguments: object) -> Any:  # noqa: ANN401
+    """What a user's function returns.
+
+    Raises:
+        _RaisedError: it raised something.
+        KeyboardInterrupt: a signal came meanwhile.
+    """
+    with interrupts.counted():
+        n_before = interrupts.n_raised
+        try:
+            return function(*arguments)
+        except BaseException as error:  # SystemExit too
+            if isinstance(error, KeyboardInterrupt) and interrupts.n_raised > n_before:
+                raise
+            raise _RaisedError(error) from error
 
 
 def _raised_at(error: BaseException, file: str | None) -> _Place | None:
@@ -134,9 +148,13 @@ def _in_brackets(place: _Place | None) -> str:
 
 def _text_of(show: Callable[[], object], longest: int) -> str | None:
     """What shows something, in one short line; None if it cannot or does not."""
-    try:
+
+    def line() -> str | None:
         text = show()
         return in_one_line(str.__str__(text), longest) if isinstance(text, str) else None
-    except BaseException as error:  # of a user's class, which may raise anything
-        _raise_if_signalled(error)
+
+    try:
+        shown: str | None = _answer(line)
+        return shown
+    except _RaisedError:
         return None

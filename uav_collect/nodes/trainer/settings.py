@@ -9,7 +9,7 @@ from uav_collect.limits import FLEET_ALGORITHMS, MAX_DECISIONS, MAX_SEED
 from uav_collect.nodes.parameters import declare, Parameter, values_of
 from uav_collect.scenario.load import load, parse_override
 from uav_collect.training.config import load_preset
-from uav_collect.training.folder import BEST_POLICY
+from uav_collect.training.folder import BEGINNING, BEST_POLICY
 from uav_collect.training.planned_run import new_record, PlannedRun, stored_run
 from uav_collect.training.run_record import (
     PROGRESS_FILE,
@@ -183,7 +183,8 @@ def planned_run(settings: TrainerSettings) -> PlannedRun:
 
 def _holds_something(folder: Path) -> bool:
     """Whether a folder has more in it than that worlds were started for a run."""
-    return folder.is_dir() and any(path.name != STARTS_FILE for path in folder.iterdir())
+    ours = (STARTS_FILE, BEGINNING)
+    return folder.is_dir() and any(path.name not in ours for path in folder.iterdir())
 
 
 def _new_run(settings: TrainerSettings, folder: Path) -> PlannedRun:

@@ -5,11 +5,8 @@ what it did since its last state.
 """
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 import math
 from pathlib import Path
-import signal
-from threading import current_thread, main_thread
 from time import monotonic
 from typing import Any
 
@@ -27,7 +24,7 @@ from ray.exceptions import (
 import uav_collect
 from uav_collect.kernels.compile import sources_digest
 from uav_collect.kernels.patience import waiting_for
-from uav_collect.limits import stop_signals
+from uav_collect.kernels.stops import kept_handlers
 from uav_collect.studies.jobs.cluster_address import check_address
 from uav_collect.studies.jobs.work import run_job
 from uav_collect.studies.jobs.worker_messages import (
@@ -73,7 +70,7 @@ class RayEngine:
             with waiting_for(f'the Ray cluster at {address}' if address else 'Ray to start'):
                 if address is not None:
                     check_address(address)
-                with _kept_handlers():
+                with kept_handlers():  # Ray takes them, and ends the process with a trace
                     ray.init(**options)
         self._perform = ray.remote(num_cpus=1, max_retries=0)(_performed)
         self._streams: dict[Any, str] = {}  # digest by stream of events
@@ -140,18 +137,6 @@ class RayEngine:
         except RayError as error:  # none that says that the job is at fault
             return Lost(why=_first_line(error))
         return report
-
-
-@contextmanager
-def _kept_handlers() -> Iterator[None]:
-    """Leave signals to whom they are: Ray takes them, and ends the process with a trace."""
-    if current_thread() is not main_thread():
-        yield
-        return
-    before = {number: signal.getsignal(number) for number in stop_signals()}
-    yield
-    for number, handler in before.items():
-        signal.signal(number, handler)
 
 
 def _first_line(error: BaseException) -> str:
