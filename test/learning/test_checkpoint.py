@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from copy import deepcopy
 import io
+import math
 import os
 from pathlib import Path
 import pickle
@@ -16,6 +17,7 @@ import numpy as np
 import pytest
 from uav_collect import files
 from uav_collect.errors import CheckpointError
+from uav_collect.kernels.stops import watchdog
 from uav_collect.learning.checkpoint import (
     checkpoint_bytes,
     checkpoint_from_bytes,
@@ -123,6 +125,21 @@ def test_what_is_no_file_is_named_at_once(tmp_path: Path) -> None:
     file.unlink()
     file.symlink_to('/dev/zero')
     assert 'must be a file' in refusal(file)
+
+
+def test_a_checkpoint_that_is_written_when_a_signal_comes_is_not_cut_off(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    written: list[str | None] = []
+
+    def note(*_: object) -> None:
+        written.append(watchdog.why_ended(-math.inf))
+
+    tiny_trainer = new_trainer()
+    monkeypatch.setattr('uav_collect.learning.trainer.write_checkpoint', note)
+    watchdog.forget()
+    tiny_trainer.save(tmp_path)
+    assert written == [None]
 
 
 class _Pieces(io.BytesIO):
