@@ -35,16 +35,6 @@ def test_a_failed_write_leaves_the_old_file(
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_pipe_is_written_not_replaced(tmp_path: Path) -> None:
-    pipe = tmp_path / 'pipe'
-    os.mkfifo(pipe)
-    with subprocess.Popen(['cat', pipe], stdout=subprocess.PIPE) as reader:
-        files.check_writable(pipe)
-        files.write_atomically(pipe, b'through')
-        assert reader.communicate()[0] == b'through'
-    assert pipe.is_fifo()
-
-
 def test_a_file_is_read_up_to_a_size_and_none_of_a_larger_one(tmp_path: Path) -> None:
     path, large = tmp_path / 'file', tmp_path / 'large'
     path.write_bytes(b'12345')
@@ -105,3 +95,49 @@ def test_what_a_killed_writer_left_is_dropped_and_nothing_else(tmp_path: Path) -
 def test_cells_are_quoted_where_they_must_be_and_blank_where_a_number_is_not_known() -> None:
     cells = map(files.blank_if_nan, (0.1, math.nan, 3))
     assert files.csv_of([('a', 'b, c', 'd'), cells]) == b'a,"b, c",d\n0.1,,3\n'
+
+
+def test_links_that_lead_in_a_circle_are_no_file_to_write(tmp_path: Path) -> None:
+    loop = tmp_path / 'loop'
+    loop.symlink_to(loop)
+    for write in (
+        files.check_writable,
+        files.check_there,
+        lambda path: files.write_atomically(path, b'new'),
+        lambda path: files.write_result(path, b'new'),
+    ):
+        with pytest.raises(OSError, match='Too many levels of symbolic links') as raised:
+            write(loop)
+        assert raised.value.filename == str(loop)
+
+
+def test_a_pipe_that_nobody_reads_is_refused_and_none_is_a_file_of_ours(tmp_path: Path) -> None:
+    pipe = tmp_path / 'pipe'
+    os.mkfifo(pipe)
+    for write in (files.check_writable, lambda path: files.write_result(path, b'new')):
+        with pytest.raises(OSError, match='is a pipe that nobody reads') as raised:
+            write(pipe)
+        assert raised.value.filename == str(pipe)
+    with pytest.raises(OSError, match='is a pipe or a device: must be a file'):
+        files.write_atomically(pipe, b'new')
+
+
+def test_a_pipe_that_was_checked_is_written_not_replaced(tmp_path: Path) -> None:
+    pipe = tmp_path / 'pipe'
+    os.mkfifo(pipe)
+    with subprocess.Popen(['cat', str(pipe)], stdout=subprocess.PIPE) as reader:
+        while True:  # until the reader has come
+            try:
+                files.check_writable(pipe)
+                break
+            except OSError as error:
+                assert error.errno == errno.ENXIO
+        files.write_result(pipe, b'new')
+        assert reader.communicate()[0] == b'new'
+    assert pipe.is_fifo()
+
+
+def test_a_folder_is_no_file_to_write(tmp_path: Path) -> None:
+    for write in (files.check_writable, lambda path: files.write_result(path, b'new')):
+        with pytest.raises(OSError, match='is a folder: must be a file'):
+            write(tmp_path)

@@ -14,6 +14,7 @@ from uav_collect.config.arguments import error_lines, Parser
 from uav_collect.config.packages import packages_of
 from uav_collect.errors import UavCollectError
 from uav_collect.kernels.stops import obeyed_signals
+from uav_collect.limits import FAILED, INTERRUPTED, UNUSABLE
 
 # One line each, here: help must not load what flies missions.
 SUMMARIES = {
@@ -28,9 +29,6 @@ SUMMARIES = {
     'verify': 'fly recorded missions again, and prove their recordings byte for byte',
     'doctor': 'say whether a mission can fly on this machine, and what it would run on',
 }
-_FAILED = 1
-_MISUSE = 2
-_INTERRUPTED = 130  # as shells have it
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -138,14 +136,14 @@ def _ended(perform: Callable[[], int]) -> int:
         finally:  # a full disk shows here, not at exit
             _flush_unless_failed()
     except KeyboardInterrupt:
-        return _INTERRUPTED
+        return INTERRUPTED
     except BrokenPipeError:  # who read the output has left, and needs no word of it
         _drop_output()
-        return _FAILED
+        return FAILED
     except (OSError, UavCollectError) as error:  # any other is ours and shows its traceback
-        sys.stderr.write(error_lines(_text(error)))
+        sys.stderr.write(error_lines(error))
         _drop_output()
-        return _MISUSE
+        return UNUSABLE
     return status
 
 
@@ -187,12 +185,6 @@ def command_named(name: str) -> Command:
         case _:
             raise RuntimeError(f'no command is called {name!r}')
     return Command(add_arguments=add_arguments, run=run)
-
-
-def _text(error: Exception) -> str:
-    if isinstance(error, OSError) and error.strerror:
-        return f'{error.filename}: {error.strerror}' if error.filename else error.strerror
-    return str(error) or type(error).__name__
 
 
 if __name__ == '__main__':

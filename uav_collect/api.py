@@ -70,7 +70,7 @@ class FlownMission:
 
         drawn = BytesIO()
         trajectories(self.log, self.site, self.demand_bit, drawn)
-        files.write_atomically(Path(file), drawn.getvalue())
+        files.write_result(Path(file), drawn.getvalue())
 
     def __str__(self) -> str:
         return _text(mission_tables(self.log.header, self.metrics, self.n_radio_messages))

@@ -23,6 +23,8 @@ A command shows their text alone, without a traceback. Those about something tha
 ValueError besides. A plain ValueError or RuntimeError is a mistake of the code that calls.
 """
 
+from collections.abc import Sequence
+
 MOST_CHARACTERS = 400  # of a line about what others wrote, as long as they like
 _MAX_LINES = 20  # of problems shown at once
 
@@ -45,8 +47,18 @@ def _spelled(character: str) -> str:
     return character.encode('unicode_escape').decode()
 
 
+def reason_of(error: BaseException) -> str:
+    """What an exception says; its kind where it says nothing, as MemoryError does."""
+    return str(error) or type(error).__name__
+
+
 class UavCollectError(Exception):
     """Something that the user gave, or that happened, and not a mistake of this package."""
+
+    @property
+    def lines(self) -> Sequence[str]:
+        """What is wrong; a name in it may hold a newline, so only some errors are split there."""
+        return (reason_of(self),)
 
 
 class ConfigError(UavCollectError, ValueError):
@@ -59,9 +71,14 @@ class ConfigError(UavCollectError, ValueError):
 
     def __str__(self) -> str:
         """One line per problem."""
+        return '\n'.join(self.lines)
+
+    @property
+    def lines(self) -> Sequence[str]:
+        """The first twenty problems, and the number of the others."""
         left_out = len(self.problems) - _MAX_LINES
         more = [f'... and {left_out} more problems'] if left_out > 0 else []
-        return '\n'.join([*self.problems[:_MAX_LINES], *more])
+        return [*self.problems[:_MAX_LINES], *more]
 
     @property
     def summary(self) -> str:
@@ -125,6 +142,11 @@ class ClusterError(UavCollectError, RuntimeError):
 class FleetError(UavCollectError, RuntimeError):
     """A mission's processes cannot start, or one of them failed: which, and its last words."""
 
+    @property
+    def lines(self) -> Sequence[str]:
+        """What failed, and each of its last words."""
+        return str(self).splitlines()
+
 
 class NodeError(UavCollectError):
     """A node that cannot start: one line that says why."""
@@ -132,3 +154,8 @@ class NodeError(UavCollectError):
 
 class MissingPackageError(UavCollectError):
     """Python packages that are missing or too old: one line for each, with how to get it."""
+
+    @property
+    def lines(self) -> Sequence[str]:
+        """One for each package."""
+        return str(self).splitlines()

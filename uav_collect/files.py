@@ -12,6 +12,9 @@ import stat
 import sys
 from typing import Any, BinaryIO
 
+_STREAM_FOLDERS = ('/dev', '/dev/fd', '/proc/self/fd')
+_waiting_pipes: dict[Path, int] = {}  # that `check_writable` has opened
+
 
 def mend_standard_streams() -> None:
     """Let this process say anything anywhere, and lose no more by it than what it says.
@@ -55,13 +58,26 @@ def _is_open(number: int) -> bool:
     return True
 
 
+def check_there(path: Path) -> None:
+    """Raise OSError, naming a path that leads nowhere or, by links, in a circle."""
+    with naming(path):
+        path.stat()
+
+
 def check_writable(path: Path) -> None:
-    """Raise OSError, naming the file, if it could not be written later."""
-    if path.is_dir():
-        raise IsADirectoryError(f'{path}: is a folder, must be a file')
-    if not _is_device(path):
-        with naming(path), _partial(path):
-            pass
+    """Make sure that `write_result` can write a file later.
+
+    Raises:
+        OSError: naming the file.
+    """
+    with naming(path):
+        if not _is_stream(path):
+            with _partial(path):
+                pass
+        elif path.is_fifo():  # to close it would be the end for its reader
+            _waiting_pipes[path] = _open_stream(path)
+        else:
+            os.close(_open_stream(path))
 
 
 @contextmanager
@@ -81,9 +97,7 @@ def open_file(path: Path) -> Iterator[tuple[BinaryIO, int]]:
     try:
         about = os.fstat(number)
         if not stat.S_ISREG(about.st_mode):
-            is_folder = stat.S_ISDIR(about.st_mode)
-            what = 'is a folder' if is_folder else 'is a pipe or a device'
-            raise OSError(errno.EINVAL, f'{what}: must be a file', str(path))
+            raise OSError(errno.EINVAL, _no_file(about), str(path))
         with open(number, 'rb', closefd=False) as file:
             yield file, about.st_size
     finally:
@@ -108,27 +122,53 @@ def read_bounded(path: Path, most_bytes: int) -> bytes:
 def write_atomically(path: Path, content: bytes | memoryview) -> None:
     """Write a file such that a reader, a crash or a full disk never finds a part of it.
 
-    A device or a pipe, as /dev/stdout, is written as it is: it must not be replaced by a file.
-
     Raises:
-        OSError: naming the file; what it held before is still there.
+        OSError: naming the file, which is a pipe, say; what it held before is still there.
     """
     write_parts_atomically(path, [content])
 
 
+def write_result(path: Path, content: bytes | memoryview) -> None:
+    """Write a file that a user names: as `write_atomically` does, or into a pipe or a device.
+
+    What /dev/stdout stands for is written as it is: it must not be replaced by a file.
+
+    Raises:
+        OSError: naming the file, which nobody reads, say.
+    """
+    with naming(path):
+        if not _is_stream(path):
+            write_parts_atomically(path, [content])
+            return
+        waiting = _waiting_pipes.pop(path, None)
+        with open(_open_stream(path) if waiting is None else waiting, 'wb') as stream:
+            stream.write(content)
+
+
 def write_parts_atomically(path: Path, parts: Iterable[bytes | memoryview]) -> None:
     """Write a file as `write_atomically` does, one part of its content after the other."""
-    with naming(path):
-        if _is_device(path):
-            with path.open('ab') as device:
-                device.writelines(parts)
-            return
-        with _partial(path) as partial:
-            with partial.open('wb') as file:
-                file.writelines(parts)
-                file.flush()
-                os.fsync(file.fileno())
-            partial.replace(path.resolve())  # a link stays a link
+    with naming(path), _partial(path) as partial:
+        with partial.open('wb') as file:
+            file.writelines(parts)
+            file.flush()
+            os.fsync(file.fileno())
+        partial.replace(os.path.realpath(path))  # a link stays a link
+
+
+def open_at_once(path: str, flags: int) -> int:
+    """Open a file to be written, as os.open does: an opener that never waits.
+
+    Raises:
+        OSError: it cannot be opened; a pipe, say, that nobody reads.
+    """
+    try:
+        number = os.open(path, flags | os.O_NONBLOCK | os.O_NOCTTY, 0o666)
+    except OSError as error:
+        if error.errno == errno.ENXIO and Path(path).is_fifo():
+            raise OSError(errno.ENXIO, 'is a pipe that nobody reads', path) from error
+        raise
+    os.set_blocking(number, True)
+    return number
 
 
 def drop_partial(folder: Path) -> None:
@@ -149,15 +189,52 @@ def blank_if_nan(number: float) -> float | str:
     return '' if math.isnan(number) else number
 
 
-def _is_device(path: Path) -> bool:
+def _is_stream(path: Path) -> bool:
+    """Whether what is there can be written, but not replaced."""
+    about = _about(path)
+    if about is None or stat.S_ISDIR(about.st_mode):
+        return False
     # Behind /dev/stdout there may be an ordinary file, which is still not ours to replace.
-    return path.exists() and (not path.is_file() or Path('/dev') in path.absolute().parents)
+    return not stat.S_ISREG(about.st_mode) or str(path.absolute().parent) in _STREAM_FOLDERS
+
+
+def _open_stream(path: Path) -> int:
+    """Open a pipe or a device, to be written at its end.
+
+    Raises:
+        OSError: nobody reads the pipe.
+    """
+    return open_at_once(str(path), os.O_WRONLY | os.O_APPEND)
+
+
+def _about(path: Path) -> os.stat_result | None:
+    """What is there; None if nothing is.
+
+    Raises:
+        OSError: it cannot be told, as where links lead in a circle.
+    """
+    try:
+        return path.stat()
+    except FileNotFoundError:
+        return None
+
+
+def _no_file(about: os.stat_result) -> str:
+    what = 'is a folder' if stat.S_ISDIR(about.st_mode) else 'is a pipe or a device'
+    return f'{what}: must be a file'
 
 
 @contextmanager
 def _partial(path: Path) -> Iterator[Path]:
-    """A file beside another, gone afterwards unless it took its place."""
-    target = path.resolve()
+    """A file beside another, gone afterwards unless it took its place.
+
+    Raises:
+        OSError: what is there is no file.
+    """
+    about = _about(path)
+    if about is not None and not stat.S_ISREG(about.st_mode):
+        raise OSError(errno.EINVAL, _no_file(about), str(path))
+    target = Path(os.path.realpath(path))
     partial = target.with_name(f'.{target.name}.{os.getpid()}.part')
     try:
         partial.touch()

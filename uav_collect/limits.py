@@ -3,6 +3,11 @@
 import re
 import signal
 
+# Exit statuses, of commands and of nodes.
+FAILED = 1  # it was done, and what came of it is bad; or it could not go on
+UNUSABLE = 2  # what was given cannot be used, or what was found cannot be written
+INTERRUPTED = 130  # after Ctrl-C, as shells have it
+
 MAX_NAME = 64  # characters
 NAME_ALLOWED = f'1 to {MAX_NAME} letters, digits, _, - and ., the first a letter or a digit'
 _NAME = re.compile(f'[A-Za-z0-9][A-Za-z0-9_.-]{{0,{MAX_NAME - 1}}}')

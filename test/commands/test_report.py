@@ -6,6 +6,7 @@ import errno
 import math
 import os
 from pathlib import Path
+import re
 import shutil
 
 from bags import HandMadeBag
@@ -142,7 +143,7 @@ def test_a_mistake_in_drawing_is_not_taken_for_a_picture_that_cannot_be_drawn(
 
 
 @pytest.mark.parametrize(
-    ('name', 'words'), [('nothing', 'no such file'), ('empty', 'holds no mission log')]
+    ('name', 'words'), [('nothing', 'No such file'), ('empty', 'holds no mission log')]
 )
 def test_report_says_where_there_is_no_mission(
     tmp_path: Path, name: str, words: str, capsys: pytest.CaptureFixture[str]
@@ -334,3 +335,39 @@ def test_a_pipe_is_no_recording(
     assert main([command, str(tmp_path / name)]) == 2
     shown = capsys.readouterr().err
     assert shown == f'error: {tmp_path}/{name}: is a pipe or a device: must be a file\n'
+
+
+def test_a_log_whose_figures_do_not_add_up_is_named(
+    report_folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = report_folder / 'mission.jsonl'
+    lines = path.read_text().splitlines(keepends=True)
+    lines[3] = re.sub(r'"energy_left_j": ([0-9.]+)', '"energy_left_j": 1.5', lines[3])
+    path.write_text(''.join(lines))
+    assert main(['report', str(report_folder)]) == 2
+    assert capsys.readouterr().err.startswith(f'error: {path}: event ')
+
+
+@pytest.mark.parametrize('command', ['report', 'verify'])
+def test_links_that_lead_in_a_circle_are_said_to(
+    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    loop = tmp_path / 'loop'
+    loop.symlink_to(loop)
+    assert main([command, str(loop)]) == 2
+    assert capsys.readouterr().err == f'error: {loop}: Too many levels of symbolic links\n'
+
+
+@pytest.mark.parametrize('content', [b'', b'\xff\x00\n\x01', b'\xef\xbb\xbf{}\n'])
+@pytest.mark.parametrize('command', ['report', 'verify', 'verify --scenario paper_8x8'])
+def test_what_is_no_log_is_said_to_be_none(
+    command: str, content: bytes, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / 'mission.jsonl'
+    path.write_bytes(content)
+    name, *options = command.split()
+    assert main([name, str(path), *options]) == 2
+    shown = capsys.readouterr()
+    assert shown.out == ''
+    assert shown.err.startswith(f'error: {path}: line 1: ')
+    assert shown.err.count('\n') == 1

@@ -17,7 +17,7 @@ from train_command import (
     said,
 )
 from uav_collect.__main__ import main
-from uav_collect.commands import train
+from uav_collect.limits import FAILED
 from uav_collect.training.run_record import read_run
 from uav_collect.uav.policy_file import load_policy
 
@@ -59,7 +59,7 @@ def test_a_loss_that_is_no_number_ends_the_run_and_keeps_the_best_policy(
 ) -> None:
     poisoned(monkeypatch, after)
     folder = tmp_path / 'run'
-    assert main(['train', *settings, '--output', str(folder)]) == train.DIVERGED
+    assert main(['train', *settings, '--output', str(folder)]) == FAILED
     line = capsys.readouterr().err.splitlines()[-1]
     assert line.startswith(f'error: {folder}: diverged after ')
     assert f'its best policy: {folder}/policy.safetensors' in line

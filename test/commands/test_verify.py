@@ -285,7 +285,9 @@ def test_a_mission_that_was_aborted_is_proved_as_far_as_it_was_flown(
     assert lines[0].endswith('5 events, cut off before its end')
 
 
-@pytest.mark.parametrize(('name', 'words'), [('nothing', 'no such'), ('empty', 'no mission log')])
+@pytest.mark.parametrize(
+    ('name', 'words'), [('nothing', 'No such file'), ('empty', 'no mission log')]
+)
 def test_it_says_where_there_is_no_mission(
     tmp_path: Path, name: str, words: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -6,7 +6,7 @@ from fleets import Fleet, logs, scenario_of
 from processes import Processes
 import pytest
 from random_policies import header, saved
-from uav_collect.nodes.process import FAILED
+from uav_collect.limits import FAILED
 from uav_collect.recording.bag_messages import messages
 from uav_collect.recording.bag_reader import read_missions
 from uav_collect.uav.observation import Layout

@@ -13,9 +13,10 @@ from fleets import scenario_of
 from processes import Processes, RunningProcess
 from rclpy.duration import Duration
 from scripted_agent_node import scripted_agents, ScriptedAgents
+from uav_collect.limits import FAILED
 from uav_collect.nodes import topics
 from uav_collect.nodes.identity import scenario_msg, WorldIdentity
-from uav_collect.nodes.process import FAILED, make_executor
+from uav_collect.nodes.process import make_executor
 from uav_collect.nodes.topics import publisher
 from uav_collect.nodes.world import node
 from uav_collect.scenario.site import build_site

@@ -112,9 +112,10 @@ SECOND = with_value('event', '1')
     [
         ('', 'no JSON, Expecting value at character 1'),
         (SECOND[:50], 'no JSON, '),
+        ('\ufeff' + SECOND, 'begins with a byte order mark: must be UTF-8 text without one'),
         ('[]', 'no record but a list'),
         ('[' * 100_000, 'its values nest too deep'),
-        ('7' * 5_000, 'Exceeds the limit'),
+        ('7' * 5_000, 'a number has more than 4300 digits: must have at most 4300'),
         (SECOND.replace('"uav": 1, ', ''), 'uav is missing'),
         (SECOND.replace('{', '{"colour": 3, '), "'colour' is there: must be event, time_s"),
         (SECOND.replace('{', '{"reward": 3.0, '), "'reward' stands twice"),

@@ -264,6 +264,9 @@ def test_what_is_no_run_is_said_in_one_line(
     old = write_run(tmp_path / 'old', {0: 0.1}, seed=8)
     (old / RUN_FILE).write_text('{"format": "other/1"}')
     (tmp_path / 'empty').mkdir()
+    loop, strange = tmp_path / 'loop', tmp_path / 'strange'
+    loop.symlink_to(loop)
+    (strange / RUN_FILE).mkdir(parents=True)
     for runs, words in (
         ([tmp_path / 'empty'], 'holds no run.json'),
         ([tmp_path / 'nowhere'], 'is no folder'),
@@ -273,6 +276,8 @@ def test_what_is_no_run_is_said_in_one_line(
         ([run, late], 'no decisions in common'),
         ([bare], 'validation.csv: cannot be read: No such file'),
         ([old], "format is 'other/1'"),
+        ([loop], 'loop: cannot be read: Too many levels of symbolic links'),
+        ([strange], 'run.json: cannot be read: is a folder: must be a file'),
     ):
         picture = str(tmp_path / 'x.png')
         assert main(['curves', *map(str, runs), '--output', picture]) == 2
@@ -308,6 +313,21 @@ def test_a_table_of_something_else_is_refused(tmp_path: Path) -> None:
         with pytest.raises(TrainingRunError) as raised:
             read_columns(path, ('loss',))
         assert str(raised.value).startswith(f'{path}{words}')
+
+
+@pytest.mark.parametrize('number', ['nan', 'inf', '1e400'])
+def test_a_moment_that_is_no_finite_number_is_named_with_its_line(
+    number: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = write_run(tmp_path / 'run', {0: 0.1, 100: 0.2})
+    path = run / VALIDATION_FILE
+    path.write_text(path.read_text().replace('60.0', number))
+    picture, table = tmp_path / 'x.png', tmp_path / 'x.csv'
+    outputs = ['--output', str(picture), '--csv', str(table)]
+    assert main(['curves', str(run), '--over', 'minutes', *outputs]) == 2
+    words = f'error: {path}:3: wall_s is {number}: must be a finite number'
+    assert capsys.readouterr().err.startswith(words)
+    assert not picture.exists() and not table.exists()
 
 
 @pytest.mark.parametrize(

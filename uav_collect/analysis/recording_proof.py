@@ -17,7 +17,7 @@ from uav_collect.analysis.proof import (
     Verdict,
 )
 from uav_collect.config.yaml_text import MAX_BYTES
-from uav_collect.errors import BagError, ConfigError, MissionLogError, UavCollectError
+from uav_collect.errors import BagError, ConfigError, MissionLogError, reason_of, UavCollectError
 from uav_collect.missions.recorded_policies import RecordedPolicies
 from uav_collect.recording.bag_reader import recorded_site
 from uav_collect.recording.bag_storage import Bag, open_bag
@@ -56,17 +56,25 @@ def prove_recording(path: Path, given: Given) -> Iterator[Proof]:
     """Prove all missions of a run folder, a bag or a mission log.
 
     Raises:
-        MissionLogError: there is nothing of the kind at the path.
+        OSError: there is nothing at the path; naming it.
+        MissionLogError: it is nothing of the kind.
         BagError: it is a bag that cannot be read.
     """
-    if not path.exists():
-        raise MissionLogError(f'{path}: no such file or folder')
+    files.check_there(path)
     if is_bag(path):
         yield from _proofs_of_bag(path, given.policy_files, {}, ())
     elif path.is_dir():
         yield from _proofs_of_run(path, given)
     else:
+        _check_header(path)
         yield from _proofs_of_logs([path], path.parent, given)
+
+
+def _check_header(log: Path) -> None:
+    """Raise MissionLogError, naming the file, if its first line is none of a mission log."""
+    account = log_account(log.name, files.read_bounded(log, MOST_LOG_BYTE))
+    if account.header is None:
+        raise MissionLogError(f'{log}: {account.header_error}')
 
 
 def _proofs_of_bag(
@@ -134,14 +142,15 @@ def _site_of(account: Account, folder: Path) -> Site:
     Raises:
         ConfigError: there is none, or it is not valid.
     """
-    wanted = account.header.scenario_fingerprint if account.header is not None else ''
-    file = scenario_file(folder, wanted)
+    header = account.header
+    file = scenario_file(folder, '' if header is None else header.scenario_fingerprint)
     if file.is_file():
         return build_site(from_file(file))
-    name = account.header.scenario if account.header is not None else None
-    if name not in scenario_names():
-        raise ConfigError(f'scenario {name} is not here: give it with --scenario')
-    return build_site(load(name))
+    if header is None:
+        raise ConfigError(account.header_error)
+    if header.scenario not in scenario_names():
+        raise ConfigError(f'scenario {header.scenario} is not here: give it with --scenario')
+    return build_site(load(header.scenario))
 
 
 def _with_name_checked(proof: Proof, account: Account) -> Proof:
@@ -184,7 +193,7 @@ class _BagProof:
                     yield self._proof(mission, logs, code_change, is_run=bool(scenario_files))
         except (BagError, *_DAMAGE) as error:
             if not damages:
-                yield _unprovable(self._name, f'cannot be read further: {error}')
+                yield _unprovable(self._name, f'cannot be read further: {reason_of(error)}')
             return
         if late := tuple(bag.damages[n_damages:]):
             yield Proof(mission=self._name, verdict=Verdict.DAMAGED, findings=late)

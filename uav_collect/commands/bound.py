@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from uav_collect import files
 from uav_collect.commands import options, terminal
+from uav_collect.limits import UNUSABLE
 
 if TYPE_CHECKING:  # loaded when searching, so that --help answers at once
     from uav_collect.analysis.statistics import Estimate
@@ -68,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
     is_written = terminal.write_files(contents)
     for bandwidth, (n_known, estimates) in rows.items():
         _show(arguments, scenario, bandwidth, n_known, estimates)
-    return 0 if is_written else terminal.UNWRITTEN
+    return 0 if is_written else UNUSABLE
 
 
 def _plan(arguments: argparse.Namespace, scenario: 'Scenario') -> '_Bounds':

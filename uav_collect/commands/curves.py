@@ -94,9 +94,9 @@ def write(
 
     drawn = io.BytesIO()
     draw_curves(curves, measure, axis, drawn, references, title)
-    files.write_atomically(picture, drawn.getvalue())
+    files.write_result(picture, drawn.getvalue())
     if table is not None:
-        files.write_atomically(table, to_csv(curves, measure, axis))
+        files.write_result(table, to_csv(curves, measure, axis))
 
 
 def _show(curves: 'tuple[LearningCurve, ...]', measure: CurveMeasure) -> None:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from uav_collect import files
 from uav_collect.commands import options, terminal
 from uav_collect.errors import PolicyMismatchError
+from uav_collect.limits import INTERRUPTED, UNUSABLE
 
 if TYPE_CHECKING:  # loaded when flying, so that --help answers at once
     from uav_collect.analysis.metrics import MissionMetrics
@@ -107,7 +108,7 @@ def run(arguments: argparse.Namespace) -> int:
         whole = {contender: missions[:n_missions] for contender, missions in flown.items()}
         findings = _find(arguments, whole, bounds) if n_missions else None
         _show(arguments, scenario, whole, findings, monotonic() - start_s)
-        return terminal.INTERRUPTED
+        return INTERRUPTED
     findings = _find(arguments, flown, bounds)
     # Before anything is shown: whoever reads that may have left.
     contents = {}
@@ -117,7 +118,7 @@ def run(arguments: argparse.Namespace) -> int:
         contents[arguments.csv] = _csv(arguments, scenario, flown, bounds)
     is_written = terminal.write_files(contents)
     _show(arguments, scenario, flown, findings, monotonic() - start_s)
-    return 0 if is_written else terminal.UNWRITTEN
+    return 0 if is_written else UNUSABLE
 
 
 def _contenders(arguments: argparse.Namespace, scenario: 'Scenario') -> list[_Contender]:

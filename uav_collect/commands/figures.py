@@ -174,7 +174,7 @@ def _draw(arguments: argparse.Namespace, plan: 'FiguresPlan') -> None:
     jobs = plan.jobs_of(whole)
     text = results_text(plan.scale, whole, judged, spent_cost(jobs, plan.store), not_run)
     results: Path = arguments.results or folder / 'results.md'
-    files.write_atomically(results, text.encode())
+    files.write_result(results, text.encode())
     print(results)
     _report_not_drawn(plan, whole)
 

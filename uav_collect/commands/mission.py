@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING
 
 from uav_collect.commands import options, report
 from uav_collect.commands.ros_processes import Fleet, FleetProcess, ros_parameters, running_fleet
-from uav_collect.commands.terminal import INTERRUPTED, say
+from uav_collect.commands.terminal import say
 from uav_collect.errors import FleetError, PolicyMismatchError
 from uav_collect.kernels.compile import interpret_kernels
 from uav_collect.kernels.patience import repeated_line, waiting_for
+from uav_collect.limits import INTERRUPTED
 from uav_collect.recording.mission_folder import log_name, SCENARIO_FILE
 
 if TYPE_CHECKING:  # loaded when flying, so that --help answers at once
@@ -58,7 +59,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='simulated over wall-clock time; 0: as fast as possible (default: %(default)g)',
     )
     parser.add_argument(
-        '--output', type=Path, metavar='FOLDER', help='run folder (default: runs/TIME_SCENARIO)'
+        '--output',
+        type=options.output,
+        metavar='FOLDER',
+        help='run folder (default: runs/TIME_SCENARIO)',
     )
 
 

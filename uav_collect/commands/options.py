@@ -124,8 +124,8 @@ def add_seed_option(parser: argparse.ArgumentParser, what: str) -> None:
 
 def add_file_options(parser: argparse.ArgumentParser) -> None:
     """Add the files that numbers are written into; `check_files` looks at them."""
-    parser.add_argument('--json', type=Path, metavar='FILE', help='write means and intervals')
-    parser.add_argument('--csv', type=Path, metavar='FILE', help='write one row per mission')
+    parser.add_argument('--json', type=output, metavar='FILE', help='write means and intervals')
+    parser.add_argument('--csv', type=output, metavar='FILE', help='write one row per mission')
 
 
 def check_files(arguments: argparse.Namespace) -> None:
@@ -177,6 +177,11 @@ def add_guard_option(parser: argparse.ArgumentParser) -> None:
         ' from a learned policy or a function, until it knows more: it hovers where it may, else'
         ' makes for the nearest open cell; 0: never (default: %(default)s)',
     )
+
+
+def output(text: str) -> Path:
+    """A type for argparse: what is written where this was typed, wherever user code goes then."""
+    return Path(text).absolute()
 
 
 def whole_number(low: int, high: int) -> Callable[[str], int]:

@@ -6,9 +6,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from uav_collect import files
 from uav_collect.commands import terminal
 from uav_collect.errors import BagError, in_one_line, MissionLogError
 from uav_collect.kernels.patience import waiting_for
+from uav_collect.limits import UNUSABLE
 from uav_collect.recording.mission_folder import is_bag, scenario_file, take_log
 from uav_collect.recording.mission_log import MissionHeader, MissionLog, read_so_far
 
@@ -27,7 +29,6 @@ What the bag of a run folder lacks, the mission log tells. What is damaged is na
 what is whole are shown with a warning. The exit status is 0 if missions were shown, 2 if one could
 not be read or drawn.
 """
-_FAILED = 2  # exit status where a picture could not be drawn
 # What a disk or Matplotlib, its fonts and its renderer raise; all else is a mistake of ours.
 _DRAWING_ERRORS = (MemoryError, OSError, OverflowError, RuntimeError, ValueError)
 _LOG_SUFFIX = '.jsonl'
@@ -48,11 +49,13 @@ def run(arguments: argparse.Namespace) -> int:
     from uav_collect.analysis.console import plain_console
 
     console, n_lacking = plain_console(), 0
-    for mission, picture in _find(arguments.path):
-        n_lacking += not show(
-            mission, (arguments.pictures or picture.parent) / picture.name, console
-        )
-    return _FAILED if n_lacking else 0
+    for mission, picture, source in _find(arguments.path):
+        file = (arguments.pictures or picture.parent) / picture.name
+        try:
+            n_lacking += not show(mission, file, console)
+        except MissionLogError as error:
+            raise MissionLogError(f'{source}: {error}') from error
+    return UNUSABLE if n_lacking else 0
 
 
 def show(mission: 'FlownMission', picture: Path, console: 'Console') -> bool:
@@ -98,24 +101,23 @@ def mission_bound(header: MissionHeader, site: 'Site') -> 'Bound | None':
         return bound_of(site, header.mission_seed, 'equal' if is_equal else 'exact')
 
 
-def _find(path: Path) -> Iterator[tuple['FlownMission', Path]]:
-    """The missions at a path, each with where its picture goes."""
-    if not path.exists():
-        raise MissionLogError(f'{path}: no such file or folder')
+def _find(path: Path) -> Iterator[tuple['FlownMission', Path, Path]]:
+    """The missions at a path, each with where its picture goes, and the log or bag it is from."""
+    files.check_there(path)
     if is_bag(path):
-        yield from (found[:2] for found in _recorded(path, path.resolve().parent))
+        yield from ((*found[:2], path) for found in _recorded(path, path.resolve().parent))
     elif not path.is_dir():
-        yield _logged(path), path.with_suffix('.png')
+        yield _logged(path), path.with_suffix('.png'), path
     elif bags := [each for each in sorted(path.iterdir()) if is_bag(each)]:
         yield from _of_run(bags, path)  # bags know more than logs: messages, sensors as they were
     elif logs := sorted(path.glob(f'*{_LOG_SUFFIX}')):
         for log in logs:
-            yield _logged(log), log.with_suffix('.png')
+            yield _logged(log), log.with_suffix('.png'), log
     else:
         raise MissionLogError(f'{path}: holds no mission log ({_LOG_SUFFIX}) and no bag')
 
 
-def _of_run(bags: Sequence[Path], folder: Path) -> Iterator[tuple['FlownMission', Path]]:
+def _of_run(bags: Sequence[Path], folder: Path) -> Iterator[tuple['FlownMission', Path, Path]]:
     """The missions of a run folder: by its bags, or where these lack something by their logs.
 
     Raises:
@@ -134,12 +136,12 @@ def _of_run(bags: Sequence[Path], folder: Path) -> Iterator[tuple['FlownMission'
             continue
         for mission, picture, index in missions:
             log = take_log(logs, mission.log.header.mission_seed, index)
-            yield (mission if log is None else _fuller(mission, bag, log)), picture
+            yield (mission if log is None else _fuller(mission, bag, log)), picture, bag
     for log in logs.values():
-        yield _logged_so_far(log), log.with_suffix('.png')
+        yield _logged_so_far(log), log.with_suffix('.png'), log
     if unread:  # after those that can be read
         for problem in unread[:-1]:
-            terminal.say(f'error: {problem}')
+            terminal.say_error(problem)
         raise unread[-1]
 
 

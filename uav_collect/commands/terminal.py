@@ -9,14 +9,13 @@ from types import FrameType
 
 from uav_collect import files
 from uav_collect.analysis.console import plain_column, plain_console
+from uav_collect.config.arguments import error_lines
 from uav_collect.kernels.patience import repeated_line
 from uav_collect.kernels.patience import say as say
 from uav_collect.kernels.stops import interrupts, kept_handlers, watchdog
 from uav_collect.limits import stop_signals
 from uav_collect.training.time_left import TimeLeft
 
-UNWRITTEN = 2  # exit status where a disk did not take what was found
-INTERRUPTED = 130  # exit status after Ctrl-C, as shells have it
 _NOTICE = b'\nstopping at the next step and saving; again: stop at once, without saving\n'
 _LINE_EVERY_S = 5.0
 
@@ -92,6 +91,11 @@ class Interruption:
         os.write(2, _NOTICE)  # a handler may have interrupted another write of sys.stderr
 
 
+def say_error(error: Exception) -> None:
+    """Write what is wrong to stderr."""
+    say(error_lines(error).removesuffix('\n'))
+
+
 def write_files(contents: Mapping[Path, bytes]) -> bool:
     """Write what a command has found; whether all could be, else a line says which could not.
 
@@ -100,11 +104,11 @@ def write_files(contents: Mapping[Path, bytes]) -> bool:
     is_written = True
     for path, content in contents.items():
         try:
-            files.write_atomically(path, content)
+            files.write_result(path, content)
         except BrokenPipeError:  # whoever reads it has left
             raise
         except OSError as error:
-            say(f'error: {path}: {error.strerror or error}')
+            say_error(error)
             is_written = False
     return is_written
 

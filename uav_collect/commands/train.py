@@ -4,11 +4,11 @@ import argparse
 from pathlib import Path
 
 from uav_collect.commands import options
-from uav_collect.commands.terminal import deferred_interruption, say
+from uav_collect.commands.terminal import deferred_interruption, say, say_error
 from uav_collect.commands.training_plan import plan_training, TrainingPlan
 from uav_collect.errors import DivergedError, InterruptedRunError, TrainingRunError
 from uav_collect.kernels.patience import waiting_for
-from uav_collect.limits import ALGORITHMS, DEVICES, MAX_SEED
+from uav_collect.limits import ALGORITHMS, DEVICES, FAILED, MAX_SEED
 
 _DESCRIPTION = """
 Learns the policy of a fleet's UAVs by flying missions of a scenario, or of several in turn, and
@@ -16,7 +16,6 @@ keeps the one that did best in fixed validation missions. A run folder gets the 
 that was set, tables and curves of how it went, and a checkpoint: Ctrl-C saves and says how to go
 on.
 """
-DIVERGED = 1  # exit status
 _PRESET = 'strong'
 _ALGORITHM = 'aqmix'
 _MINUTES = 30.0
@@ -105,8 +104,8 @@ def _train_all(training: TrainingPlan, checkpoint_s: float) -> int:
                 say(str(stopped))
                 return interruption.exit_status
             except DivergedError as error:  # the other seeds may do better
-                say(f'error: {error}')
-                status = DIVERGED
+                say_error(error)
+                status = FAILED
     return status
 
 

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 
 from uav_collect.commands import options
 from uav_collect.commands.ros_processes import Fleet, ros_parameters, running_fleet
-from uav_collect.commands.terminal import INTERRUPTED, say
+from uav_collect.commands.terminal import say
 from uav_collect.errors import FleetError
-from uav_collect.limits import FLEET_ALGORITHMS, RECORDED
+from uav_collect.limits import FLEET_ALGORITHMS, INTERRUPTED, RECORDED
 from uav_collect.recording.mission_folder import SCENARIO_FILE
 from uav_collect.training.seeds import next_training_seed
 

@@ -2,12 +2,15 @@
 
 import argparse
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+import os
 from pathlib import Path
 import shlex
 import sys
 from typing import TYPE_CHECKING
 
+from uav_collect import files
 from uav_collect.commands import options
 from uav_collect.commands.terminal import say
 from uav_collect.errors import TrainingRunError
@@ -79,6 +82,8 @@ def _folder_of(record: RunRecord, output: Path | None, seed: int) -> Path:
 
 
 def _check_new(folder: Path) -> None:
+    with suppress(FileNotFoundError):  # below a file, say, none can be made
+        files.check_there(folder)
     if (folder / RUN_FILE).is_file():
         raise TrainingRunError(
             f'{folder}: holds a run: go on with it by --resume {folder},'
@@ -134,7 +139,7 @@ def _resumed_training(arguments: argparse.Namespace) -> TrainingPlan:
     folders = _seed_folders(folder, record)
     runs = [stored_run(folder, record)]
     for seed, other in zip(record.seeds, folders, strict=False):
-        if other.resolve() == folder.resolve():
+        if os.path.realpath(other) == os.path.realpath(folder):
             continue
         planned = replace(record, seed=seed, is_done=False)
         if (other / RUN_FILE).exists():

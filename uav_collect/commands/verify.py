@@ -8,7 +8,9 @@ import sys
 from typing import Any, TYPE_CHECKING
 
 from uav_collect import files
+from uav_collect.commands import options
 from uav_collect.kernels.compile import interpret_kernels
+from uav_collect.limits import FAILED, UNUSABLE
 
 if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
     from uav_collect.analysis.proof import Proof
@@ -22,7 +24,7 @@ world decided because an agent was silent, and faults that were injected, are ta
 counted. The exit status is 0 if all is proved, 1 if something differs or is damaged, 2 if
 something cannot be read or flown.
 """
-_PROVED, _DIFFERS, _UNPROVABLE = 0, 1, 2
+_PROVED, _DIFFERS, _UNPROVABLE = 0, FAILED, UNUSABLE
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -45,7 +47,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='.safetensors files of policies that are neither in the recording nor shipped, and'
         ' functions that may be run',
     )
-    parser.add_argument('--json', type=Path, metavar='FILE', help='write all that was found')
+    parser.add_argument(
+        '--json', type=options.output, metavar='FILE', help='write all that was found'
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -66,7 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
     _show(_summary(proofs))
     if arguments.json is not None:
         text = json.dumps([_values(proof) for proof in proofs], indent=1)
-        files.write_atomically(arguments.json, f'{text}\n'.encode())
+        files.write_result(arguments.json, f'{text}\n'.encode())
     return _status(proofs)
 
 

@@ -3,9 +3,9 @@
 import argparse
 from typing import NoReturn
 
-from uav_collect.errors import in_one_line
+from uav_collect.errors import in_one_line, reason_of, UavCollectError
+from uav_collect.limits import UNUSABLE
 
-_MISUSED = 2  # exit status
 _MOST_CHARACTERS = 1_000  # of a line about what is wrong
 
 
@@ -15,10 +15,18 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """End the process with the status of misuse."""
         said = in_one_line(f'{message} (see {self.prog} --help)', _MOST_CHARACTERS)
-        self.exit(_MISUSED, f'error: {said}\n')
+        self.exit(UNUSABLE, f'error: {said}\n')
 
 
-def error_lines(text: str) -> str:
-    """What is wrong, as lines that people can read."""
-    lines = [in_one_line(line, _MOST_CHARACTERS) for line in text.splitlines()]
-    return ''.join(f'error: {line}\n' for line in lines)
+def error_lines(error: Exception) -> str:
+    """What is wrong, as lines that people can read: one, but for errors of several lines."""
+    lines = error.lines if isinstance(error, UavCollectError) else (_line_of(error),)
+    # What still breaks a line is of a name: it is shown as Python writes it.
+    whole = (line.replace('\n', '\\n').replace('\r', '\\r') for line in lines)
+    return ''.join(f'error: {in_one_line(line, _MOST_CHARACTERS)}\n' for line in whole)
+
+
+def _line_of(error: Exception) -> str:
+    if isinstance(error, OSError) and error.strerror:
+        return f'{error.filename}: {error.strerror}' if error.filename else error.strerror
+    return reason_of(error)

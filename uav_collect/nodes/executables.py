@@ -12,15 +12,14 @@ import signal
 import sys
 
 from uav_collect import files
+from uav_collect.config.arguments import error_lines
 from uav_collect.config.packages import late_packages, packages_of
 from uav_collect.errors import MissingPackageError
 from uav_collect.kernels.compile import interpret_kernels
 from uav_collect.kernels.patience import waiting_for
-from uav_collect.limits import stop_signals
+from uav_collect.limits import stop_signals, UNUSABLE
 
 Main = Callable[[Sequence[str]], int]  # of a node: takes the arguments, gives the exit status
-
-_MISUSED = 2
 
 
 def _executable(load: Callable[[], Main]) -> Callable[[], int]:
@@ -36,8 +35,8 @@ def _executable(load: Callable[[], Main]) -> Callable[[], int]:
             with late_packages():  # a node loads some when it first needs them
                 return main(sys.argv[1:])
         except MissingPackageError as error:
-            sys.stderr.write(''.join(f'error: {line}\n' for line in str(error).splitlines()))
-            return _MISUSED
+            sys.stderr.write(error_lines(error))
+            return UNUSABLE
 
     return run
 

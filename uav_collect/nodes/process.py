@@ -26,13 +26,10 @@ from rclpy.subscription import Subscription
 from rclpy.utilities import remove_ros_args
 from uav_collect.errors import NodeError
 from uav_collect.kernels.stops import obeyed_signals, watchdog
-from uav_collect.limits import stop_signals
+from uav_collect.limits import FAILED, stop_signals, UNUSABLE
 from uav_collect.lockstep.seals import KEY_FILE, read_secret, Secret
 from uav_collect.nodes.incidents import Incidents
 from uav_collect.nodes.middleware import use_quick_discovery
-
-FAILED = 1  # exit status of a node that could not go on
-MISUSED = 2  # exit status of a node that was given wrong arguments, parameters or files
 
 _WAIT_S = 0.1  # longest time until a signal is noticed by an idle node
 _FLUSH_S = 0.5  # longest wait of a stopped node for the readers of what it published
@@ -157,13 +154,11 @@ def _run_in_ros(make_node: Callable[[], ProcessNode], argv: Sequence[str], stop:
     try:
         rclpy.init(args=list(argv), signal_handler_options=SignalHandlerOptions.NO)
     except (_rclpy.RCLError, _rclpy.UnknownROSArgsError) as error:
-        return _refuse(f'cannot start ROS: {error}', MISUSED)
+        return _refuse(f'cannot start ROS: {error}', UNUSABLE)
     try:
         node = make_node()
-    except NodeError as error:
-        return _refuse(str(error), MISUSED)
-    except ParameterException as error:
-        return _refuse(str(error), MISUSED)
+    except (NodeError, ParameterException) as error:
+        return _refuse(str(error), UNUSABLE)
     else:
         _guard(node)
         return _run(node, stop)

@@ -7,6 +7,7 @@ energies and places that add up, is `analysis.metrics.check_log`.
 from collections.abc import Iterable, Mapping, Sequence
 import json
 import math
+import re
 from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
@@ -42,6 +43,9 @@ EVENT_NAMES: tuple[str, ...] = EVENT_DTYPE.names or ()
 _MOST = 1e18  # of what is measured: beyond all that is flown, and sums of it stay finite
 _MOST_COUNT = 2**53
 _LONGEST = 1_000  # characters of a name
+_MOST_DIGITS = 4_300  # of a whole number: Python reads no more
+_LONG_NUMBER = re.compile(f'[0-9]{{{_MOST_DIGITS + 1}}}')
+_BYTE_ORDER_MARK = '\ufeff'
 _MOST_SEED = 2**63 - 1
 
 
@@ -222,12 +226,19 @@ def object_of(line: str) -> dict[str, Any]:
     Raises:
         ValueError: saying why it is none.
     """
+    if line.startswith(_BYTE_ORDER_MARK):
+        raise ValueError('it begins with a byte order mark: must be UTF-8 text without one')
     try:
         values = _DECODER.decode(line)
     except json.JSONDecodeError as error:
         raise ValueError(f'no JSON, {error.msg} at character {error.pos + 1}') from error
     except RecursionError:
         raise ValueError('no record, its values nest too deep') from None
+    except ValueError:
+        if _LONG_NUMBER.search(line):
+            most = f'must have at most {_MOST_DIGITS}'
+            raise ValueError(f'a number has more than {_MOST_DIGITS} digits: {most}') from None
+        raise
     if not isinstance(values, dict):
         raise ValueError(f'no record but {words_of(values)}')
     return values

@@ -5,6 +5,7 @@ from contextlib import suppress
 import os
 from pathlib import Path
 
+from uav_collect import files
 from uav_collect.recording.mission_log import Events, FaultRecord, LogWriter, MissionHeader
 from uav_collect.recording.origin import ORIGIN_FILE, origin_text
 
@@ -76,7 +77,7 @@ class MissionFolder:
         name = own if self._has_scenario else SCENARIO_FILE
         self._has_scenario = True
         try:
-            (self._folder / name).write_text(text, encoding='utf-8')
+            files.write_atomically(self._folder / name, text.encode())
             self._keep_origin(self._folder)
         except OSError as error:
             return f'the scenario cannot be written: {error}'
@@ -125,7 +126,7 @@ class MissionFolder:
 
     def _keep_origin(self, folder: Path) -> None:
         text = origin_text(self._versions)
-        (folder / ORIGIN_FILE).write_text(f'{text}\n', encoding='utf-8')
+        files.write_atomically(folder / ORIGIN_FILE, f'{text}\n'.encode())
 
     def end(self) -> None:
         """Close the mission's log."""

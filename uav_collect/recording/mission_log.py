@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, fields
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -121,7 +122,8 @@ class LogWriter:
         Raises:
             OSError: the file cannot be written.
         """
-        self._file = path.open('w', encoding='utf-8')
+        number = files.open_at_once(str(path), os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+        self._file = os.fdopen(number, 'w', encoding='utf-8')
         try:
             self._file.write(header_line(header) + '\n')
             self._file.flush()

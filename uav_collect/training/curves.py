@@ -7,6 +7,7 @@ of them reach.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+import os
 from pathlib import Path
 import textwrap
 from typing import BinaryIO
@@ -51,7 +52,7 @@ def learning_curves(
         TrainingRunError: a folder is no run, has not been validated yet, is given twice or has the
             seed of another; or the runs of a curve have no stretch in common.
     """
-    if len({folder.resolve() for folder in folders}) < len(folders):
+    if len({os.path.realpath(folder) for folder in folders}) < len(folders):
         raise TrainingRunError(f'{" ".join(map(str, folders))}: names a run twice')
     groups: dict[tuple[object, ...], list[tuple[RunRecord, Path]]] = {}
     for folder in folders:

@@ -40,6 +40,9 @@ PROGRESS_COLUMNS = (
     'replay_transitions', 'replay_bytes',
 )  # fmt: skip
 
+# Columns that are nan before the first mission or update, or where a UAV has not landed.
+_MAY_BE_UNKNOWN = ('completion_s', 'loss', 'training_efficiency_kbit_per_j', 'training_reward')
+
 
 @dataclass(frozen=True, kw_only=True)
 class CurveMeasure:
@@ -135,13 +138,15 @@ def read_run(folder: Path) -> RunRecord:
         TrainingRunError: the folder holds no run, or one of another format.
     """
     path = folder / RUN_FILE
-    if not path.is_file():
-        what = f'holds no {RUN_FILE}' if folder.is_dir() else 'is no folder'
-        raise TrainingRunError(f'{folder}: {what}: must be a run folder of the command train')
     try:
+        files.check_there(folder)
         return _record(json.loads(files.read_bounded(path, _MAX_BYTES)))
+    except (FileNotFoundError, NotADirectoryError) as error:
+        what = f'holds no {RUN_FILE}' if folder.is_dir() else 'is no folder'
+        wanted = f'{what}: must be a run folder of the command train'
+        raise TrainingRunError(f'{folder}: {wanted}') from error
     except OSError as error:
-        raise TrainingRunError(f'{path}: cannot be read: {error.strerror}') from error
+        raise TrainingRunError(f'{error.filename}: cannot be read: {error.strerror}') from error
     except (RecursionError, UnicodeDecodeError, json.JSONDecodeError) as error:
         raise TrainingRunError(f'{path}: is not JSON') from error
     except ValueError as error:
@@ -193,7 +198,10 @@ def _field(name: str, annotation: object, value: object) -> Any:  # noqa: ANN401
 
 
 def _shown(value: object) -> str:
-    text = repr(value)
+    return _shown_text(repr(value))
+
+
+def _shown_text(text: str) -> str:
     return text if len(text) <= _MAX_SHOWN else f'{text[: _MAX_SHOWN - 3]}...'
 
 
@@ -234,12 +242,24 @@ def read_rows(path: Path, columns: tuple[str, ...]) -> list[list[str]]:
         raise TrainingRunError(f'{path}:1: is no table with {", ".join(columns)}')
     rows = [line.split(',') for line in lines[1:]]
     for number, row in enumerate(rows, 2):
-        if len(row) != len(columns) or not _are_numbers(row):
+        problem = _row_problem(row, columns)
+        if problem is not None:
             raise TrainingRunError(
-                f'{path}:{number}: is no row of {len(columns)} numbers: mend it, or delete the'
-                ' file to go on without its rows'
+                f'{path}:{number}: {problem}: mend it, or delete the file to go on without its'
+                ' rows'
             )
     return rows
+
+
+def _row_problem(row: list[str], columns: tuple[str, ...]) -> str | None:
+    """What is wrong with a row; None if nothing is."""
+    if len(row) != len(columns) or not _are_numbers(row):
+        return f'is no row of {len(columns)} numbers'
+    for column, text in zip(columns, row, strict=True):
+        value = float(text)
+        if math.isinf(value) or (math.isnan(value) and column not in _MAY_BE_UNKNOWN):
+            return f'{column} is {_shown_text(text)}: must be a finite number'
+    return None
 
 
 def _are_numbers(row: list[str]) -> bool:

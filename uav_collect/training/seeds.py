@@ -1,5 +1,6 @@
 """The mission seeds of trainings: ranges that users do not evaluate on by chance."""
 
+from contextlib import suppress
 from pathlib import Path
 
 from uav_collect import files
@@ -13,6 +14,7 @@ _FIRST_SEED = 2**61  # of the missions to learn from
 # Runs, the worlds of a run and the starts of a world each have a part of the range of their own.
 _SEEDS_PER_RUN, _SEEDS_PER_WORLD, _SEEDS_PER_START = 2**32, 2**28, 2**20
 _N_RUNS = 2**28
+_MOST_BYTES = 2**26  # of the starts
 _N_STARTS = _SEEDS_PER_WORLD // _SEEDS_PER_START
 
 
@@ -26,6 +28,12 @@ def first_training_seed(run_seed: int, world: int = 0, start: int = 0) -> int:
     """
     first = _FIRST_SEED + run_seed % _N_RUNS * _SEEDS_PER_RUN
     return first + world * _SEEDS_PER_WORLD + start % _N_STARTS * _SEEDS_PER_START
+
+
+def _read(path: Path) -> str:
+    with suppress(FileNotFoundError):
+        return files.read_bounded(path, _MOST_BYTES).decode()
+    return ''
 
 
 def next_training_seed(folder: Path, run_seed: int, world: int) -> int:
@@ -43,7 +51,7 @@ def next_training_seed(folder: Path, run_seed: int, world: int) -> int:
         TrainingRunError: the world was started too often.
     """
     path = folder / STARTS_FILE
-    lines = path.read_text(encoding='utf-8').splitlines()[1:] if path.exists() else []
+    lines = _read(path).splitlines()[1:]
     n_starts = sum(line.startswith(f'{world},') for line in lines)
     if n_starts >= _N_STARTS:
         raise TrainingRunError(

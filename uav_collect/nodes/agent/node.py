@@ -13,7 +13,7 @@ import uuid
 from rclpy.clock import Clock, ClockType
 from uav_collect.config.arguments import Parser
 from uav_collect.errors import ConfigError, NodeError, PolicyMismatchError
-from uav_collect.limits import ALLOCATOR_NAMES, GUARD_AFTER, MAX_GUARD_AFTER, MAX_UAVS
+from uav_collect.limits import ALLOCATOR_NAMES, GUARD_AFTER, MAX_GUARD_AFTER, MAX_UAVS, UNUSABLE
 from uav_collect.lockstep.checks import observation_problem, radio_problem
 from uav_collect.lockstep.inbox import Inbox
 from uav_collect.lockstep.published_policy import PolicyStore, TopicPolicy
@@ -21,7 +21,7 @@ from uav_collect.nodes import convert, topics
 from uav_collect.nodes.agent.transitions import TransitionBuilder
 from uav_collect.nodes.agent.world_choice import WorldChoice
 from uav_collect.nodes.parameters import add_world_option, declare, help_text, Parameter
-from uav_collect.nodes.process import MISUSED, parse_arguments, ProcessNode, run_node
+from uav_collect.nodes.process import parse_arguments, ProcessNode, run_node
 from uav_collect.nodes.sealing import SealedClient
 from uav_collect.nodes.topics import publisher, subscription
 from uav_collect.nodes.trainer_listener import subscribe_to_trainers
@@ -312,7 +312,7 @@ class AgentNode(ProcessNode):
 
     def _give_up(self, why: str) -> None:
         self.get_logger().error(why)
-        self.end(MISUSED)
+        self.end(UNUSABLE)
 
     # Flying.
 

@@ -9,11 +9,11 @@ from typing import Any
 from rclpy.clock import Clock, ClockType
 from uav_collect.config.arguments import Parser
 from uav_collect.errors import ConfigError
-from uav_collect.limits import MAX_SEED, MAX_UAVS
+from uav_collect.limits import FAILED, MAX_SEED, MAX_UAVS
 from uav_collect.lockstep.asking import Asking
 from uav_collect.nodes.agent.world_choice import WorldChoice
 from uav_collect.nodes.parameters import add_world_option
-from uav_collect.nodes.process import FAILED, parse_arguments, ProcessNode, run_node
+from uav_collect.nodes.process import parse_arguments, ProcessNode, run_node
 from uav_collect.nodes.sealing import SealedClient
 from uav_collect.nodes.topics import world_of, world_topics
 from uav_collect.scenario.load import load

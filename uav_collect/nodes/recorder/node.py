@@ -3,6 +3,7 @@
 import argparse
 from collections import Counter
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import partial
 import math
 from pathlib import Path
@@ -23,13 +24,14 @@ from rosbags.interfaces import (
     QosReliability,
     QosTime,
 )
-from uav_collect.config.arguments import Parser
+from uav_collect import files
+from uav_collect.config.arguments import error_lines, Parser
 from uav_collect.errors import BagError, NodeError, RecordingError, UnreadableError
 from uav_collect.ingest.from_messages import converter_for
-from uav_collect.limits import MAX_UAVS, RECORDED
+from uav_collect.limits import FAILED, MAX_UAVS, RECORDED, UNUSABLE
 from uav_collect.lockstep.seals import Checker
 from uav_collect.nodes.parameters import add_world_option, declare, help_text, Parameter
-from uav_collect.nodes.process import FAILED, MISUSED, parse_arguments, ProcessNode, run_node
+from uav_collect.nodes.process import parse_arguments, ProcessNode, run_node
 from uav_collect.nodes.recorder.status import StatusPublisher
 from uav_collect.nodes.sealing import warn_of
 from uav_collect.nodes.topics import (
@@ -342,10 +344,16 @@ def _repair(bag: Path) -> int:
     from uav_collect.recording.bag_repair import repair
 
     try:
+        with suppress(FileNotFoundError):
+            files.check_there(bag)
+    except OSError as error:
+        sys.stderr.write(error_lines(error))
+        return UNUSABLE
+    try:
         done = repair(bag)
     except BagError as error:
-        sys.stderr.write(f'error: {error}\n')
-        return MISUSED
+        sys.stderr.write(error_lines(error))
+        return UNUSABLE
     except OSError as error:
         why = error.strerror or error
         sys.stderr.write(f'error: {bag}: cannot be repaired, nothing was changed: {why}\n')

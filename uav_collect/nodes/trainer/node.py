@@ -35,9 +35,10 @@ from uav_collect.kernels.compile import kernels_are_compiled
 from uav_collect.learning.background import BackgroundTraining, BehaviourPolicy, Ending
 from uav_collect.learning.learner import keep_freed_memory
 from uav_collect.learning.replay import replay_bytes
+from uav_collect.limits import FAILED, UNUSABLE
 from uav_collect.nodes import topics
 from uav_collect.nodes.parameters import help_text
-from uav_collect.nodes.process import FAILED, MISUSED, parse_arguments, ProcessNode, run_node
+from uav_collect.nodes.process import parse_arguments, ProcessNode, run_node
 from uav_collect.nodes.sealing import seals_of_bag
 from uav_collect.nodes.trainer.settings import (
     PARAMETERS,
@@ -231,7 +232,7 @@ class TrainerNode(ProcessNode):
                     return
         except BagError as error:
             self.get_logger().error(str(error))
-            self.end(MISUSED)
+            self.end(UNUSABLE)
 
     def _publish(self, flown: BehaviourPolicy | None) -> None:
         """Publish what the fleets shall fly from now on, if that is something new."""

@@ -12,6 +12,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
 from uav_collect.config.arguments import Parser
 from uav_collect.errors import ConfigError, NodeError
+from uav_collect.limits import FAILED
 from uav_collect.lockstep.checks import names_problem
 from uav_collect.lockstep.published_policy import PolicyStore
 from uav_collect.lockstep.roster import Pilot, Roster
@@ -21,7 +22,7 @@ from uav_collect.missions.simulation import Event
 from uav_collect.nodes import convert, topics
 from uav_collect.nodes.identity import scenario_msg, WorldIdentity
 from uav_collect.nodes.parameters import add_world_option, help_text
-from uav_collect.nodes.process import FAILED, parse_arguments, ProcessNode, run_node
+from uav_collect.nodes.process import parse_arguments, ProcessNode, run_node
 from uav_collect.nodes.sealing import serve
 from uav_collect.nodes.topics import subscription
 from uav_collect.nodes.trainer_listener import subscribe_to_trainers
