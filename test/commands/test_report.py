@@ -300,8 +300,9 @@ def test_report_of_a_damaged_bag_names_the_damage_and_shows_what_is_whole(
     file.write_bytes(content)
     assert main(['report', str(tmp_path / 'bag')]) == 0
     shown = capsys.readouterr()
-    [damage] = said_in(shown.err)
+    damage, advice = said_in(shown.err)
     assert damage.startswith(f'{tmp_path}/bag: bag.mcap: chunk ')
+    assert advice == f'recorder --repair {tmp_path}/bag keeps what is whole'
     assert 'warning: not all of the mission was recorded, or some of it is damaged' in shown.out
 
 

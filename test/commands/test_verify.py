@@ -139,7 +139,7 @@ def instead_of(event: int, line: str) -> Callable[[Path], None]:
         (instead_of(3, '"\\ud800"'), 'event 3: is no line of a mission log'),
         (instead_of(3, '3'), 'event 3: is no line of a mission log'),
         (changed('"heard": [', f'"heard": {900 * "["}{900 * "]"}, "x": ['), 'event 0: '),
-        (changed('"uav": 1, "dec', '"uav": 1,"dec'), 'the same values are written otherwise'),
+        (changed('"uav": 1, "dec', '"uav": 1,"dec'), 'same values, different formatting'),
         (changed('"n_sensors"', '"m_sensors"'), 'n_sensors is missing, flown '),
         (changed('"total_bit": ', '"total_bit": 1'), 'header: total_bit is 1'),
         (changed('"policy": "sweep"', '"policy": "hert"'), 'policies.0.policy'),

@@ -322,7 +322,7 @@ def line_difference(recorded: str, flown: str) -> str:
         mine, again = json.loads(recorded), json.loads(flown)
         if isinstance(mine, dict):
             found = _first_difference('', mine, again)
-            return found or 'the same values are written otherwise'
+            return found or 'same values, different formatting'
     except (ValueError, RecursionError):
         pass
     return f'is no line of a mission log: {recorded[:60]!r}'

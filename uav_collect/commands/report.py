@@ -206,6 +206,8 @@ def _recorded(path: Path, pictures: Path) -> Iterator[tuple['FlownMission', Path
     recording = read_recording(path)
     for damage in recording.damages:
         terminal.say(damage)
+    if recording.damages:
+        terminal.say(f'recorder --repair {path} keeps what is whole')
     for recorded in recording.missions:
         mission = FlownMission(
             log=recorded.log,

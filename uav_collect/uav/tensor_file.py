@@ -144,7 +144,7 @@ def _check_places(entries: list[tuple[tuple[int, int], str, Shape]], tensors_byt
     place = 0
     for (begin, end), name, shape in entries:
         if begin != place or end - begin != _size_byte(shape) or end > tensors_byte:
-            raise _broken(f'the place of {shown(name)} is not its own')
+            raise _broken(f'data_offsets of {shown(name)} overlap or leave a gap')
         place = end
     if place != tensors_byte:
         raise _broken(f'{tensors_byte - place} bytes at its end belong to no tensor')
