@@ -73,10 +73,14 @@ def config_of(**values: object) -> TrainingConfig:
     return load_preset('strong', {**SETTINGS, **sizes, **values})
 
 
-def replayed(folder: Path) -> tuple[list[Episode], dict[str, Any]]:
-    """The missions that a saved trainer holds, in the order in which they came; its state."""
+def replayed(folder: Path, **values: object) -> tuple[list[Episode], dict[str, Any]]:
+    """The missions that a saved trainer holds, in the order in which they came; its state.
+
+    Args:
+        values: settings of that trainer other than those of `config_of`.
+    """
     source = FleetSource(brief(SCENARIO), NEVER)
-    trainer = Trainer([SCENARIO], config_of(), 'aqmix', 0, sources=[source])
+    trainer = Trainer([SCENARIO], config_of(**values), 'aqmix', 0, sources=[source])
     trainer.load(folder / 'checkpoint')
     replay = trainer._tasks[0].replay
     held = [replay._episode(mission) for mission in replay._missions]

@@ -39,10 +39,10 @@ def test_no_mission_is_wrong_that_a_channel_has_thinned_doubled_and_mixed(
     relay = [sys.executable, str(HELPERS / 'lossy_relay_node.py')]
     channel = processes.run('relay', *relay, str(SCENARIO.n_uavs), '1')
     n_decisions = int(N_MISSIONS * WHOLE_SHARE * 10)
-    folder = tmp_path / 'run'
+    n_kept, folder = 2 * n_decisions + 1000, tmp_path / 'run'
     learner = start_trainer(
         processes, folder, worlds='[b]', decisions=n_decisions, publish_every_updates=NEVER,
-        replay_decisions=2 * n_decisions + 1000,
+        replay_decisions=n_kept,
     )  # fmt: skip
     world = start_fleet(fleet_of(processes, tmp_path, 'a'), seed=SEED)
     assert learner.wait_for_exit(TRAINED_S) == 0
@@ -50,7 +50,7 @@ def test_no_mission_is_wrong_that_a_channel_has_thinned_doubled_and_mixed(
     channel.send(signal.SIGINT)
     assert channel.wait_for_exit() == 0
     done = json.loads(channel.output.splitlines()[-1])
-    episodes, _ = replayed(folder)
+    episodes, _ = replayed(folder, **{'replay.decisions': n_kept})
     seeds = [one.mission_seed for one in episodes]
     expected, _ = in_process(range(SEED, max(seeds) + 1), Budget(decisions=1))
     for one in episodes:
