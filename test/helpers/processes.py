@@ -68,9 +68,10 @@ def executable(name: str) -> Path | None:
     return None
 
 
-def _hear_of_closed_terminals() -> None:
-    """Let a process hear SIGHUP, though the tests may run under nohup."""
-    signal.signal(signal.SIGHUP, signal.SIG_DFL)
+def hear_signals() -> None:
+    """Let a process hear SIGHUP and SIGINT, though the tests may run under nohup or by `&`."""
+    for number in (signal.SIGHUP, signal.SIGINT):
+        signal.signal(number, signal.SIG_DFL)
 
 
 class RunningProcess:
@@ -188,7 +189,7 @@ class Processes:
                 env={**self._environment, **environment},
                 cwd=self._folder,
                 start_new_session=True,
-                preexec_fn=_hear_of_closed_terminals,
+                preexec_fn=hear_signals,
             )
         process = RunningProcess(name, popen, output_file)
         self._started.append(process)

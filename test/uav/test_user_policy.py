@@ -11,7 +11,7 @@ import sys
 from fleets import Fleet, logs, scenario_of
 import hostile_policies
 from interpreted import interpreted
-from processes import Processes
+from processes import hear_signals, Processes
 import pytest
 from tiny_world import tiny
 from uav_collect import api
@@ -296,6 +296,7 @@ def test_the_status_is_the_programs_own(name: str, status: int, said: str) -> No
         capture_output=True,
         text=True,
         check=False,
+        preexec_fn=hear_signals,
     )
     assert done.returncode == status
     assert said in done.stderr

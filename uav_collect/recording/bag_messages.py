@@ -142,15 +142,17 @@ def _store_of(topic: RecordedTopic) -> Typestore:
     """The types of a topic.
 
     Raises:
-        ValueError: it has messages of another type than the fleet's, or another serialization.
+        ValueError: a topic of the fleet has messages of another type, or of another
+            serialization.
     """
-    wanted = _PACKAGE + _TYPES.get(topic.name.rpartition('/')[2], '')
-    if topic.type_name != wanted:
-        raise ValueError(f'its type is {_short(topic.type_name)}: must be {wanted}')
+    wanted = _TYPES.get(topic.name.rpartition('/')[2])
+    if wanted is not None and topic.type_name != _PACKAGE + wanted:
+        raise ValueError(f'its type is {_short(topic.type_name)}: must be {_PACKAGE}{wanted}')
     if topic.serialization != 'cdr':
         raise ValueError(f'its messages are {_short(topic.serialization)}: must be cdr')
     if not topic.definition:
-        raise ValueError(f'the bag does not define {wanted}: a ROS before Iron has recorded it')
+        type_name = _short(topic.type_name)
+        raise ValueError(f'the bag does not define {type_name}: a ROS before Iron has recorded it')
     store = types_of(topic)
     _, fields = store.fielddefs[topic.type_name]
     kinds = {name: _kind(field) for name, field in fields}
