@@ -197,6 +197,12 @@ def closes_stderr(situation: Situation) -> int:  # line: closes_stderr
     return 5
 
 
+def replaces_streams(situation: Situation) -> int:
+    """Leaves what is no stream where others write."""
+    sys.stdout = sys.stderr = object()  # type: ignore[assignment]
+    return 5
+
+
 def asks_to_end(situation: Situation) -> int:
     """As Ctrl-C does, while the function runs."""
     signal.raise_signal(signal.SIGINT)

@@ -111,3 +111,11 @@ MODULES = (batch_kernels, bound)
 def test_what_a_module_lists_are_kernels(module: object) -> None:
     for kernel in module.KERNELS:
         assert hasattr(kernel, 'py_func')
+
+
+def test_a_way_to_run_kernels_that_there_is_none_of_is_refused() -> None:
+    command = [sys.executable, '-m', 'uav_collect', 'evaluate', '--missions', '1']
+    environment = {**os.environ, 'UAV_COLLECT_KERNELS': 'fast'}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    words = "UAV_COLLECT_KERNELS is 'fast': must be compiled or interpreted"
+    assert (done.returncode, done.stderr) == (2, f'error: {words}\n')

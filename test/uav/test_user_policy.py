@@ -280,6 +280,7 @@ def test_a_number_of_another_library_is_an_action() -> None:
             2,
             'UAV 1 at 0.0 s in cell 0: it closes sys.stderr (hostile_',
         ),
+        ('replaces_streams', 0, ''),
         ('asks_to_end', 130, ''),
         ('tidies_up_when_asked_to_end', 130, ''),
     ],

@@ -19,6 +19,7 @@ import stat
 import tempfile
 from typing import Any, TypeVar
 
+from uav_collect.errors import ConfigError, in_one_line
 from uav_collect.kernels.compilation import Compilation
 from uav_collect.kernels.patience import say
 
@@ -37,10 +38,16 @@ def interpret_kernels() -> None:
 
 
 def kernels_are_compiled() -> bool:
-    """Whether kernels of this process run compiled."""
-    if os.environ.get(_SWITCH) == 'interpreted':
-        return False
-    return importlib.util.find_spec('numba') is not None
+    """Whether kernels of this process run compiled.
+
+    Raises:
+        ConfigError: the environment asks for neither.
+    """
+    asked = os.environ.get(_SWITCH) or 'compiled'
+    if asked not in ('compiled', 'interpreted'):
+        shown = in_one_line(asked, 60)
+        raise ConfigError(f'{_SWITCH} is {shown!r}: must be compiled or interpreted')
+    return asked == 'compiled' and importlib.util.find_spec('numba') is not None
 
 
 def kernel(function: _Kernel) -> _Kernel:

@@ -36,6 +36,7 @@ def run_user_code(file: str | None, function: Callable[..., Any], *arguments: ob
         UserCodeError: it raised anything at all, or closed the output of this program.
         KeyboardInterrupt: a signal came meanwhile.
     """
+    streams = {name: getattr(sys, name) for name in _STREAMS}
     open_before = [name for name in _STREAMS if not _is_closed(name)]
     try:
         answer = _answer(function, *arguments)
@@ -44,6 +45,8 @@ def run_user_code(file: str | None, function: Callable[..., Any], *arguments: ob
         place = _raised_at(error, file) or _defined_at(function)
         raise UserCodeError(f'{error_text(error)}{_in_brackets(place)}') from error
     finally:
+        for name, stream in streams.items():
+            setattr(sys, name, stream)  # whatever was put in its place
         closed = [name for name in open_before if _is_closed(name)]
         if closed:
             files.mend_standard_streams()
