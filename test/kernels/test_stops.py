@@ -118,10 +118,14 @@ def test_a_second_signal_counts_as_an_interrupt_and_is_acknowledged(own_watchdog
 
 def test_ctrl_c_is_counted_and_python_has_its_handler_back() -> None:
     n_before = interrupts.n_raised
-    with pytest.raises(KeyboardInterrupt), interrupts.counted():
-        signal.raise_signal(signal.SIGINT)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # none if started by `&`
+    try:
+        with pytest.raises(KeyboardInterrupt), interrupts.counted():
+            signal.raise_signal(signal.SIGINT)
+        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    finally:
+        signal.signal(signal.SIGINT, before)
     assert interrupts.n_raised == n_before + 1
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 def test_handlers_are_given_back_whatever_is_raised() -> None:
