@@ -1,5 +1,8 @@
 """Places on the Earth: there and back, and where a scenario keeps them."""
 
+import csv
+from dataclasses import replace
+import math
 from pathlib import Path
 
 from hypothesis import given
@@ -7,9 +10,11 @@ from hypothesis import strategies as st
 import pytest
 from uav_collect.errors import ConfigError
 from uav_collect.scenario.earth import east_north_m, lat_lon_deg
+from uav_collect.scenario.grids import grid_of, lat_lon_of
 from uav_collect.scenario.load import fingerprint, from_yaml, load
 from uav_collect.scenario.model import ListedSensors, Scenario
 
+LILLGRUND = Path(__file__).parents[2] / 'config/scenarios/lillgrund_turbines.csv'
 SENSORS = """sensor_id,lat,lon,data_mbit
 west,55.0,12.798,1
 east,55.0,12.802,1
@@ -59,7 +64,9 @@ def test_the_place_on_earth_is_kept_in_the_resolved_scenario(tmp_path: Path) -> 
 
 
 def test_the_place_on_earth_is_no_part_of_the_fingerprint(tmp_path: Path) -> None:
-    assert fingerprint(farm(tmp_path)) == 'c1bc5845fe62b858'  # as before it was kept
+    placed = farm(tmp_path)
+    nowhere = replace(placed, area=replace(placed.area, reference=None))
+    assert fingerprint(placed) == fingerprint(nowhere)
     reference = {'lat_deg': 55.0, 'lon_deg': 12.8, 'position_m': [0, 0]}
     somewhere = load('paper_10x10', {'area.reference': reference})
     assert fingerprint(somewhere) == fingerprint(load('paper_10x10'))
@@ -68,7 +75,42 @@ def test_the_place_on_earth_is_no_part_of_the_fingerprint(tmp_path: Path) -> Non
 
 
 def test_a_scenario_without_latitudes_says_nothing_of_them() -> None:
-    assert 'reference' not in load('lillgrund').to_yaml()
+    assert 'reference' not in load('paper_10x10').to_yaml()
+
+
+def test_turbines_of_the_wind_farm_are_where_their_grid_has_them() -> None:
+    area = load('lillgrund').area
+    assert area.reference is not None
+    with LILLGRUND.open() as lines:
+        rows = {row['sensor_id']: row for row in csv.DictReader(lines)}
+    grid = grid_of(area.crs or '', 'crs')
+    sensors = load('lillgrund').sensors
+    assert isinstance(sensors, ListedSensors)
+    for sensor in sensors.entries:
+        row = rows[sensor.id]
+        [there] = lat_lon_of([(float(row['easting_m']), float(row['northing_m']))], grid)
+        assert there is not None
+        lat_deg, lon_deg = area.reference.lat_lon_deg(sensor.x_m, sensor.y_m)
+        away_m = east_north_m(lat_deg, lon_deg, origin_lat_deg=there[0], origin_lon_deg=there[1])
+        assert math.hypot(*away_m) < 0.5  # without the bearing of the grid's north up to 60 m
+
+
+def test_y_points_where_its_bearing_says() -> None:
+    turned = {'lat_deg': 0, 'lon_deg': 0, 'position_m': [0, 0], 'y_bearing_deg': 90}
+    reference = load('paper_10x10', {'area.reference': turned}).area.reference
+    assert reference is not None
+    lat_deg, lon_deg = reference.lat_lon_deg(0.0, 100.0)
+    # East along the equator: 100 m / 6378137 m
+    assert (lat_deg, lon_deg) == pytest.approx((0.0, math.degrees(100.0 / 6378137.0)), abs=1e-9)
+
+
+def test_the_grid_of_a_list_is_kept_and_no_part_of_the_fingerprint(tmp_path: Path) -> None:
+    sensors = 'id,x,y,data_mbit\na,361469,6154543,1\nb,361203,6154244,1\n'
+    scenario = farm(tmp_path, sensors, 'auto, crs: UTM 33N', 'area: {cell_size_m: 100}\n')
+    assert scenario.area.crs == 'EPSG:32633'
+    assert from_yaml(scenario.to_yaml()) == scenario
+    elsewhere = replace(scenario, area=replace(scenario.area, crs='EPSG:25833'))
+    assert fingerprint(elsewhere) == fingerprint(scenario)
 
 
 def test_a_place_on_earth_is_given_once(tmp_path: Path) -> None:

@@ -53,7 +53,7 @@ def test_the_default_scenario_holds_the_values_of_the_paper() -> None:
     assert (slow.speed_mps, fast.speed_mps) == (5.0, 10.0)
     assert slow.start_m == slow.home_m == (25.0, 25.0)
     assert slow.energy_budget_j == 1e6
-    assert scenario.area.side_m == 500.0
+    assert (scenario.area.width_m, scenario.area.height_m) == (500.0, 500.0)
     assert scenario.n_cells == 100
     assert scenario.bandwidth_hz == 0.5e6
     assert scenario.radio.tx_power_w == pytest.approx(0.01, rel=1e-15)
@@ -89,8 +89,8 @@ def test_lillgrund_has_its_48_turbines_around_the_middle_of_the_area() -> None:
     scenario = load('lillgrund')
     xs_m, ys_m = zip(*places('lillgrund').values(), strict=True)
     assert len(xs_m) == 48
-    assert min(xs_m) + max(xs_m) == pytest.approx(scenario.area.side_m)
-    assert min(ys_m) + max(ys_m) == pytest.approx(scenario.area.side_m)
+    assert min(xs_m) + max(xs_m) == pytest.approx(scenario.area.width_m)
+    assert min(ys_m) + max(ys_m) == pytest.approx(scenario.area.height_m)
     assert max(xs_m) - min(xs_m) == pytest.approx(2664.0)
     assert scenario.demand.cell_share == 'all'
 

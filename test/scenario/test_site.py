@@ -30,9 +30,9 @@ def test_sensors_are_sorted_by_cell_and_lie_in_it() -> None:
     for name in ('paper_8x8', 'paper_10x10', 'lillgrund'):
         area, site = load(name).area, build_site(load(name))
         column, row = np.floor(site.position_m / area.cell_size_m).astype(int).T
-        assert (site.cell == row * area.cells_per_side + column).all()
+        assert (site.cell == row * area.n_columns + column).all()
         assert (np.diff(site.cell) >= 0).all()
-        for cell in range(area.cells_per_side**2):
+        for cell in range(area.n_cells):
             own = slice(site.first_sensor[cell], site.first_sensor[cell + 1])
             assert (site.cell[own] == cell).all()
         assert site.first_sensor[-1] == site.n_sensors == len(set(site.sensor_ids))
@@ -59,6 +59,13 @@ def test_dense_cells_are_the_share_rounded_and_chosen_anew_by_each_seed() -> Non
         assert np.count_nonzero(counts) == 30  # Poisson(40) is never 0
         chosen.append(tuple(np.flatnonzero(counts)))
     assert len(set(chosen)) == 20
+
+
+def test_dense_cells_are_a_share_of_the_open_ones() -> None:
+    corner = [[250.0, 250.0], [500.0, 250.0], [500.0, 500.0], [250.0, 500.0]]
+    dense = {'sensors.sparse_mean': 0, 'sensors.dense_mean': 40, 'area.no_fly': [corner]}
+    counts = np.diff(build_site(load('paper_10x10', dense)).first_sensor)
+    assert np.count_nonzero(counts) == 23  # of 75: 22.5, rounded
 
 
 def test_sensors_are_spread_evenly_in_their_cells() -> None:

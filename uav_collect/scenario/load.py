@@ -10,16 +10,16 @@ import hashlib
 from itertools import cycle, islice
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
 from uav_collect.config import layers
 from uav_collect.config.installed import shared_folders
 from uav_collect.config.layers import Document
-from uav_collect.config.rules import pair, validated, whole
+from uav_collect.config.rules import validated
 from uav_collect.config.yaml_text import Keys, shown, shown_path
 from uav_collect.errors import ConfigError
 from uav_collect.limits import MAX_SENSORS, MAX_UAVS
-from uav_collect.scenario import sensor_files
+from uav_collect.scenario.airframes import WAYS, with_airframes
 from uav_collect.scenario.model import (
     AreaConfig,
     CsvSensors,
@@ -27,6 +27,13 @@ from uav_collect.scenario.model import (
     ListedSensors,
     Scenario,
 )
+from uav_collect.scenario.named_cells import area_of, cell_at, with_zones_of_cells
+
+if TYPE_CHECKING:
+    from uav_collect.scenario.plane import OnArea
+
+# To say how many cells an area has.
+_AREA_WAYS = frozenset({'cells_per_side'}), frozenset({'rows', 'columns'})
 
 
 def load(name_or_path: str | Path, overrides: Mapping[str, object] | None = None) -> Scenario:
@@ -40,8 +47,15 @@ def load(name_or_path: str | Path, overrides: Mapping[str, object] | None = None
     Raises:
         ConfigError: one line per problem: file and line, key, value, what is allowed.
     """
-    document = layers.load(name_or_path, scenario_folders(), field='scenario', overrides=overrides)
-    return _checked(_with_sensors(_with_places(_with_fleet(document))))
+    document = layers.load(
+        name_or_path,
+        scenario_folders(),
+        field='scenario',
+        overrides=overrides,
+        ways=(*WAYS, _AREA_WAYS),
+    )
+    placed = _with_places(with_zones_of_cells(with_airframes(_with_fleet(document))))
+    return _checked(_with_known_empty(_with_sensors(placed)))
 
 
 def from_yaml(text: str) -> Scenario:
@@ -90,13 +104,16 @@ def with_uavs(scenario: Scenario, n_uavs: int) -> Scenario:
 
 
 def fingerprint(scenario: Scenario) -> str:
-    """16 hex digits that change with any value of the scenario but its name and place on Earth.
+    """16 hex digits that change with any value of the scenario that missions depend on.
 
-    Missions are the same wherever that is.
+    They are the same by any name, wherever on Earth, whatever battery the energy comes from.
     """
     values = scenario.as_mapping()
     del values['name']
-    values['area'].pop('reference', None)
+    for key in ('reference', 'crs'):
+        values['area'].pop(key, None)
+    for uav in values['fleet']['uavs']:
+        uav.pop('battery', None)
     canonical = json.dumps(values, sort_keys=True, separators=(',', ':'))
     return hashlib.sha256(canonical.encode()).hexdigest()[:16]
 
@@ -142,7 +159,7 @@ def _with_fleet(document: Document) -> Document:
 
 
 def _over_default(default: dict[Any, Any], uav: object) -> object:
-    return layers.merged_mapping(default, uav) if isinstance(uav, dict) else uav
+    return layers.merged_mapping(default, uav, WAYS) if isinstance(uav, dict) else uav
 
 
 def _inherited(default: dict[Any, Any], uav: object) -> Iterator[Keys]:
@@ -159,7 +176,7 @@ def _with_places(document: Document) -> Document:
     uavs = document.at(('fleet', 'uavs'))
     if not isinstance(uavs, list | tuple):
         return document
-    area = validated(AreaConfig, document, ('area',))
+    area = area_of(document)
     placed = []
     for index, uav in enumerate(uavs):
         places = {
@@ -179,18 +196,12 @@ def _place_of(document: Document, keys: Keys, area: AreaConfig) -> dict[str, Any
     if not isinstance(place, dict) or [*place] != ['cell']:
         allowed = '{cell: [row, column]} or {position_m: [x, y]}'
         raise ConfigError(document.problem(keys, f'is {shown(place)}: must be {allowed}'))
-    last = area.cells_per_side - 1
-    rule = pair(whole(0, last), f'a list [row, column] of whole numbers from 0 to {last}')
-    try:
-        row, column = rule.parse(place['cell'])
-    except ValueError:
-        what = f'is {shown(place["cell"])}: must be {rule.allowed}'
-        raise ConfigError(document.problem((*keys, 'cell'), what)) from None
+    row, column = cell_at(document, (*keys, 'cell'), place['cell'], area)
     return {'position_m': ((column + 0.5) * area.cell_size_m, (row + 0.5) * area.cell_size_m)}
 
 
 def _with_sensors(document: Document) -> Document:
-    """The sensors of a CSV file in place of its name."""
+    """The sensors of a list in place of its name."""
     keys: Keys = ('sensors', 'kind')
     kind = document.at(keys)
     if isinstance(document.at(('sensors',)), dict) and kind not in ('drawn', 'csv', 'listed'):
@@ -199,27 +210,82 @@ def _with_sensors(document: Document) -> Document:
     if kind != 'csv':
         return document
     config = validated(CsvSensors, document, ('sensors',))
-    area = validated(AreaConfig, document, ('area',))
+    area = area_of(document)
     path = document.source(('sensors', 'file')).folder / config.file
     if not layers.is_file(path):
-        what = f'is {shown(config.file)}: must be a CSV file, but there is no {shown_path(path)}'
+        there = f'but there is no {shown_path(path)}'
+        what = f'is {shown(config.file)}: must be a list of sensors, {there}'
         raise ConfigError(document.problem(('sensors', 'file'), what))
-    origin = None if config.origin == 'auto' else config.origin
-    read = sensor_files.read_sensors(path, origin=origin, side_m=area.side_m)
-    values = {**document.values, 'sensors': {'kind': 'listed', 'entries': read.entries}}
-    if read.reference is not None:
-        if area.reference is not None:
-            what = (
-                f'is given: must be left out, as {shown_path(path)} gives latitudes and longitudes'
-            )
-            raise ConfigError(document.problem(('area', 'reference'), what))
-        values['area'] = {**document.at(('area',)), 'reference': read.reference}
+    needs_data = document.at(('demand', 'data_mbit')) == 'csv'
+    read = _read_list(path, config, area, needs_data=needs_data)
+    if problems := [document.problem(*it) for it in _said_twice(area, read, shown_path(path))]:
+        raise ConfigError(*problems)
+    read_area = {
+        'boundary': read.boundary,
+        'no_fly': (*(area.no_fly or ()), *read.no_fly) or None,
+        'reference': read.reference,
+        'crs': read.crs,
+    }
+    values = {
+        **document.values,
+        'area': document.at(('area',)) | {key: it for key, it in read_area.items() if it},
+        'sensors': {'kind': 'listed', 'entries': read.entries},
+    }
     return replace(document, values=values)
+
+
+def _said_twice(area: AreaConfig, read: 'OnArea', path: str) -> Iterator[tuple[Keys, str]]:
+    """What both the scenario and its list of sensors say, but zones: these are joined."""
+    for key, by_list, what in (
+        ('reference', read.reference, 'latitudes and longitudes'),
+        ('boundary', read.boundary, 'the boundary'),
+        ('crs', read.crs, 'the grid'),
+    ):
+        if by_list is not None and getattr(area, key) is not None:
+            yield ('area', key), f'is given: must be left out, as {path} gives {what}'
+
+
+def _with_known_empty(document: Document) -> Document:
+    """Whether it is known which cells hold no data: as it is where sensors are listed.
+
+    Only here: what was written before there was such a key is flown as it was.
+    """
+    demand, kind = document.at(('demand',)), document.at(('sensors', 'kind'))
+    if not isinstance(demand, dict):
+        return document
+    known = demand.get('known_empty')
+    if kind == 'listed' and known is None:
+        known = 'sensors'
+    elif kind == 'drawn' and known == 'none':
+        known = None  # as where nothing is said
+    return replace(
+        document, values={**document.values, 'demand': {**demand, 'known_empty': known}}
+    )
+
+
+def _read_list(path: Path, config: CsvSensors, area: AreaConfig, *, needs_data: bool) -> 'OnArea':
+    """What a list says of the sensors on an area."""
+    from uav_collect.scenario import places, plane  # agents load none of it
+
+    options = places.ReadOptions(
+        columns=config.columns or {},
+        crs=config.crs or '',
+        doubles=config.doubles or 'refuse',
+        skips_blanks=config.blanks == 'skip',
+        needs_data=needs_data,
+    )
+    return plane.on_area(
+        places.read(path, options),
+        origin=None if config.origin == 'auto' else config.origin,
+        width_m=area.width_m,
+        height_m=area.height_m,
+    )
 
 
 def _checked(document: Document) -> Scenario:
     """The scenario of a document that stands alone, its parts at peace with each other."""
     scenario = validated(Scenario, document)
+    area_of(document)
     problems = [
         document.problem(keys, what)
         for wrong in (
@@ -232,6 +298,10 @@ def _checked(document: Document) -> Scenario:
         )
         for keys, what in wrong(scenario)
     ]
+    if not problems and (scenario.area.boundary or scenario.area.no_fly):
+        from uav_collect.scenario.cut_off import wrong_closed_cells  # loads numpy
+
+        problems = [document.problem(*it) for it in wrong_closed_cells(scenario)]
     if problems:
         raise ConfigError(*dict.fromkeys(problems))
     return scenario
@@ -239,18 +309,23 @@ def _checked(document: Document) -> Scenario:
 
 def _wrong_uavs(scenario: Scenario) -> Iterator[tuple[Keys, str]]:
     area = scenario.area
-    centres = {(i + 0.5) * area.cell_size_m for i in range(area.cells_per_side)}
+    x_m, y_m = (
+        {(i + 0.5) * area.cell_size_m for i in range(n)} for n in (area.n_columns, area.n_rows)
+    )
     for index, uav in enumerate(scenario.uavs):
         keys: Keys = ('fleet', 'uavs', index)
-        if not centres.issuperset(uav.start_m):
+        if uav.start_m[0] not in x_m or uav.start_m[1] not in y_m:
             what = f'is {shown(uav.start_m)}: must be the centre of a cell of the area'
             yield (*keys, 'start', 'position_m'), what
-        if max(uav.home_m) > area.side_m:
-            what = f'is {shown(uav.home_m)}: must be from 0 to {area.side_m:g} m'
+        if uav.home_m[0] > area.width_m or uav.home_m[1] > area.height_m:
+            allowed = f'from 0 to {area.width_m:g} m'
+            if area.height_m != area.width_m:
+                allowed = f'x {allowed}, y from 0 to {area.height_m:g} m'
+            what = f'is {shown(uav.home_m)}: must be {allowed}'
             yield (*keys, 'home', 'position_m'), what
         if uav.energy_budget_kj <= uav.energy_margin_kj:
             margin = f'energy_margin_kj, {uav.energy_margin_kj:g} kJ'
-            what = f'is {uav.energy_budget_kj:g}: must be more than {margin}'
+            what = f'is {uav.energy_budget_kj:g} kJ: must be more than {margin}'
             yield (*keys, 'energy_budget_kj'), what
 
 
@@ -263,9 +338,13 @@ def _wrong_sensors(scenario: Scenario) -> Iterator[tuple[Keys, str]]:
         if sensor.id in ids:
             yield (*keys, 'id'), f'is {shown(sensor.id)}: must be unique'
         ids.add(sensor.id)
-        for key, value in (('x_m', sensor.x_m), ('y_m', sensor.y_m)):
-            if value > scenario.area.side_m:
-                yield (*keys, key), f'is {value:g}: must be from 0 to {scenario.area.side_m:g} m'
+        area = scenario.area
+        for key, value, most_m in (
+            ('x_m', sensor.x_m, area.width_m),
+            ('y_m', sensor.y_m, area.height_m),
+        ):
+            if value > most_m:
+                yield (*keys, key), f'is {value:g}: must be from 0 to {most_m:g} m'
 
 
 def _too_many_sensors(scenario: Scenario) -> Iterator[tuple[Keys, str]]:

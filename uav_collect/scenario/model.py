@@ -18,13 +18,26 @@ from uav_collect.config.rules import (
     one_or_span,
     or_zero,
     pair,
+    polygon,
+    Rule,
     Section,
     text,
     whole,
+    words,
 )
-from uav_collect.limits import MAX_CELLS_PER_SIDE, MAX_SENSORS, MAX_UAVS
-from uav_collect.scenario import sensor_files
+from uav_collect.limits import (
+    MAX_CELLS_PER_SIDE,
+    MAX_CORNERS,
+    MAX_DATA_MBIT,
+    MAX_NO_FLY,
+    MAX_SENSOR_ID,
+    MAX_SENSORS,
+    MAX_UAVS,
+    MIN_DATA_MBIT,
+)
+from uav_collect.scenario import columns, grids
 from uav_collect.scenario.earth import lat_lon_deg
+from uav_collect.scenario.odd_places import DOUBLES, Doubles
 
 _MIN_LENGTH_M = 0.1
 _MAX_LENGTH_M = 10_000.0
@@ -37,14 +50,25 @@ _MAX_FAULTS = 1_000
 FAULT_KINDS = ('gone', 'silent', 'slow')  # in the order of `world.dynamics.GONE` and so on
 
 Point = tuple[float, float]  # x, y [m]: east and north of the area's south-west corner
+Polygon = tuple[Point, ...]  # its corners; which way round does not matter
 _Share = Annotated[float, number(0, 1)]
 _Length = Annotated[float, number(_MIN_LENGTH_M, _MAX_LENGTH_M, 'm')]
 _Coordinate = Annotated[float, number(0, _MAX_SIDE_M, 'm')]
-_Amount = or_zero(number(sensor_files.MIN_DATA_MBIT, sensor_files.MAX_DATA_MBIT, 'Mbit'))
+_CORNERS = polygon(-_MAX_SIDE_M, _MAX_SIDE_M, MAX_CORNERS)
+_Amount = or_zero(number(MIN_DATA_MBIT, MAX_DATA_MBIT, 'Mbit'))
+
+
+def _crs() -> Rule:
+    def parse(value: object) -> str:
+        if not isinstance(value, str):
+            raise ValueError
+        return grids.crs_name(value)
+
+    return Rule(grids.CRS_ALLOWED, parse)
 
 
 class GeoReference(Section):
-    """A point of the area of known latitude and longitude (WGS84); there y is true north."""
+    """A point of the area of known latitude and longitude (WGS84), and where y points there."""
 
     lat_deg: Annotated[float, number(-89, 89, 'deg')]
     lon_deg: Annotated[float, number(-180, 180, 'deg')]
@@ -52,27 +76,74 @@ class GeoReference(Section):
         Point,
         pair(number(0, _MAX_SIDE_M), f'a list [x, y] of numbers from 0 to {_MAX_SIDE_M:.10g} m'),
     ]
+    # Of the y axis, clockwise from true north; absent: it is true north. A map grid's is not.
+    y_bearing_deg: Annotated[float | None, number(-180, 180, 'deg')] = None
 
     def lat_lon_deg(self, x_m: float, y_m: float) -> tuple[float, float]:
         """Latitude and longitude [deg] of a place in the area."""
         east_m, north_m = x_m - self.position_m[0], y_m - self.position_m[1]
+        if self.y_bearing_deg is not None:
+            turn = math.radians(self.y_bearing_deg)
+            across_m, up_m = east_m, north_m
+            east_m = math.cos(turn) * across_m + math.sin(turn) * up_m
+            north_m = math.cos(turn) * up_m - math.sin(turn) * across_m
         return lat_lon_deg(
             east_m, north_m, origin_lat_deg=self.lat_deg, origin_lon_deg=self.lon_deg
         )
 
 
 class AreaConfig(Section):
-    """The monitored square, its cells, and the height at which UAVs fly over it."""
+    """What is monitored: its cells, and the height at which UAVs fly over it.
 
-    cells_per_side: Annotated[int, whole(1, MAX_CELLS_PER_SIDE)]
+    A square by `cells_per_side`, or `rows` and `columns`; of these, the cells that are open.
+    """
+
+    cells_per_side: Annotated[int | None, whole(1, MAX_CELLS_PER_SIDE)] = None
+    rows: Annotated[int | None, whole(1, MAX_CELLS_PER_SIDE)] = None
+    columns: Annotated[int | None, whole(1, MAX_CELLS_PER_SIDE)] = None
     cell_size_m: _Length
     altitude_m: _Length  # of all UAVs
     reference: GeoReference | None = None  # where on Earth it lies, if that is known
+    crs: Annotated[str | None, _crs()] = None  # the grid that its places were given in, for people
+    boundary: Annotated[Polygon | None, _CORNERS] = None  # within it is the centre of open cells
+    no_fly: Annotated[tuple[Annotated[Polygon, _CORNERS], ...] | None, Entries(0, MAX_NO_FLY)] = (
+        None  # no open cell lies under a part of them
+    )
 
     @property
-    def side_m(self) -> float:
-        """Side of the square [m]."""
-        return self.cells_per_side * self.cell_size_m
+    def n_rows(self) -> int:
+        """Cells from south to north."""
+        return self.cells_per_side or self.rows or 0
+
+    @property
+    def n_columns(self) -> int:
+        """Cells from west to east."""
+        return self.cells_per_side or self.columns or 0
+
+    @property
+    def n_cells(self) -> int:
+        """Number of cells, closed ones among them."""
+        return self.n_rows * self.n_columns
+
+    @property
+    def width_m(self) -> float:
+        """How far it reaches from west to east [m]."""
+        return self.n_columns * self.cell_size_m
+
+    @property
+    def height_m(self) -> float:
+        """How far it reaches from south to north [m]."""
+        return self.n_rows * self.cell_size_m
+
+
+def _columns() -> Rule:
+    def parse(value: object) -> object:
+        if not isinstance(value, dict) or not columns.are_columns(value):
+            raise ValueError
+        return value
+
+    roles = ', '.join(columns.ROLES)
+    return Rule(f'a mapping of some of {roles} to names of columns', parse)
 
 
 class DrawnSensors(Section):
@@ -84,13 +155,13 @@ class DrawnSensors(Section):
     dense_mean: Annotated[float, number(0, 1000, 'sensors per cell')]
     sparse_mean: Annotated[float, number(0, 1000, 'sensors per cell')]
 
-    def n_dense_cells(self, n_cells: int) -> int:
-        """Number of dense cells."""
-        return math.floor(self.dense_cell_share * n_cells + 0.5)
+    def n_dense_cells(self, n_open: int) -> int:
+        """Number of dense cells among the open ones."""
+        return math.floor(self.dense_cell_share * n_open + 0.5)
 
 
 class CsvSensors(Section):
-    """Sensors read from a CSV file; a loaded scenario holds them as `ListedSensors`."""
+    """Sensors read from a list in a file; a loaded scenario holds them as `ListedSensors`."""
 
     kind: Literal['csv']
     file: Annotated[str, text(4096)]
@@ -99,12 +170,16 @@ class CsvSensors(Section):
         Point | Literal['auto'],
         pair(number(-1e7, 1e7), 'a list of two numbers, or auto', word='auto'),
     ]
+    columns: Annotated[dict[str, str] | None, _columns()] = None  # by role, the file's name
+    crs: Annotated[str | None, _crs()] = None  # the grid of the file's coordinates
+    doubles: Annotated[Doubles | None, words(*DOUBLES)] = None  # rows of one id or place
+    blanks: Annotated[str | None, words('refuse', 'skip')] = None  # rows without a place
 
 
 class ListedSensor(Section):
     """One sensor of a real site."""
 
-    id: Annotated[str, text(sensor_files.MAX_ID_LENGTH)]
+    id: Annotated[str, text(MAX_SENSOR_ID)]
     x_m: _Coordinate
     y_m: _Coordinate
     data_mbit: Annotated[float | None, _Amount] = None
@@ -125,12 +200,19 @@ class DemandConfig(Section):
         Point | Literal['csv'],
         pair(
             _Amount,
-            f'a list [low, high], low <= high, of numbers from {sensor_files.MIN_DATA_MBIT:g} to '
-            f'{sensor_files.MAX_DATA_MBIT:g} Mbit, low also 0, or csv',
+            f'a list [low, high], low <= high, of numbers from {MIN_DATA_MBIT:g} to '
+            f'{MAX_DATA_MBIT:g} Mbit, low also 0, or csv',
             word='csv',
             is_span=True,
         ),
     ]
+    # Cells that everybody knows to hold no data: those without a sensor, or none, as by None.
+    known_empty: Annotated[str | None, words('sensors', 'none')] = None
+
+    @property
+    def is_empty_known(self) -> bool:
+        """Whether UAVs need not look at cells without a sensor."""
+        return self.known_empty == 'sensors'
 
 
 class RadioConfig(Section):
@@ -214,6 +296,13 @@ class Place(Section):
     ]
 
 
+class BatteryConfig(Section):
+    """The battery that a UAV's energy budget is of, as far as it is known; no mission needs it."""
+
+    usable_share: Annotated[float | None, number(0.01, 1)] = None  # the budget
+    nominal_v: Annotated[float | None, number(0.1, 10_000, 'V')] = None
+
+
 class UavConfig(Section):
     """One UAV: how fast it is, what it may spend, where it starts and lands."""
 
@@ -223,6 +312,7 @@ class UavConfig(Section):
     start: Place
     home: Place
     propulsion: PropulsionConfig
+    battery: BatteryConfig | None = None
 
     @property
     def start_m(self) -> Point:
@@ -313,7 +403,7 @@ class Scenario(Section):
     @property
     def n_cells(self) -> int:
         """Number of cells of the area."""
-        return self.area.cells_per_side * self.area.cells_per_side
+        return self.area.n_cells
 
     @property
     def bandwidth_hz(self) -> float:

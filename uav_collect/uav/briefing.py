@@ -1,17 +1,37 @@
 """What every UAV knows before it takes off: the area, the fleet and the radio's constants."""
 
+import math
 from typing import NamedTuple
 
-from uav_collect.kernels.arrays import Row, row_of
+from uav_collect.kernels.arrays import filled_row, Ints, Row, row_of
 from uav_collect.physics.energy import propulsion_power_w
-from uav_collect.scenario.model import RadioConfig, Scenario
+from uav_collect.physics.radio import (
+    elevation_rad,
+    line_of_sight_probability,
+    path_gain,
+    reference_gain,
+)
+from uav_collect.scenario.area import mean_data_cells, open_cells
+from uav_collect.scenario.model import ListedSensors, RadioConfig, Scenario
+from uav_collect.scenario.site import known_complete_cells, Site
+from uav_collect.scenario.ways import ways_home
+
+_MEAN_AWAY = 0.3826  # of a point of a square from its centre, in sides, on average
 
 
 class Briefing(NamedTuple):
     """The scenario as far as UAVs know it; rows are indexed by UAV."""
 
-    cells_per_side: int
+    n_rows: int  # from south to north
+    n_columns: int  # from west to east
     cell_size_m: float
+    is_open: Row[int]  # by cell, (C,): 1 where UAVs may fly
+    known_complete: Row[int]  # (C,) 1 where nothing is to be collected, as everybody knows
+    has_obstacles: int  # 1: ways home may lead around closed cells
+    home_m: Row[float]  # (U * C,) from each cell's centre, by UAV; empty without obstacles
+    home_via: Row[int]  # (U * C,) the cell to fly straight to, -1: home; empty without obstacles
+    data_share: float  # of cells that are not known to be complete; 0: nobody knows
+    hover_s: float  # that one at a cell that holds data is expected to take, where that is known
     n_uavs: int
     contact_range_m: float  # inf: always in contact
     bandwidth_hz: float  # of one UAV
@@ -29,11 +49,29 @@ class Briefing(NamedTuple):
 
 
 def brief(scenario: Scenario) -> Briefing:
-    """The briefing of a scenario's fleet."""
-    uavs = scenario.uavs
+    """The briefing of a scenario's fleet, for whoever has no site; it may take as long as one."""
+    return _brief(scenario, known_complete_cells(scenario))
+
+
+def briefing_of(site: Site) -> Briefing:
+    """The briefing of the fleet over a site, as `brief` has it."""
+    return _brief(site.scenario, site.known_complete())
+
+
+def _brief(scenario: Scenario, is_known: Ints) -> Briefing:
+    uavs, area = scenario.uavs, scenario.area
+    home_m, home_via = _ways_home(scenario)
     return Briefing(
-        cells_per_side=scenario.area.cells_per_side,
-        cell_size_m=scenario.area.cell_size_m,
+        n_rows=area.n_rows,
+        n_columns=area.n_columns,
+        cell_size_m=area.cell_size_m,
+        is_open=row_of(open_cells(area).tolist()),
+        known_complete=row_of(is_known.tolist()),
+        has_obstacles=int(len(home_m) > 0),
+        home_m=filled_row(home_m, 0.0),
+        home_via=filled_row(home_via, 0),
+        data_share=_data_share(scenario, is_known),
+        hover_s=_hover_s(scenario, is_known),
         n_uavs=len(uavs),
         contact_range_m=_contact_range_m(scenario.radio),
         bandwidth_hz=scenario.bandwidth_hz,
@@ -49,6 +87,55 @@ def brief(scenario: Scenario) -> Briefing:
         energy_budget_j=row_of([uav.energy_budget_j for uav in uavs]),
         energy_margin_j=row_of([uav.energy_margin_j for uav in uavs]),
     )
+
+
+def _ways_home(scenario: Scenario) -> tuple[list[float], list[int]]:
+    """The ways home from all cells, by UAV; empty where all of them are straight."""
+    if open_cells(scenario.area).all():
+        return [], []
+    ways = [ways_home(scenario.area, uav.home_m) for uav in scenario.uavs]
+    if not any(way.has_turns for way in ways):
+        return [], []
+    return [m for way in ways for m in way.length_m], [cell for way in ways for cell in way.via]
+
+
+def _data_share(scenario: Scenario, is_known: Ints) -> float:
+    """The share of the cells of unknown demand that are to hold data; 0: UAVs do not know."""
+    n_unknown = len(is_known) - int(is_known.sum())
+    if not scenario.demand.is_empty_known or n_unknown == 0:
+        return 0.0
+    return min(mean_data_cells(scenario) / n_unknown, 1.0)
+
+
+def _hover_s(scenario: Scenario, is_known: Ints) -> float:
+    sensors, n_unknown = scenario.sensors, len(is_known) - int(is_known.sum())
+    if not (isinstance(sensors, ListedSensors) and scenario.demand.is_empty_known):
+        return 0.0
+    return mean_hover_s(scenario, len(sensors.entries) / max(n_unknown, 1))
+
+
+def mean_hover_s(scenario: Scenario, n_sensors: float) -> float:
+    """What a hover takes over mean data at so many sensors, of mean gain and not far aside [s]."""
+    radio, area = scenario.radio, scenario.area
+    aside_m = _MEAN_AWAY * area.cell_size_m
+    angle_rad = elevation_rad(aside_m, area.altitude_m)
+    in_sight = line_of_sight_probability(angle_rad, radio.los_a, radio.los_b)
+    distance_m = math.hypot(area.altitude_m, aside_m)
+    gain = path_gain(distance_m, reference_gain(radio.carrier_hz), radio.path_loss_exponent)
+    gain *= radio.n_antennas * (in_sight + (1.0 - in_sight) * radio.nlos_attenuation)
+    cn0_hz = n_sensors * radio.tx_power_w * float(gain) / radio.noise_w_per_hz
+    rate_bps = scenario.bandwidth_hz * math.log2(1.0 + cn0_hz / scenario.bandwidth_hz)
+    return n_sensors * 1e6 * _mean_mbit(scenario) / rate_bps
+
+
+def _mean_mbit(scenario: Scenario) -> float:
+    """What a sensor with data holds on average [Mbit]."""
+    amounts, sensors = scenario.demand.data_mbit, scenario.sensors
+    if not isinstance(amounts, str):
+        return (amounts[0] + amounts[1]) / 2.0
+    if not isinstance(sensors, ListedSensors):
+        return 0.0
+    return math.fsum(each.data_mbit or 0.0 for each in sensors.entries) / len(sensors.entries)
 
 
 def _contact_range_m(radio: RadioConfig) -> float:

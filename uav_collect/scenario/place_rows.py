@@ -1,0 +1,398 @@
+"""The rows of a table as places: which columns count, what stands in them, what is wrong there."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+import math
+
+from uav_collect.config.yaml_text import dotted, shown, shown_path
+from uav_collect.errors import ConfigError
+from uav_collect.limits import MAX_DATA_MBIT, MAX_SENSOR_ID, MAX_SENSORS, MIN_DATA_MBIT
+from uav_collect.scenario.columns import (
+    DATA,
+    DEGREES,
+    find_columns,
+    Found,
+    GRID,
+    ID,
+    pairs_of,
+    PLAIN,
+    System,
+    SYSTEMS,
+    ZONE,
+)
+from uav_collect.scenario.numerals import decimal_mark, degrees_of, number_of
+from uav_collect.scenario.odd_places import SensorPlace
+from uav_collect.scenario.tables import Sheet, SheetRow
+
+# Bare x, y are degrees where all lie together, metres where they do not: no site is as small as
+# 2 m, and no area as large as 10 degrees.
+_MOST_DEGREES = 2.0
+_LEAST_METRES = 10.0
+_ANY_GRID = 1e8  # east or north in any grid's own unit
+_ROWS_AT_ONCE = 0.5  # of all, with one fault, are one problem
+
+_XY_SYSTEMS = {True: DEGREES, False: PLAIN}
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlaceColumns:
+    """Which columns of a table count."""
+
+    system: System
+    place: tuple[int, int]  # the columns of the system's two coordinates
+    names: tuple[str, str]  # what the table calls them
+    mark: str  # of decimals, as `numerals.decimal_mark` has it
+    id: int | None  # None: rows have no names
+    data: int | None
+    zone: int | None
+    notes: tuple[str, ...]
+
+
+@dataclass(kw_only=True)
+class ReadRows:
+    """What the rows of a table say, and each line about what is wrong, by its row."""
+
+    places: list[SensorPlace] = field(default_factory=list)
+    zones: list[str] = field(default_factory=list)  # of each place, as written
+    problems: list[tuple[int, str]] = field(default_factory=list)
+    n_blank: int = 0  # rows without a place that are left out
+
+
+def layout_of(
+    sheet: Sheet, columns: Mapping[str, str], grid: str, *, is_angular: bool
+) -> PlaceColumns:
+    """Find the columns that count.
+
+    Args:
+        columns: by role, the name of its column: those that the user gives.
+        grid: name of the system of coordinates that the user gives; '': none.
+        is_angular: whether that grid has latitudes and longitudes.
+
+    Raises:
+        ConfigError: there are no coordinates, or more than one column of a name that counts.
+    """
+    found = find_columns(sheet.header.cells, columns)
+    pairs = pairs_of(found)
+    _check_there(sheet, found, pairs)
+    system, roles = _chosen(sheet, found, pairs, grid, is_angular=is_angular)
+    _check_doubled(sheet, found, (*roles, ID, DATA))
+    place = found.by_role[roles[0]], found.by_role[roles[1]]
+    notes = [*_said_of_places(sheet, found, roles, pairs)]
+    named = found.by_role.get(ID)
+    if named is None:
+        named = _distinct_column(sheet, place)
+        notes.append(_said_of_names(sheet, named))
+    mark = decimal_mark(_cells(sheet.lines, place), is_angular=system.is_angular)
+    if mark == ',':
+        notes.append('numbers have decimal commas')
+    return PlaceColumns(
+        system=system,
+        place=place,
+        names=_named(sheet, found, roles),
+        mark=mark,
+        id=named,
+        data=found.by_role.get(DATA),
+        zone=found.by_role.get(ZONE),
+        notes=tuple(notes),
+    )
+
+
+def _said_of_places(
+    sheet: Sheet, found: Found, chosen: tuple[str, str], pairs: Sequence[tuple[str, str]]
+) -> Iterator[str]:
+    """That there are columns by which places do not go."""
+    by = ','.join(_named(sheet, found, chosen))
+    for pair in pairs:
+        if pair not in (chosen, chosen[::-1]):
+            yield f'places go by {by}, not by {",".join(_named(sheet, found, pair))}'
+
+
+def _check_there(sheet: Sheet, found: Found, pairs: Sequence[tuple[str, str]]) -> None:
+    """Refuse a table without coordinates, or without columns that the user gives."""
+    where, header = sheet.where(sheet.header.number), sheet.header.cells
+    problems = [
+        f'{where}: column {dotted((name,))} is missing, which columns gives as {role}: the header '
+        f'is {shown(",".join(header))}'
+        for role, name in found.missing.items()
+    ]
+    if not pairs and not problems:
+        problems.append(f'{where}: {_no_places(header, found)}')
+    if problems:
+        raise ConfigError(*problems)
+
+
+def _distinct_column(sheet: Sheet, place: tuple[int, int]) -> int | None:
+    """The first column that may be the ids all the same, as no two rows have the same there."""
+    for column, name in enumerate(sheet.header.cells):
+        cells = (_cell(line, column) for line in sheet.lines)
+        if name and column not in place and _are_ids(cells, may_be_numbers=column == 0):
+            return column
+    return None
+
+
+def _are_ids(cells: Iterator[str], *, may_be_numbers: bool) -> bool:
+    """Whether each cell may name one sensor alone; numbers further right are heights, say."""
+    seen: set[str] = set()
+    for cell in cells:
+        if cell in seen or not _is_id(cell):
+            return False
+        seen.add(cell)
+    return may_be_numbers or any(math.isnan(number_of(cell, '.')) for cell in seen)
+
+
+def _said_of_names(sheet: Sheet, named: int | None) -> str:
+    none = 'no column has a name of ids, as id or station: sensors are'
+    return f'{none} numbered' if named is None else f'{none} called by {sheet.header.cells[named]}'
+
+
+def _is_id(text: str) -> bool:
+    return 1 <= len(text) <= MAX_SENSOR_ID and text.isprintable()
+
+
+def _named(sheet: Sheet, found: Found, roles: tuple[str, str]) -> tuple[str, str]:
+    """What the header calls two columns."""
+    first, second = (sheet.header.cells[found.by_role[role]] for role in roles)
+    return first, second
+
+
+def _no_places(header: Sequence[str], found: Found) -> str:
+    pairs = ' or '.join(','.join(system.roles) for system in SYSTEMS)
+    half = [
+        (header[found.by_role[here]], lacking)
+        for system in SYSTEMS
+        for here, lacking in (system.roles, system.roles[::-1])
+        if here in found.by_role
+    ]
+    if half:
+        return f'has {shown(half[0][0])} without a column {half[0][1]}: must have {pairs}'
+    return (
+        f'has no coordinates, but {shown(",".join(header))}: must have columns {pairs}, or be '
+        'told which they are, as columns: {lat: Y, lon: X}'
+    )
+
+
+def _check_doubled(sheet: Sheet, found: Found, roles: tuple[str, ...]) -> None:
+    where = sheet.where(sheet.header.number)
+    for role, name in found.doubled.items():
+        if role in roles:
+            raise ConfigError(f'{where}: column {dotted((name,))} appears twice')
+
+
+def _chosen(
+    sheet: Sheet,
+    found: Found,
+    pairs: Sequence[tuple[str, str]],
+    grid: str,
+    *,
+    is_angular: bool,
+) -> tuple[System, tuple[str, str]]:
+    """By which columns places go: the system, and the roles of its two columns."""
+    if grid:
+        return _of_grid(sheet, pairs, grid, is_angular=is_angular)
+    known = [system for system in SYSTEMS if system.roles in pairs]
+    if known:
+        return known[0], known[0].roles
+    columns = found.by_role['x'], found.by_role['y']
+    is_degrees = _are_degrees(sheet, columns)
+    return (DEGREES, ('y', 'x')) if is_degrees else (PLAIN, ('x', 'y'))
+
+
+def _of_grid(
+    sheet: Sheet, pairs: Sequence[tuple[str, str]], grid: str, *, is_angular: bool
+) -> tuple[System, tuple[str, str]]:
+    bare = [('y', 'x')] if is_angular else [('x', 'y')]
+    wanted = [DEGREES.roles] if is_angular else [GRID.roles, PLAIN.roles]
+    there = [pair for pair in [*wanted, *bare] if pair in pairs or pair[::-1] in pairs]
+    if not there:
+        written = ' and '.join(','.join(pair) for pair in pairs)
+        needed = 'latitudes and longitudes' if is_angular else 'east and north in its own unit'
+        raise ConfigError(
+            f'{shown_path(sheet.path)}: crs is {grid}, which has {needed}: must be left out, as '
+            f'the places are {written}'
+        )
+    if is_angular:
+        return DEGREES, there[0]
+    bounds = (-_ANY_GRID, -_ANY_GRID), (_ANY_GRID, _ANY_GRID)
+    return GRID._replace(lows=bounds[0], highs=bounds[1]), there[0]
+
+
+def _are_degrees(sheet: Sheet, columns: tuple[int, int]) -> bool:
+    """Whether columns x and y hold longitudes and latitudes, and not metres."""
+    mark = decimal_mark(_cells(sheet.lines, columns), is_angular=True)
+    rows = [[number_of(_cell(line, column), mark) for column in columns] for line in sheet.lines]
+    numbers = [row for row in rows if not any(map(math.isnan, row))]
+    inside = [x for x in numbers if abs(x[0]) <= 180.0 and abs(x[1]) <= 90.0]
+    if not numbers or 2 * len(inside) < len(numbers):
+        return False
+    spread = max(_spread([row[axis] for row in inside]) for axis in (0, 1))
+    if _MOST_DEGREES < spread < _LEAST_METRES:
+        raise ConfigError(
+            f'{sheet.where(sheet.header.number)}: x,y may be degrees or metres: must be told, by '
+            'columns: {lon: x, lat: y} or columns: {x_m: x, y_m: y}'
+        )
+    return spread <= _MOST_DEGREES
+
+
+def _spread(values: Sequence[float]) -> float:
+    """How far values lie apart, but for a few of them."""
+    middle = sorted(values)[len(values) // 2]
+    return 2 * sorted(abs(value - middle) for value in values)[len(values) // 2]
+
+
+def _cells(lines: Sequence[SheetRow], columns: tuple[int, int]) -> Iterator[str]:
+    return (_cell(line, column) for line in lines for column in columns)
+
+
+def _cell(line: SheetRow, column: int) -> str:
+    return line.cells[column] if column < len(line.cells) else ''
+
+
+def rows_of(
+    sheet: Sheet, layout: PlaceColumns, *, needs_data: bool, skips_blanks: bool
+) -> ReadRows:
+    """The places of all rows, and what is wrong with the others.
+
+    Args:
+        needs_data: each row must have an amount of data; else what is no amount is not looked at.
+        skips_blanks: rows without a place are left out.
+    """
+    rows = ReadRows()
+    digits = len(str(len(sheet.lines)))
+    for line in sheet.lines:
+        where = sheet.where(line.number)
+        wrong = [*_wrong_length(sheet, layout, line)]
+        texts = [_cell(line, column) for column in layout.place]
+        if not wrong and not any(texts):
+            if skips_blanks:
+                rows.n_blank += 1
+                continue
+            wrong = [f'{",".join(layout.names)} are empty: must be numbers, or blanks: skip']
+        at, wrong_at = ((math.nan, math.nan), []) if wrong else _place(layout, texts)
+        name, wrong_name = _name(layout, sheet, line, len(rows.places) + 1, digits)
+        data_mbit, wrong_data = _amount(layout, sheet, line, needs_data=needs_data)
+        wrong += [*wrong_at, *wrong_name, *wrong_data]
+        rows.problems += [(line.number, f'{where}: {what}') for what in wrong]
+        if not wrong:
+            rows.places.append(SensorPlace(name, at, data_mbit, line.number, where))
+            rows.zones.append('' if layout.zone is None else _cell(line, layout.zone))
+    return _in_short(sheet, layout, rows)
+
+
+def _wrong_length(sheet: Sheet, layout: PlaceColumns, line: SheetRow) -> Iterator[str]:
+    """Fields beyond the header, or too few for the columns that count."""
+    n_columns = len(sheet.header.cells)
+    if sheet.unit != 'line':  # what is empty there has no field, either
+        return
+    if any(line.cells[n_columns:]) or max(layout.place) >= len(line.cells):
+        yield f'has {len(line.cells)} fields: must have {n_columns}, as the header'
+
+
+def _place(layout: PlaceColumns, texts: Sequence[str]) -> tuple[tuple[float, float], list[str]]:
+    """The two coordinates of a row, and what is wrong with them."""
+    system, numbers, wrong = layout.system, [], []
+    for axis, text in enumerate(texts):
+        low, high = system.lows[axis], system.highs[axis]
+        if system.is_angular:
+            number = degrees_of(text, layout.mark, 'EW' if axis else 'NS')
+        else:
+            number = number_of(text, layout.mark)
+        numbers.append(number)
+        if not layout.mark and ',' in text and not system.is_angular:
+            wrong.append(f'{layout.names[axis]} is {shown(text)}: may be a thousand or a fraction')
+        elif not low <= number <= high:
+            allowed = f'must be a number from {low:.10g} to {high:.10g} {system.unit}'
+            wrong.append(f'{_shown_name(layout, axis)} is {shown(text)}: {allowed}')
+    return (numbers[0], numbers[1]), wrong
+
+
+def _shown_name(layout: PlaceColumns, axis: int) -> str:
+    return dotted((layout.names[axis],))
+
+
+def _name(
+    layout: PlaceColumns, sheet: Sheet, line: SheetRow, number: int, digits: int
+) -> tuple[str, list[str]]:
+    if layout.id is None:
+        return f'S{number:0{digits}d}', []
+    name = _cell(line, layout.id)
+    if _is_id(name):
+        return name, []
+    column = dotted((sheet.header.cells[layout.id],))
+    allowed = f'must be 1 to {MAX_SENSOR_ID} printable characters'
+    return name, [f'{column} is {shown(name)}: {allowed}']
+
+
+def _amount(
+    layout: PlaceColumns, sheet: Sheet, line: SheetRow, *, needs_data: bool
+) -> tuple[float | None, list[str]]:
+    if layout.data is None:
+        return None, []
+    text = _cell(line, layout.data)
+    # Coordinates of whole metres do not tell how their list writes 0,35.
+    is_open = ',' in text and layout.mark != ','
+    mark = decimal_mark([text], is_angular=False) if is_open else layout.mark
+    amount = number_of(text, mark)
+    if amount == 0 or MIN_DATA_MBIT <= amount <= MAX_DATA_MBIT:
+        return abs(amount), []
+    if not needs_data:
+        return None, []
+    column = dotted((sheet.header.cells[layout.data],))
+    allowed = f'must be a number from {MIN_DATA_MBIT:.10g} to {MAX_DATA_MBIT:.10g} Mbit, or 0'
+    return None, [f'{column} is {shown(text)}: {allowed}']
+
+
+def _in_short(sheet: Sheet, layout: PlaceColumns, rows: ReadRows) -> ReadRows:
+    """The rows with one line for what is wrong with most of them: they are of another grid."""
+    is_guess = layout.system == GRID or (sheet.is_map and layout.system == DEGREES)
+    if not is_guess or 2 * len(rows.problems) <= len(sheet.lines):
+        return rows
+    numbers = [
+        [number_of(_cell(line, column), layout.mark) for column in layout.place]
+        for line in sheet.lines
+    ]
+    outside = [
+        row for row in numbers if all(map(math.isfinite, row)) and not _is_in(layout.system, row)
+    ]
+    if len(outside) < 2 or len(outside) <= _ROWS_AT_ONCE * len(sheet.lines):
+        return rows
+    spans = [
+        f'{name} from {min(values):.10g} to {max(values):.10g}'
+        for name, values in zip(layout.names, zip(*outside, strict=True), strict=True)
+    ]
+    if sheet.is_map:
+        what = (
+            f'{shown_path(sheet.path)}: has {" and ".join(spans)}, which are no degrees: must be '
+            'read by the grid it is of, as crs: EPSG:2056, or as metres of no grid, of a CSV with '
+            'the columns x_m, y_m'
+        )
+        return ReadRows(problems=[(0, what)])
+    given = f'{{x_m: {layout.names[0]}, y_m: {layout.names[1]}}}'
+    what = (
+        f'{shown_path(sheet.path)}: has {" and ".join(spans)}, which is no UTM: must be read '
+        f'by the grid it is of, as crs: EPSG:2056, or as plain metres, by columns: {given}'
+    )
+    return ReadRows(problems=[(0, what)])
+
+
+def _is_in(system: System, row: Sequence[float]) -> bool:
+    return all(
+        low <= it <= high for it, low, high in zip(row, system.lows, system.highs, strict=True)
+    )
+
+
+def check_number_of_rows(sheet: Sheet) -> None:
+    """Refuse a table of too many rows, or of none.
+
+    Raises:
+        ConfigError: it has.
+    """
+    if not sheet.lines:
+        what = f'{sheet.unit} with a point' if sheet.is_map else f'{sheet.unit} below the header'
+        raise ConfigError(
+            f'{shown_path(sheet.path)}: has no sensors: must have at least one {what}'
+        )
+    if len(sheet.lines) > MAX_SENSORS:
+        raise ConfigError(
+            f'{shown_path(sheet.path)}: has {len(sheet.lines):,} sensors: must have at most '
+            f'{MAX_SENSORS:,}'
+        )
