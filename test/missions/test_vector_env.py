@@ -70,7 +70,7 @@ class Noted:
 
     def choose(self, belief: Belief, view: LocalView, legal: Row[int]) -> int:
         briefing = self.briefing
-        size = observation_size(Layout.EGOCENTRIC, briefing.cells_per_side, briefing.n_uavs)
+        size = observation_size(Layout.EGOCENTRIC, len(briefing.is_open), briefing.n_uavs)
         out = new_row(size, 0.0)
         encode(Layout.EGOCENTRIC, briefing, self.uav, belief, view, out)
         self.notes.append((np.array(out), [mark == 1 for mark in legal]))
@@ -175,7 +175,7 @@ def test_the_global_state_is_what_records_keep_for_the_mixer() -> None:
 def test_both_layouts_can_be_had() -> None:
     for layout in Layout:
         decisions = flights_of(tiny(), [0, 1], layout=layout).decisions
-        assert decisions.observation.shape == (2, observation_size(layout, 4, 2))
+        assert decisions.observation.shape == (2, observation_size(layout, 16, 2))
 
 
 @pytest.mark.parametrize('allocator', ['cvxpy', 'best'])

@@ -22,6 +22,7 @@ from uav_collect.planning.relaxation import least_completion_s, least_energy_j
 from uav_collect.scenario.load import load
 from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
+from uav_collect.uav.open_ways import OpenCells
 from uav_collect.world.sensor_field import lay_out
 
 pytestmark = pytest.mark.usefixtures('bound_cache')
@@ -66,7 +67,7 @@ def random_world(seed: int) -> Scenario:
 
 def best_alone(scenario: Scenario, problem: PlanProblem, index: int) -> list[tuple[float, float]]:
     """The least time [s] and energy [J] of one UAV for each set of data cells, as bits."""
-    n_cells, side = problem.n_cells, problem.cells_per_side
+    n_cells, side = problem.n_cells, problem.n_columns
     config = scenario.uavs[index]
     place_m = [
         ((cell % side + 0.5) * CELL_M, (cell // side + 0.5) * CELL_M) for cell in problem.cell
@@ -125,7 +126,7 @@ def test_plans_of_tiny_worlds_are_those_that_trying_everything_finds() -> None:
 def test_trying_everything_tries_all_orders() -> None:
     scenario = random_world(7)
     problem = problem_of(build_site(scenario), 7, 'exact')
-    config, side = scenario.uavs[0], problem.cells_per_side
+    config, side = scenario.uavs[0], problem.n_columns
     place_m = [
         ((cell % side + 0.5) * CELL_M, (cell // side + 0.5) * CELL_M) for cell in problem.cell
     ]
@@ -182,7 +183,25 @@ def test_plans_of_any_fleet_fly_from_anywhere_to_anywhere() -> None:
 
 def test_a_cell_on_the_way_is_served_when_the_uav_first_comes_there() -> None:
     # From 0 to 3, then back to 1: the way to 3 leads over 1.
-    assert bound_module._flight(4, 0, [3, 1, 0]) == ([0, 1, 3], [0, 2, 0, 2, 2, 0])
+    row = OpenCells(1, 4, [1] * 4)
+    assert bound_module._flight(row, 0, [3, 1, 0]) == ([0, 1, 3], [0, 2, 0, 2, 2, 0])
+
+
+def test_plans_lead_around_closed_cells_and_the_world_flies_them() -> None:
+    # . . . .    4 x 4 cells, # closed; from the south-western cell to both sensors, S.
+    # . # S .
+    # . # # .
+    # . # S .
+    zone = [[50.0, 0.0], [100.0, 0.0], [100.0, 150.0], [50.0, 150.0]]
+    hook = [[100.0, 50.0], [150.0, 50.0], [150.0, 100.0], [100.0, 100.0]]
+    sensors = [(125.0, 125.0, 1.0), (125.0, 25.0, 0.5)]
+    scenario = tiny(uav(10.0), sensors=sensors, area__no_fly=[zone, hook])
+    problem = problem_of(build_site(scenario), 0, 'exact')
+    n_points = problem.n_cells + 2
+    # Cells 2 and 10; three moves north, two east, one south; three more, and three back.
+    assert problem.way_m[2 * n_points + 1] == 6 * CELL_M
+    assert problem.way_m[1] == 4 * CELL_M
+    check_flies(scenario)
 
 
 def test_where_nothing_waits_the_plan_is_to_fly_home() -> None:

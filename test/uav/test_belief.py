@@ -167,7 +167,7 @@ def test_a_new_mission_starts_with_nothing_known() -> None:
     belief = belief_with([1] * N_CELLS)
     observe(belief, BRIEFING, view_at(BRIEFING, 5, [1e6] * 9))
     hear(belief, 1, row_of([1] * N_CELLS), 75.0, 125.0, 8.0)
-    forget(belief)
+    forget(belief, BRIEFING)
     fresh = belief_with()
     for row, fresh_row in zip(belief, fresh, strict=True):
         assert [*row] == [*fresh_row]

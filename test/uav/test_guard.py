@@ -7,6 +7,7 @@ import math
 from fleets import flown_without
 from interpreted import interpreted
 import numpy as np
+import odd_areas
 import pytest
 from random_policies import header, random_policy
 from tiny_world import tiny, uav
@@ -14,11 +15,13 @@ from uav_collect.analysis.metrics import check_log, mission_metrics
 from uav_collect.kernels.arrays import Row, row_of
 from uav_collect.limits import GUARD_AFTER
 from uav_collect.missions.rollout import fly
-from uav_collect.missions.simulation import Simulation
+from uav_collect.missions.simulation import fly_by_agents, Simulation
 from uav_collect.recording.mission_log import from_jsonl, MissionLog
+from uav_collect.scenario.area import open_cells
 from uav_collect.scenario.load import load
 from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
+from uav_collect.scenario.ways import cell_of
 from uav_collect.uav.action_codes import (
     BACKWARD,
     BY_POLICY,
@@ -315,7 +318,7 @@ def random_scenario(rng: np.random.Generator) -> Scenario:
 
 def most_decisions(log: MissionLog, guard_after: int) -> float:
     """The bound of `agent.guarded`, for a hover that costs no more than a move."""
-    side = log.header.cells_per_side
+    side = log.header.n_rows
     way_home = math.sqrt(2.0) * side
     return side * side * (guard_after + 2 * side + 1) + way_home + 3
 
@@ -326,9 +329,7 @@ def test_random_networks_end_with_the_map_complete_or_at_the_reserve_within_the_
     for _ in range(N_NETWORKS // PER_SCENARIO):
         scenario = random_scenario(rng)
         site, guard_after = build_site(scenario), int(rng.choice([1, 5, GUARD_AFTER]))
-        of = header(
-            Layout.EGOCENTRIC, scenario.area.cells_per_side, scenario.n_uavs, hidden_size=8
-        )
+        of = header(Layout.EGOCENTRIC, scenario.area.n_rows, scenario.n_uavs, hidden_size=8)
         for _ in range(PER_SCENARIO):
             frozen = random_policy(of, seed=int(rng.integers(2**31)))
             seed = int(rng.integers(2**31))
@@ -342,3 +343,36 @@ def test_random_networks_end_with_the_map_complete_or_at_the_reserve_within_the_
                 assert mission_metrics(log).is_complete
     assert ends == {MAP_COMPLETE, ENERGY_RESERVE}
     assert n_endless > N_NETWORKS // 5
+
+
+@pytest.mark.parametrize('guard_after', [1, GUARD_AFTER])
+def test_random_networks_end_in_a_maze_with_dead_ends_and_leave_nothing(guard_after: int) -> None:
+    scenario = odd_areas.maze(
+        fleet__default__energy_budget_kj=1e6,
+        radio__contact_range_m=100.0,
+        sensors__sparse_mean=3,  # so that the ends of the ways hold data
+    )
+    site, is_open = build_site(scenario), open_cells(scenario.area)
+    for seed in range(3):
+        frozen = random_policy(header(Layout.EGOCENTRIC, 9, scenario.n_uavs, hidden_size=8), seed)
+        learned = partial(LearnedPolicy, 'mine', frozen)
+        [log] = fly(site, [seed], learned, 'equal', guard_after)
+        # Each cell takes the guard's patience and a way through all the others, at most.
+        most = int(is_open.sum()) * (guard_after + int(is_open.sum()) + 1)
+        assert np.bincount(log.events['uav']).max() <= most
+        assert mission_metrics(log).is_complete
+        assert mission_metrics(log).n_guarded > 0
+        cells = [cell_of(scenario.area, it) for it in log.events[['x_m', 'y_m']].tolist()]
+        assert is_open[cells].all()
+
+
+def test_a_guard_leads_out_of_a_pocket_through_the_maze_a_policy_that_would_stay_there() -> None:
+    home = {'cell': [1, 3]}
+    scenario = odd_areas.maze(
+        sensors={'kind': 'listed', 'entries': [{'id': 'S', 'x_m': 25.0, 'y_m': 425.0}]},
+        demand={'cell_share': 'all', 'data_mbit': [1.0, 1.0], 'known_empty': 'none'},
+        fleet__uavs=[{'speed_mps': 10.0, 'start': home, 'home': home}],
+    )
+    log = fly_by_agents(build_site(scenario), 0, Circling, 'exact', 3)
+    assert mission_metrics(log).is_complete
+    assert log.events['reason'][-1] == MAP_COMPLETE

@@ -7,6 +7,7 @@ import hashlib
 from fleets import flown_without
 from interpreted import interpreted
 import numpy as np
+import odd_areas
 import pytest
 from uav_collect.analysis.metrics import mission_metrics
 from uav_collect.kernels.arrays import Row
@@ -57,7 +58,7 @@ def way(log: MissionLog, uav: int) -> list[int]:
     own = log.events[log.events['uav'] == uav + 1]
     rows = (own['y_m'] / head.cell_size_m).astype(int)
     columns = (own['x_m'] / head.cell_size_m).astype(int)
-    cells: list[int] = (rows * head.cells_per_side + columns).tolist()
+    cells: list[int] = (rows * head.n_columns + columns).tolist()
     return [cell for cell, before in zip(cells, [-1, *cells], strict=False) if cell != before]
 
 
@@ -268,6 +269,9 @@ def flown_by_rules() -> str:
                 )
                 for log in logs(scenario, rule, 3):
                     digest.update(log.to_jsonl())
+    for scenario in (odd_areas.with_a_hole(), odd_areas.pipeline(12)):
+        for rule in RULES:
+            digest.update(logs(scenario, rule, 1)[0].to_jsonl())
     return digest.hexdigest()
 
 

@@ -28,7 +28,7 @@ EGOCENTRIC_SIZE = PEERS + N_PEERS * PER_PEER + N_ACTIONS + 6
 def encoded(
     layout: Layout, scenario: Scenario, unit: int, belief: Belief, view: LocalView
 ) -> Floats:
-    size = observation_size(layout, scenario.area.cells_per_side, scenario.n_uavs)
+    size = observation_size(layout, scenario.n_cells, scenario.n_uavs)
     out = new_row(size, math.nan)
     encode(int(layout), brief(scenario), unit, belief, view, out)
     numbers = np.array(out)
@@ -50,23 +50,21 @@ def test_a_layout_is_named_with_its_version() -> None:
 
 
 @pytest.mark.parametrize(
-    ('layout', 'cells_per_side', 'n_uavs', 'size'),
+    ('layout', 'n_cells', 'n_uavs', 'size'),
     [
-        (Layout.PAPER, 10, 2, 3 + 100 + 9 + 5 + 2),
-        (Layout.PAPER, 4, 1, 3 + 16 + 9 + 5 + 1),
-        (Layout.EGOCENTRIC, 10, 2, EGOCENTRIC_SIZE),
-        (Layout.EGOCENTRIC, 20, 6, EGOCENTRIC_SIZE),
+        (Layout.PAPER, 100, 2, 3 + 100 + 9 + 5 + 2),
+        (Layout.PAPER, 16, 1, 3 + 16 + 9 + 5 + 1),
+        (Layout.EGOCENTRIC, 100, 2, EGOCENTRIC_SIZE),
+        (Layout.EGOCENTRIC, 400, 6, EGOCENTRIC_SIZE),
     ],
 )
-def test_the_size_of_an_observation(
-    layout: Layout, cells_per_side: int, n_uavs: int, size: int
-) -> None:
-    assert observation_size(layout, cells_per_side, n_uavs) == size
+def test_the_size_of_an_observation(layout: Layout, n_cells: int, n_uavs: int, size: int) -> None:
+    assert observation_size(layout, n_cells, n_uavs) == size
 
 
 def test_the_egocentric_layout_has_room_for_six_uavs() -> None:
     with pytest.raises(ConfigError, match=r'7 UAVs; observations egocentric/2 have room for 6'):
-        observation_size(Layout.EGOCENTRIC, 10, 7)
+        observation_size(Layout.EGOCENTRIC, 100, 7)
 
 
 @pytest.mark.parametrize('layout', Layout)

@@ -15,7 +15,8 @@ from uav_collect.scenario.site import build_site
 from uav_collect.uav.action_codes import BACKWARD, FORWARD, HOVER, LEFT, RIGHT
 from uav_collect.uav.briefing import brief, Briefing
 from uav_collect.uav.view import new_view_rows
-from uav_collect.world.dynamics import look, Mission, mission_of, new_missions, start_action
+from uav_collect.world.dynamics import look, Mission, mission_of, start_action
+from uav_collect.world.mission_start import new_missions
 from uav_collect.world.reward import interval_reward, reward_terms, RewardTerms
 from uav_collect.world.sensor_field import lay_out, most_sensors
 

@@ -132,3 +132,13 @@ def test_the_largest_seed_draws_as_any_other() -> None:
     last = Simulation(site, 2**63 - 1).demand_bit
     assert last != Simulation(site, 2**62 - 1).demand_bit
     assert sum(last) > 0.0
+
+
+def test_the_share_of_cells_with_data_is_one_of_the_open_cells() -> None:
+    # An L of 12 of 16 cells: 0.25 * 12 = 3 on average; of all it would be 4.
+    corner = [[100.0, 100.0], [200.0, 100.0], [200.0, 200.0], [100.0, 200.0]]
+    sensors = [it for it in EVERYWHERE if it[0] < 100.0 or it[1] < 100.0]
+    demand = {'cell_share': 0.25, 'data_mbit': [0.1, 1.0]}
+    field = tiny(sensors=sensors, demand=demand, area__no_fly=[corner])
+    counts = np.array([len(cells) for cells in data_cells(field, 500)])
+    assert counts.mean() == pytest.approx(3.0 + math.exp(-3.0), abs=4 * math.sqrt(3.0 / 500))

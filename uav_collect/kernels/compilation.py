@@ -33,6 +33,11 @@ class Compilation:
         self._timer: Timer | None = None
 
     @property
+    def is_watched(self) -> bool:
+        """Whether numba was asked for a kernel: how all of them run is settled since."""
+        return self._is_watched
+
+    @property
     def is_going_on(self) -> bool:
         """Whether a kernel is being compiled now."""
         return self._n_begun > 0

@@ -22,6 +22,7 @@ from typing import Any, TypeVar
 from uav_collect.errors import ConfigError, in_one_line
 from uav_collect.kernels.compilation import Compilation
 from uav_collect.kernels.patience import say
+from uav_collect.kernels.turn import Turn
 
 _Kernel = TypeVar('_Kernel', bound=Callable[..., object])
 
@@ -30,6 +31,7 @@ _SWITCH = 'UAV_COLLECT_KERNELS'
 _OPTIONS = {'error_model': 'numpy', 'forceinline': True, 'no_cfunc_wrapper': True}
 _NOT_KEPT = 'kernels are not kept, the next process compiles them again'
 compilation = Compilation()  # of this process
+turn = Turn()  # the same
 
 
 def interpret_kernels() -> None:
@@ -134,6 +136,26 @@ def _temporary_folder() -> Path:
     return Path(own)
 
 
+def interpret_unless_cached(kernel_name: str) -> bool:
+    """Leave kernels as plain Python in this process if that is open, and nobody has compiled them.
+
+    It is open until the first kernel is imported: compiled ones do not run with interpreted ones.
+
+    Args:
+        kernel_name: the last part of the module that has it and its own name: none is imported,
+            as that settles how all of them run.
+
+    Returns:
+        Whether this was what made them run interpreted.
+    """
+    if os.environ.get(_SWITCH) or not kernels_are_compiled() or compilation.is_watched:
+        return False
+    if any(cache_folder().rglob(f'{kernel_name}-*.nbi')):
+        return False
+    interpret_kernels()
+    return True
+
+
 def kernels_are_cached(kernels: Iterable[Callable[..., object]]) -> bool:
     """Whether kernels were compiled before, from the same sources.
 
@@ -156,21 +178,31 @@ def _compiled(function: _Kernel, *, counts: bool, nogil: bool = False) -> _Kerne
     options = {'cache': True, '_nrt': counts, 'nogil': nogil, **_OPTIONS}
     compiled: Any = _numba().njit(**options)(function)
     _keep_if_possible(compiled._cache)
+    compiled.compile = turn.kept()(compiled.compile)
     kernel_function: _Kernel = compiled
     return kernel_function
 
 
 def _keep_if_possible(kept: Any) -> None:  # noqa: ANN401 - a cache of numba's
-    """Let a cache that is damaged or has no room cost time alone: what it lacks is compiled."""
+    """Let one process compile a kernel for all, and a bad cache cost time alone.
+
+    What a damaged cache lacks is compiled, and what it has no room for is not kept.
+    """
     load, save = kept.load_overload, kept.save_overload
 
-    def load_or_compile(*arguments: Any) -> Any:  # noqa: ANN401
+    def load_or_none(*arguments: Any) -> Any:  # noqa: ANN401
         try:
             return load(*arguments)
         except Exception:  # a damaged pickle raises anything
             with suppress(OSError):
                 kept.flush()
             return None
+
+    def load_or_compile(*arguments: Any) -> Any:  # noqa: ANN401
+        found = load_or_none(*arguments)
+        if found is None and turn.take(cache_folder()):
+            found = load_or_none(*arguments)  # whose turn it was may have compiled it
+        return found
 
     def save_or_leave(*arguments: Any) -> None:  # noqa: ANN401
         try:

@@ -34,7 +34,7 @@ def names_problem(message: Any, fields: Iterable[str]) -> str | None:
 
 def radio_problem(msg: Any, briefing: Briefing, uav: int) -> str | None:
     """What is wrong with a message that a UAV, by index, heard of another; None if nothing is."""
-    n_cells = briefing.cells_per_side * briefing.cells_per_side
+    n_cells = briefing.n_rows * briefing.n_columns
     if not 1 <= msg.sender <= briefing.n_uavs or msg.sender == uav + 1:
         return f'sender is {msg.sender}: must be another UAV of 1..{briefing.n_uavs}'
     if len(msg.complete) != (n_cells + 7) // 8:
@@ -52,7 +52,7 @@ def observation_problem(msg: Any, briefing: Briefing, uav: int, n_sensors: int) 
     if problem is not None:
         return problem
     cell = cell_at(briefing, msg.x_m, msg.y_m)
-    if msg.cell != cell or cell >= briefing.cells_per_side * briefing.cells_per_side:
+    if msg.cell != cell or not (0 <= cell < len(briefing.is_open) and briefing.is_open[cell]):
         return f'cell is {msg.cell}: must be the one that the UAV is in'
     most_j = briefing.energy_budget_j[uav] * (1.0 + _ENERGY_TOLERANCE)
     if not 0.0 <= msg.energy_left_j <= most_j:
@@ -63,10 +63,13 @@ def observation_problem(msg: Any, briefing: Briefing, uav: int, n_sensors: int) 
 
 
 def _place_problem(msg: Any, briefing: Briefing) -> str | None:
-    side_m = briefing.cells_per_side * briefing.cell_size_m
-    for name, value in (('x_m', msg.x_m), ('y_m', msg.y_m)):
-        if not -_PLACE_TOLERANCE_M <= value <= side_m + _PLACE_TOLERANCE_M:
-            return f'{name} is {value}: must be 0 to {side_m:g}'
+    for name, value, n_cells in (
+        ('x_m', msg.x_m, briefing.n_columns),
+        ('y_m', msg.y_m, briefing.n_rows),
+    ):
+        size_m = n_cells * briefing.cell_size_m
+        if not -_PLACE_TOLERANCE_M <= value <= size_m + _PLACE_TOLERANCE_M:
+            return f'{name} is {value}: must be 0 to {size_m:g}'
     if not (math.isfinite(msg.time_s) and msg.time_s >= 0.0):
         return f'time_s is {msg.time_s}: must be finite and not negative'
     return None

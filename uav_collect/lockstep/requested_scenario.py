@@ -5,7 +5,7 @@ from uav_collect.scenario.load import fingerprint, from_yaml, load, scenario_nam
 from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site, Site
 from uav_collect.uav.actions import check_can_start
-from uav_collect.uav.briefing import brief
+from uav_collect.uav.briefing import briefing_of
 
 
 def requested_site(scenario: str) -> Site:
@@ -26,7 +26,7 @@ def requested_site(scenario: str) -> Site:
         )
     try:
         site = build_site(load(scenario) if scenario in names else from_yaml(scenario))
-        check_can_start(site.scenario, brief(site.scenario))
+        check_can_start(site.scenario, briefing_of(site))
     except ConfigError as error:
         raise ConfigError(error.summary) from error
     return site
@@ -37,7 +37,7 @@ class ScenariosOfWorld:
 
     def __init__(self) -> None:
         """Have had none yet."""
-        self._named: dict[str, tuple[str, object]] = {}  # name and place by fingerprint
+        self._named: dict[str, tuple[str, object, object]] = {}  # name and place by fingerprint
 
     def add(self, scenario: Scenario) -> None:
         """Take note of one.
@@ -45,7 +45,8 @@ class ScenariosOfWorld:
         Raises:
             ConfigError: another one had its fingerprint.
         """
-        own = scenario.name, scenario.area.reference
+        area = scenario.area
+        own = scenario.name, area.reference, area.crs
         known = self._named.setdefault(fingerprint(scenario), own)
         if known != own:
             raise ConfigError(

@@ -4,28 +4,26 @@ Rules choose inside the kernels. Whoever else flies, a network, a user's functio
 asked from outside: a mission then waits, and `fly_batch` carries it on once it is answered.
 """
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
-from uav_collect.kernels.arrays import new_map_table, new_row, new_table, Row
+from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.compile import kernel, long_kernel
-from uav_collect.missions.event_log import EventLog, new_log
-from uav_collect.missions.experience import new_records, record, Records
-from uav_collect.scenario.site import Site
+from uav_collect.missions.event_log import EventLog
+from uav_collect.missions.experience import record, Records
 from uav_collect.uav.action_codes import BY_POLICY, FAULT, HOME, HOVER, N_ACTIONS, NONE
 from uav_collect.uav.agent import (
     allocate,
     guarded,
-    new_workspace,
     reason_to_go_home,
-    WATCH_SIZE,
     Workspace,
 )
-from uav_collect.uav.belief import belief_of, Beliefs, forget, hear, new_beliefs, observe
-from uav_collect.uav.briefing import brief, Briefing
-from uav_collect.uav.heuristics import choose, MEMORY_SIZE
-from uav_collect.uav.observation import encode, Layout, observation_size
-from uav_collect.uav.view import LocalView, new_view_rows, ViewRows
+from uav_collect.uav.belief import belief_of, Beliefs, hear, observe
+from uav_collect.uav.briefing import Briefing
+from uav_collect.uav.heuristics import choose
+from uav_collect.uav.moves import Moves
+from uav_collect.uav.observation import encode
+from uav_collect.uav.sharing import Shares
+from uav_collect.uav.view import LocalView, ViewRows
 from uav_collect.world import exchange
 from uav_collect.world.dynamics import (
     contacts,
@@ -35,19 +33,13 @@ from uav_collect.world.dynamics import (
     look,
     mission_of,
     Missions,
-    new_missions,
     next_uav,
-    restart_mission,
+    place_at,
     start_action,
     wait_for_the_slowest,
-    x_m_at,
-    y_m_at,
 )
 from uav_collect.world.faults import (
-    draw_all_faults,
-    draw_faults,
     Faults,
-    faults_of,
     note_faults,
     slow_down,
 )
@@ -56,15 +48,13 @@ from uav_collect.world.reward import (
     earn_interval,
     Earnings,
     energy_reward,
-    new_earnings,
     news_reward,
     paper_reward,
     Reward,
-    reward_terms,
     RewardTerms,
     start_earning,
 )
-from uav_collect.world.sensor_field import lay_out, most_sensors, SensorField
+from uav_collect.world.sensor_field import SensorField
 
 IN_FLIGHT = -2  # a mission that waits for nobody and is not over: it is to be flown on
 _PAPER = int(Reward.PAPER)
@@ -110,6 +100,8 @@ class Batch(NamedTuple):
     faults: Faults
     may_fail: int  # 1: there are some, or some have been injected
     beliefs: Beliefs  # by mission, then UAV: (W * U, ...)
+    shares: Shares  # what the rule that decides knows of the fleet's ways
+    moves: Moves  # scratch to find ways
     memory: Row[Row[int]]  # of the rules, the same
     watch: Row[Row[int]]  # of the guards, the same
     complete: Row[Row[int]]  # (W, C) the union of the UAVs' maps, where news are rewarded
@@ -120,88 +112,6 @@ class Batch(NamedTuple):
     records: Records
     workspace: Workspace  # scratch of the UAV that decides
     view_rows: ViewRows  # the same
-
-
-def new_batch(
-    site: Site, mission_seeds: Sequence[int], settings: Settings, log_capacity: int = 1
-) -> Batch:
-    """Missions at their start, all in flight.
-
-    Args:
-        log_capacity: events of a mission that the log has room for.
-
-    Raises:
-        ConfigError: the layout has no room for the fleet.
-    """
-    briefing, sensor_field = brief(site.scenario), lay_out(site)
-    n_worlds, n_uavs = len(mission_seeds), briefing.n_uavs
-    n_cells = briefing.cells_per_side * briefing.cells_per_side
-    max_sensors, is_news_wanted = most_sensors(sensor_field), settings.reward == _ENERGY
-    link, faults = exchange.link_of(site.scenario), faults_of(site.scenario)
-    missions = new_missions(briefing, sensor_field, mission_seeds)
-    if len(faults.kind) > 0:
-        draw_all_faults(faults, missions, n_worlds)
-    return Batch(
-        settings=settings,
-        briefing=briefing,
-        sensor_field=sensor_field,
-        terms=reward_terms(site),
-        missions=missions,
-        link=link,
-        airwaves=exchange.new_airwaves(link, briefing, n_worlds),
-        faults=faults,
-        may_fail=int(len(faults.kind) > 0),
-        beliefs=new_beliefs(briefing, n_worlds * n_uavs),
-        memory=new_table(n_worlds * n_uavs, MEMORY_SIZE, 0),
-        watch=new_table(n_worlds * n_uavs, WATCH_SIZE, NONE),
-        complete=new_map_table(n_worlds if is_news_wanted else 1, n_cells),
-        n_events=new_row(n_worlds, 0),
-        earnings=new_earnings(n_worlds),
-        waiting=_new_waiting(settings.layout, briefing, n_worlds),
-        log=new_log(n_worlds, log_capacity),
-        records=new_records(max(1, n_worlds * settings.n_rows), briefing),
-        workspace=new_workspace(max_sensors),
-        view_rows=new_view_rows(max_sensors),
-    )
-
-
-def _new_waiting(layout: int, briefing: Briefing, n_worlds: int) -> Waiting:
-    size = 1
-    if layout != NONE:
-        size = observation_size(Layout(layout), briefing.cells_per_side, briefing.n_uavs)
-    return Waiting(
-        uav=new_row(n_worlds, IN_FLIGHT),
-        time_s=new_row(n_worlds, 0.0),
-        duration_s=new_row(n_worlds, 0.0),
-        reward=new_row(n_worlds, 0.0),
-        legal=new_table(n_worlds, N_ACTIONS, 0),
-        observation=new_table(n_worlds, size, 0.0),
-        heard=new_row(n_worlds, 0),
-        n_records=new_row(n_worlds, 0),
-    )
-
-
-@kernel
-def restart(batch: Batch, world: int) -> None:
-    """Put a mission back to its start, by its own seed."""
-    n_uavs = batch.briefing.n_uavs
-    restart_mission(batch.briefing, batch.sensor_field, mission_of(batch.missions, world))
-    draw_faults(batch.faults, mission_of(batch.missions, world))
-    if batch.link.is_ideal == 0:
-        exchange.clear(exchange.airwaves_of(batch.airwaves, world))
-    for place in range(world * n_uavs, (world + 1) * n_uavs):
-        forget(belief_of(batch.beliefs, place))
-        for index in range(MEMORY_SIZE):
-            batch.memory[place][index] = 0
-        for index in range(WATCH_SIZE):
-            batch.watch[place][index] = NONE
-    if batch.settings.reward == _ENERGY:
-        for cell in range(len(batch.complete[world])):
-            batch.complete[world][cell] = 0
-    batch.n_events[world] = 0
-    start_earning(batch.earnings, world, 0.0)
-    batch.waiting.n_records[world] = 0
-    batch.waiting.uav[world] = IN_FLIGHT
 
 
 @long_kernel
@@ -274,7 +184,8 @@ def fly_on(batch: Batch, world: int) -> None:
             return
         if reason == NONE:
             reason = BY_POLICY
-            action = choose(settings.rule, briefing, uav, belief, view, legal, batch.memory[place])
+            ways, memory = (batch.shares, batch.moves), batch.memory[place]
+            action = choose(settings.rule, briefing, *ways, uav, belief, view, legal, memory)
         carry_out(batch, world, uav, view, action, reason, heard)
 
 
@@ -293,6 +204,7 @@ def answer(batch: Batch, world: int, uav: int, chosen: int) -> None:
         waiting.legal[world],
         chosen,
         batch.watch[place],
+        batch.moves,
     )
     if action == HOVER:
         allocate(batch.settings.allocator, batch.briefing, view, batch.workspace)
@@ -323,7 +235,7 @@ def hear_all(batch: Batch, world: int, uav: int, heard: int, time_s: float) -> N
     belief = belief_of(batch.beliefs, first + uav)
     for other in range(batch.briefing.n_uavs):
         if heard >> other & 1:
-            x_m, y_m = x_m_at(mission, other, time_s), y_m_at(mission, other, time_s)
+            x_m, y_m = place_at(batch.briefing, mission, other, time_s)
             hear(belief, other, batch.beliefs.complete[first + other], x_m, y_m, time_s)
 
 
@@ -339,7 +251,7 @@ def be_heard(batch: Batch, world: int, uav: int, heard: int, time_s: float) -> N
         exchange.speak(batch.link, batch.briefing, mission, airwaves, belief, uav, time_s)
         return
     complete = batch.beliefs.complete[first + uav]
-    x_m, y_m = x_m_at(mission, uav, time_s), y_m_at(mission, uav, time_s)
+    x_m, y_m = place_at(batch.briefing, mission, uav, time_s)
     for other in range(batch.briefing.n_uavs):
         if heard >> other & 1:
             hear(belief_of(batch.beliefs, first + other), uav, complete, x_m, y_m, time_s)

@@ -19,7 +19,7 @@ from uav_collect.uav.belief import Belief, belief_of, Beliefs, new_beliefs
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.observation import encode
 from uav_collect.uav.view import LocalView, VIEW_CELLS
-from uav_collect.world.dynamics import ACTIVE, Mission, x_m_at, y_m_at
+from uav_collect.world.dynamics import ACTIVE, Mission, place_at
 
 N_UAV_SCALARS = 4  # of the global state: position, energy, whether it still decides
 _BYTE = 8
@@ -61,7 +61,7 @@ def n_map_bytes(n_cells: int) -> int:
 
 def new_records(n_rows: int, briefing: Briefing) -> Records:
     """Room for so many decisions."""
-    n_bytes = n_map_bytes(briefing.cells_per_side * briefing.cells_per_side)
+    n_bytes = n_map_bytes(briefing.n_rows * briefing.n_columns)
     widths = {
         'complete': briefing.n_uavs * n_bytes, 'true_complete': n_bytes, 'seen': n_bytes,
         'fleet': briefing.n_uavs * N_UAV_SCALARS,
@@ -162,10 +162,10 @@ def write_fleet(
     fleet: Row[float], briefing: Briefing, mission: Mission, uav: int, time_s: float
 ) -> None:
     """Write the place, energy and phase of one UAV into the fleet's, (U * N_UAV_SCALARS,)."""
-    side_m = briefing.cells_per_side * briefing.cell_size_m
     first = uav * N_UAV_SCALARS
-    fleet[first] = x_m_at(mission, uav, time_s) / side_m
-    fleet[first + 1] = y_m_at(mission, uav, time_s) / side_m
+    x_m, y_m = place_at(briefing, mission, uav, time_s)
+    fleet[first] = x_m / (briefing.n_columns * briefing.cell_size_m)
+    fleet[first + 1] = y_m / (briefing.n_rows * briefing.cell_size_m)
     fleet[first + 2] = mission.energy_left_j[uav] / briefing.energy_budget_j[uav]
     fleet[first + 3] = 1.0 if mission.phase[uav] == ACTIVE else 0.0
 
@@ -217,7 +217,7 @@ def _rebuild(
     out: NDArray[np.float32],
 ) -> None:
     belief = belief_of(rebuilt.beliefs, 0)
-    side = briefing.cells_per_side
+    n_columns = briefing.n_columns
     for row in range(len(records.uav)):
         uav = records.uav[row]
         _rebuild_belief(briefing, records, row, demand_bit[mission[row]], belief)
@@ -227,8 +227,8 @@ def _rebuild(
             rebuilt.region_bit[index] = belief.seen_bit[near] if near >= 0 else math.nan
         view = LocalView(
             records.time_s[row],
-            (cell % side + 0.5) * briefing.cell_size_m,
-            (cell // side + 0.5) * briefing.cell_size_m,
+            (cell % n_columns + 0.5) * briefing.cell_size_m,
+            (cell // n_columns + 0.5) * briefing.cell_size_m,
             cell,
             records.energy_left_j[row],
             records.previous_action[row],

@@ -104,12 +104,13 @@ class FlightSampler:
         x_m, y_m = simulation.position_m(uav, time_s)
         has_landed = simulation.phase(uav, time_s) == LANDED
         duration_s = leg.end_s - leg.start_s
-        east_m, north_m = leg.end_x_m - leg.start_x_m, leg.end_y_m - leg.start_y_m
+        (from_x_m, from_y_m), (to_x_m, to_y_m) = simulation.straight(uav, time_s)
+        east_m, north_m = to_x_m - from_x_m, to_y_m - from_y_m
         heading_rad, speed_mps, to_spend_j = self._headings_rad[uav], 0.0, 0.0
         if east_m or north_m:
             heading_rad = math.atan2(north_m, east_m)
         if duration_s > 0.0 and not has_landed:  # as a leg ends it is still flown
-            speed_mps = math.hypot(east_m, north_m) / duration_s
+            speed_mps = leg.length_m / duration_s
             to_spend_j = leg.energy_j * (leg.end_s - time_s) / duration_s
         return UavSample(
             x_m=x_m,
@@ -123,7 +124,8 @@ class FlightSampler:
     def path(self, uav: int, time_s: float) -> list[Corner]:
         """Where one UAV, by index, has flown: its corners, and where it is at a time."""
         here = Corner(time_s, *self._simulation.position_m(uav, time_s))
-        corners = self._corners[uav]
+        turns = self._simulation.turns(uav, time_s)
+        corners = [*self._corners[uav], *(Corner(at_s, *place_m) for at_s, place_m in turns)]
         if corners and (corners[-1].x_m, corners[-1].y_m) == (here.x_m, here.y_m):
-            return [*corners]
+            return corners
         return [*corners, here]

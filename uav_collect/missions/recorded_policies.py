@@ -12,7 +12,7 @@ from uav_collect.recording.mission_log import MissionHeader, NO_AGENT, UavHeader
 from uav_collect.scenario.load import fingerprint
 from uav_collect.scenario.site import Site
 from uav_collect.uav.action_codes import NONE
-from uav_collect.uav.briefing import brief
+from uav_collect.uav.briefing import briefing_of
 from uav_collect.uav.policy import guard_for, NamedPolicy, policy_named
 from uav_collect.uav.policy_file import load_policy, SUFFIX
 from uav_collect.uav.policy_network import flown_version, LearnedPolicy
@@ -90,7 +90,7 @@ class RecordedPolicies:
         msg = (exact or alike)[-1]
         known = (msg.trainer_instance, msg.sequence), fingerprint(site.scenario)
         if known not in self._checked:
-            self._checked[known] = checked_policy(msg, brief(site.scenario))
+            self._checked[known] = checked_policy(msg, briefing_of(site))
         policy = self._checked[known].for_mission(mission_seed)
         # A learner is to see what its own policy does: nobody guards it.
         return FlownBy(policy=policy, allocator=uav.allocator, guard_after=NONE)

@@ -196,9 +196,7 @@ class _WatchedAgent(Agent):
         super().__init__(briefing, uav, by.policy, allocator, guard_after=by.guard_after)
         self._exchange = _Exchange()
         self._rows: dict[Layout, Row[float]] = {
-            layout: new_row(
-                observation_size(layout, briefing.cells_per_side, briefing.n_uavs), 0.0
-            )
+            layout: new_row(observation_size(layout, len(briefing.is_open), briefing.n_uavs), 0.0)
             for layout in layouts
         }
 

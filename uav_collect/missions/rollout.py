@@ -8,6 +8,7 @@ from dataclasses import replace
 from functools import partial
 
 from uav_collect.limits import GUARD_AFTER
+from uav_collect.missions.batch_metrics import BatchMetrics
 from uav_collect.missions.simulation import fly_by_agents
 from uav_collect.missions.vector_env import VectorEnv, VectorEnvConfig
 from uav_collect.recording.mission_log import MissionLog
@@ -51,25 +52,66 @@ def fly(
             for seed in mission_seeds
         ]
     pilot = make_policy()
-    config = VectorEnvConfig(
+    config = _config(pilot, allocator, guard_after, is_logged=True)
+    env = _flown(site, mission_seeds, make_policy, pilot, config, between_decisions)
+    return env.mission_logs(pilot.name)
+
+
+def fly_for_metrics(
+    site: Site,
+    mission_seeds: Sequence[int],
+    policy: str | Callable[[], Policy],
+    allocator: str = 'exact',
+    guard_after: int = GUARD_AFTER,
+) -> BatchMetrics:
+    """Fly missions as `fly` does, without logs: only their metrics are kept.
+
+    Args:
+        allocator: exact or equal.
+
+    Raises:
+        PolicyMismatchError, AllocationError, ConfigError: as `fly`.
+    """
+    make_policy = _maker(policy, site.scenario)
+    pilot = make_policy()
+    config = _config(pilot, allocator, guard_after, is_logged=False)
+    return _flown(site, mission_seeds, make_policy, pilot, config, None).metrics()
+
+
+def _config(
+    pilot: Policy, allocator: str, guard_after: int, *, is_logged: bool
+) -> VectorEnvConfig:
+    return VectorEnvConfig(
         layout=None,
         allocator=allocator,
         reward=None,
-        is_logged=True,
+        is_logged=is_logged,
         guard_after=guard_for(pilot, guard_after),
     )
+
+
+def _flown(
+    site: Site,
+    mission_seeds: Sequence[int],
+    make_policy: Callable[[], Policy],
+    pilot: Policy,
+    config: VectorEnvConfig,
+    between_decisions: Callable[[], None] | None,
+) -> VectorEnv:
+    """Missions flown to their end; `pilot` is one of those that fly them."""
     match pilot:
         case RulePolicy(heuristic=rule):
-            env = VectorEnv(site, mission_seeds, replace(config, rule=rule))
+            return VectorEnv(site, mission_seeds, replace(config, rule=rule))
         case LearnedPolicy(frozen=network):
             layout = network.header.layout
             env = VectorEnv(site, mission_seeds, replace(config, layout=layout))
             pilot.begin(env.briefing, 0)  # raises if it does not fit
             env.fly_by_network(network, between_decisions)
+            return env
         case _:
             env = VectorEnv(site, mission_seeds, config)
             env.fly_by_policies(make_policy)
-    return env.mission_logs(pilot.name)
+            return env
 
 
 def _maker(policy: str | Callable[[], Policy], scenario: Scenario) -> Callable[[], Policy]:

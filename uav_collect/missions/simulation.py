@@ -8,7 +8,6 @@ from collections.abc import Callable, Container, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 import math
-from typing import NamedTuple
 
 from uav_collect.errors import PolicyMismatchError
 from uav_collect.kernels.arrays import Row, row_of
@@ -18,13 +17,14 @@ from uav_collect.missions.batch_kernels import (
     carry_out,
     end_interval,
     listen,
-    new_batch,
     Settings,
 )
+from uav_collect.missions.batch_start import new_batch
 from uav_collect.missions.event_log import grown_log, logged_events, mission_header
+from uav_collect.missions.running_legs import Leg, running_leg, turns_by
 from uav_collect.physics.bandwidth import EXACT, hover_time_s
 from uav_collect.recording.mission_log import Events, FaultRecord, MissionHeader, MissionLog
-from uav_collect.scenario.model import FAULT_KINDS
+from uav_collect.scenario.model import FAULT_KINDS, Point
 from uav_collect.scenario.site import Site
 from uav_collect.uav import action_codes, actions
 from uav_collect.uav.action_codes import BY_POLICY, GUARD, HOME, HOVER, NONE
@@ -44,8 +44,8 @@ from uav_collect.world.dynamics import (
     look,
     mission_of,
     next_uav,
-    x_m_at,
-    y_m_at,
+    place_at,
+    straight_at,
 )
 from uav_collect.world.exchange import airwaves_of, heard_map
 from uav_collect.world.faults import fault_records, inject_fault, note_faults
@@ -72,18 +72,6 @@ class Event:
     view: LocalView
     heard: tuple[RadioMessage, ...]  # of each UAV that it hears, by index
     is_gone: bool = False  # its agent is, by a fault: the failsafe flies it home
-
-
-class Leg(NamedTuple):
-    """The running action of a UAV: from where and when to where and when, and what it costs."""
-
-    start_x_m: float
-    start_y_m: float
-    end_x_m: float
-    end_y_m: float
-    start_s: float
-    end_s: float
-    energy_j: float
 
 
 class Simulation:
@@ -144,11 +132,12 @@ class Simulation:
     def radio(self, uav: int) -> RadioMessage:
         """What a UAV's radio answers now."""
         time_s = self.time_s
+        x_m, y_m = self.position_m(uav, time_s)
         return RadioMessage(
             sender=uav,
             complete=self._batch.beliefs.complete[uav],
-            x_m=x_m_at(self._mission, uav, time_s),
-            y_m=y_m_at(self._mission, uav, time_s),
+            x_m=x_m,
+            y_m=y_m,
             time_s=time_s,
             decision=self._sent_decision[uav],
         )
@@ -261,20 +250,22 @@ class Simulation:
 
     def position_m(self, uav: int, time_s: float) -> tuple[float, float]:
         """Where a UAV is at a time of its running action."""
-        return x_m_at(self._mission, uav, time_s), y_m_at(self._mission, uav, time_s)
+        return place_at(self.briefing, self._mission, uav, time_s)
+
+    def straight(self, uav: int, time_s: float) -> tuple[Point, Point]:
+        """From where to where the straight part leads on which a UAV is at a time, east, north."""
+        from_x_m, from_y_m, to_x_m, to_y_m, _ = straight_at(
+            self.briefing, self._mission, uav, time_s
+        )
+        return (from_x_m, from_y_m), (to_x_m, to_y_m)
 
     def leg(self, uav: int) -> Leg:
         """The running action of a UAV; of one that waits for its next, the action that is over."""
-        mission = self._mission
-        return Leg(
-            start_x_m=mission.leg_start_x_m[uav],
-            start_y_m=mission.leg_start_y_m[uav],
-            end_x_m=mission.leg_end_x_m[uav],
-            end_y_m=mission.leg_end_y_m[uav],
-            start_s=mission.leg_start_s[uav],
-            end_s=mission.leg_end_s[uav],
-            energy_j=mission.energy_j[uav],
-        )
+        return running_leg(self.briefing, self._mission, uav)
+
+    def turns(self, uav: int, time_s: float) -> list[tuple[float, Point]]:
+        """When and where a UAV has turned by a time, on a way home around closed cells."""
+        return turns_by(self.briefing, self._mission, uav, time_s)
 
     def energy_left_j(self, uav: int) -> float:
         """What a UAV has left when its running action ends."""

@@ -18,10 +18,10 @@ from uav_collect.kernels.compile import kernel, kernels_are_compiled
 from uav_collect.missions.batch_kernels import (
     Batch,
     fly_batch,
-    new_batch,
-    restart,
     Settings,
 )
+from uav_collect.missions.batch_metrics import BatchMetrics
+from uav_collect.missions.batch_start import new_batch, restart
 from uav_collect.missions.event_log import grown_log, logged_events, mission_header
 from uav_collect.missions.experience import Episode, N_UAV_SCALARS, Records, write_fleet
 from uav_collect.physics.bandwidth import EQUAL, EXACT
@@ -227,6 +227,17 @@ class VectorEnv:
         """The logs of all missions so far; the missions must be logged."""
         header = self._header(policy_name)
         return [self._log_under(header, world) for world in range(len(self._batch.n_events))]
+
+    def metrics(self) -> BatchMetrics:
+        """What the missions achieved; all must be over."""
+        missions = self._batch.missions
+        budget_j = np.asarray(self._batch.briefing.energy_budget_j)
+        return BatchMetrics(
+            collected_bit=np.asarray(missions.collected_bit)[:, 0],
+            total_bit=np.asarray(missions.demand_bit).sum(axis=1),
+            energy_j=budget_j - np.asarray(missions.energy_left_j),
+            landed_s=np.array(missions.leg_end_s),
+        )
 
     def _header(self, policy_name: str) -> MissionHeader:
         n_uavs, allocator = self._scenario.n_uavs, self._config.allocator

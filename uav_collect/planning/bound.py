@@ -30,10 +30,12 @@ from uav_collect.kernels.compile import cache_folder
 from uav_collect.planning.problem import PlanProblem, problem_of
 from uav_collect.planning.relaxation import climb, least_completion_s, least_energy_j
 from uav_collect.planning.search import Aim, best_routes, Routes, search
+from uav_collect.scenario.area import open_cells
 from uav_collect.scenario.load import fingerprint
 from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import Site
 from uav_collect.uav.action_codes import BACKWARD, FORWARD, HOVER, LEFT, RIGHT
+from uav_collect.uav.open_ways import OpenCells
 
 KERNELS = (search, climb)  # that find plans, and what no plan beats
 N_ROUNDS = 2000  # of the search for each plan: some 0.3 s where kernels are interpreted
@@ -106,17 +108,18 @@ def bound_of(
 def flight_actions(scenario: Scenario, plan: Plan) -> tuple[list[int], ...]:
     """The actions that fly a plan, by UAV; after the last one the UAV flies home."""
     area = scenario.area
+    cells_of_area = OpenCells(area.n_rows, area.n_columns, open_cells(area).tolist())
     starts = [
         [int(coordinate_m / area.cell_size_m) for coordinate_m in uav.start_m]
         for uav in scenario.uavs
     ]
     return tuple(
-        _flight(area.cells_per_side, row * area.cells_per_side + column, cells)[1]
+        _flight(cells_of_area, row * area.n_columns + column, cells)[1]
         for (column, row), cells in zip(starts, plan.cells, strict=True)
     )
 
 
-def _flight(side: int, start: int, cells: Sequence[int]) -> tuple[list[int], list[int]]:
+def _flight(area: OpenCells, start: int, cells: Sequence[int]) -> tuple[list[int], list[int]]:
     """The order in which a route serves its cells, and the actions that fly it.
 
     A cell on the way to another one is served when the UAV first comes there: that is no detour,
@@ -132,13 +135,12 @@ def _flight(side: int, start: int, cells: Sequence[int]) -> tuple[list[int], lis
             order.append(here)
             flown.append(HOVER)
             continue
-        target = next(iter(waiting))
-        if target // side != here // side:
-            flown.append(FORWARD if target > here else BACKWARD)
-            here += side if target > here else -side
+        there = area.step(here, next(iter(waiting)))
+        if there // area.n_columns != here // area.n_columns:
+            flown.append(FORWARD if there > here else BACKWARD)
         else:
-            flown.append(RIGHT if target > here else LEFT)
-            here += 1 if target > here else -1
+            flown.append(RIGHT if there > here else LEFT)
+        here = there
     return order, flown
 
 
@@ -186,7 +188,9 @@ def _flown_points(problem: PlanProblem, routes: Routes, uav: int) -> list[int]:
     while point < problem.n_cells:
         point_of[int(problem.cell[point])] = point
         point = routes.after[point]
-    order, _ = _flight(problem.cells_per_side, int(problem.start_cell[uav]), [*point_of])
+    n_rows = len(problem.is_open) // problem.n_columns
+    area = OpenCells(n_rows, problem.n_columns, problem.is_open)
+    order, _ = _flight(area, int(problem.start_cell[uav]), [*point_of])
     return [point_of[cell] for cell in order]
 
 

@@ -10,7 +10,8 @@ from uav_collect.kernels.compile import kernel
 from uav_collect.physics.bandwidth import EQUAL, EXACT, share_bandwidth
 from uav_collect.scenario.site import Site
 from uav_collect.uav.actions import cell_at
-from uav_collect.uav.briefing import brief, Briefing
+from uav_collect.uav.briefing import Briefing, briefing_of
+from uav_collect.uav.open_ways import OpenCells
 from uav_collect.world.dynamics import draw_channel
 from uav_collect.world.sensor_field import draw_demand, lay_out, most_sensors, SensorField
 
@@ -30,7 +31,8 @@ class PlanProblem(NamedTuple):
 
     n_cells: int
     n_uavs: int
-    cells_per_side: int
+    n_columns: int
+    is_open: Row[int]  # (C,) 1 where UAVs may fly
     total_bit: float
     start_cell: Row[int]  # (U,)
     cell: Row[int]  # (n_cells,) which cell of the area
@@ -62,7 +64,7 @@ def problem_of(site: Site, mission_seed: int, allocator: str) -> PlanProblem:
     Args:
         allocator: how bandwidth is shared, one of `limits.ALLOCATOR_NAMES`; cvxpy counts as exact.
     """
-    briefing, sensor_field = brief(site.scenario), lay_out(site)
+    briefing, sensor_field = briefing_of(site), lay_out(site)
     demand_bit = new_row(site.n_sensors, 0.0)
     draw_demand(sensor_field, mission_seed, demand_bit)
     first = sensor_field.first_sensor
@@ -76,7 +78,8 @@ def problem_of(site: Site, mission_seed: int, allocator: str) -> PlanProblem:
     problem = PlanProblem(
         n_cells=len(cells),
         n_uavs=briefing.n_uavs,
-        cells_per_side=briefing.cells_per_side,
+        n_columns=briefing.n_columns,
+        is_open=briefing.is_open,
         total_bit=math.fsum(demand_bit),
         start_cell=_start_cells(briefing),
         cell=_int_row(cells),
@@ -124,7 +127,7 @@ def _allowances_j(briefing: Briefing) -> Row[float]:
 def _ways_m(briefing: Briefing, cells: Ints) -> Floats:
     """The shortest way between any two points, (N, N); 0 where no way leads."""
     n_cells, n_uavs = len(cells), briefing.n_uavs
-    rows, columns = np.divmod(cells, briefing.cells_per_side)
+    rows, columns = np.divmod(cells, briefing.n_columns)
     x_m, y_m = (columns + 0.5) * briefing.cell_size_m, (rows + 0.5) * briefing.cell_size_m
     way_m = np.zeros((n_cells + 2 * n_uavs, n_cells + 2 * n_uavs))
     way_m[:n_cells, :n_cells] = np.abs(x_m[:, None] - x_m) + np.abs(y_m[:, None] - y_m)
@@ -135,7 +138,23 @@ def _ways_m(briefing: Briefing, cells: Ints) -> Floats:
         way_m[start, :n_cells] = np.abs(x_m - start_x_m) + np.abs(y_m - start_y_m)
         way_m[home, :n_cells] = np.hypot(x_m - home_x_m, y_m - home_y_m)
         way_m[start, home] = math.hypot(start_x_m - home_x_m, start_y_m - home_y_m)
+    _lead_around(briefing, cells, way_m)
     return np.maximum(way_m, way_m.T)
+
+
+def _lead_around(briefing: Briefing, cells: Ints, way_m: Floats) -> None:
+    """Write the ways that lead around closed cells."""
+    n_cells, n_uavs = len(cells), briefing.n_uavs
+    n_moving, starts = n_cells + n_uavs, [int(cell) for cell in _start_cells(briefing)]
+    open_cells = OpenCells(briefing.n_rows, briefing.n_columns, briefing.is_open)
+    if open_cells.has_closed:
+        moves = open_cells.moves_between([*cells.tolist(), *starts])
+        way_m[:n_moving, :n_cells] = moves[:, :n_cells] * briefing.cell_size_m
+    if briefing.has_obstacles:
+        home_m = np.array(briefing.home_m).reshape(n_uavs, -1)
+        way_m[n_moving:, :n_cells] = home_m[:, cells]
+        for uav in range(n_uavs):
+            way_m[n_cells + uav, n_moving + uav] = home_m[uav, starts[uav]]
 
 
 def _new_workspace(sensor_field: SensorField) -> _Workspace:

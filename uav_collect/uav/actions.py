@@ -6,7 +6,7 @@ import math
 from uav_collect.errors import ConfigError
 from uav_collect.kernels.arrays import new_row, Row
 from uav_collect.kernels.compile import kernel
-from uav_collect.scenario.model import Scenario
+from uav_collect.scenario.model import Point, Scenario
 from uav_collect.uav.action_codes import (
     COLUMN_STEP,
     FORWARD,
@@ -29,22 +29,18 @@ def cell_at(briefing: Briefing, x_m: float, y_m: float) -> int:
     """The cell that holds a point of the area."""
     column = int(x_m / briefing.cell_size_m)
     row = int(y_m / briefing.cell_size_m)
-    return row * briefing.cells_per_side + column
+    return row * briefing.n_columns + column
 
 
 @kernel
 def neighbour(briefing: Briefing, cell: int, row_step: int, column_step: int) -> int:
-    """The cell some rows north and columns east of another; -1 outside the area."""
-    row = cell // briefing.cells_per_side + row_step
-    column = cell % briefing.cells_per_side + column_step
-    if (
-        row < 0
-        or column < 0
-        or row >= briefing.cells_per_side
-        or column >= briefing.cells_per_side
-    ):
+    """The open cell some rows north and columns east of another; -1 if there is none."""
+    row = cell // briefing.n_columns + row_step
+    column = cell % briefing.n_columns + column_step
+    if row < 0 or column < 0 or row >= briefing.n_rows or column >= briefing.n_columns:
         return -1
-    return row * briefing.cells_per_side + column
+    near = row * briefing.n_columns + column
+    return near if briefing.is_open[near] == 1 else -1
 
 
 @kernel
@@ -63,7 +59,10 @@ def move_duration_s(briefing: Briefing, uav: int) -> float:
 
 @kernel
 def home_duration_s(briefing: Briefing, uav: int, x_m: float, y_m: float) -> float:
-    """Time to fly straight home from a point."""
+    """Time to fly home from a cell's centre, straight where no closed cell is in the way."""
+    if briefing.has_obstacles == 1:
+        place = uav * len(briefing.is_open) + cell_at(briefing, x_m, y_m)
+        return briefing.home_m[place] / briefing.speed_mps[uav]
     east_m = briefing.home_x_m[uav] - x_m
     north_m = briefing.home_y_m[uav] - y_m
     return math.sqrt(east_m * east_m + north_m * north_m) / briefing.speed_mps[uav]
@@ -71,8 +70,61 @@ def home_duration_s(briefing: Briefing, uav: int, x_m: float, y_m: float) -> flo
 
 @kernel
 def home_energy_j(briefing: Briefing, uav: int, x_m: float, y_m: float) -> float:
-    """Energy to fly straight home from a point: xi(x) below eq. (ctr_safe_energy_move)."""
+    """Energy to fly home from a cell's centre: xi(x) below eq. (ctr_safe_energy_move)."""
     return briefing.flight_power_w[uav] * home_duration_s(briefing, uav, x_m, y_m)
+
+
+@kernel
+def on_way_home(
+    briefing: Briefing, uav: int, x_m: float, y_m: float, share: float
+) -> tuple[float, float, float, float, float]:
+    """The straight part of a way home around closed cells on which a UAV is.
+
+    Args:
+        x_m: with `y_m` where the way begins, the centre of a cell.
+        share: of the way that is done, 0..1.
+
+    Returns:
+        Where that part begins and where it ends, east and north of each [m], and the share of it
+        that is done.
+    """
+    first, size_m = uav * len(briefing.is_open), briefing.cell_size_m
+    cell = cell_at(briefing, x_m, y_m)
+    left_m = (1.0 - share) * briefing.home_m[first + cell]
+    via = briefing.home_via[first + cell]
+    while via >= 0 and left_m <= briefing.home_m[first + via]:
+        cell = via
+        x_m = (cell % briefing.n_columns + 0.5) * size_m
+        y_m = (cell // briefing.n_columns + 0.5) * size_m
+        via = briefing.home_via[first + cell]
+    end_x_m, end_y_m, after_m = briefing.home_x_m[uav], briefing.home_y_m[uav], 0.0
+    if via >= 0:
+        end_x_m = (via % briefing.n_columns + 0.5) * size_m
+        end_y_m = (via // briefing.n_columns + 0.5) * size_m
+        after_m = briefing.home_m[first + via]
+    part_m = briefing.home_m[first + cell] - after_m
+    done = 1.0 - (left_m - after_m) / part_m if part_m > 0.0 else 1.0
+    return x_m, y_m, end_x_m, end_y_m, done
+
+
+def home_way_m(briefing: Briefing, index: int, place_m: Point) -> tuple[Point, ...]:
+    """The corners of a UAV's way home, both ends included.
+
+    Args:
+        index: of the UAV.
+        place_m: where it turns home, the centre of a cell.
+    """
+    home_m = float(briefing.home_x_m[index]), float(briefing.home_y_m[index])
+    corners_m = [place_m]
+    if briefing.has_obstacles:
+        first = index * len(briefing.is_open)
+        cell = int(briefing.home_via[first + cell_at(briefing, *place_m)])
+        while cell >= 0:
+            row, column = divmod(cell, briefing.n_columns)
+            size_m = briefing.cell_size_m
+            corners_m.append(((column + 0.5) * size_m, (row + 0.5) * size_m))
+            cell = int(briefing.home_via[first + cell])
+    return *corners_m, home_m
 
 
 @kernel
@@ -157,8 +209,8 @@ def check_can_start(scenario: Scenario, briefing: Briefing) -> None:
         raise ConfigError(f'scenario {scenario.name}: too little energy for the way home: {needs}')
     for uav in uavs:
         _check_length(scenario, briefing, uav)
-    # In an area of one cell there is nowhere to move to; a UAV hovers there, or lands.
-    if briefing.cells_per_side == 1 or any(_can_move(briefing, uav) for uav in uavs):
+    # In an area of one open cell there is nowhere to move to; a UAV hovers there, or lands.
+    if sum(briefing.is_open) == 1 or any(_can_move(briefing, uav) for uav in uavs):
         return
     needs = _needs(briefing, uavs)
     raise ConfigError(

@@ -18,8 +18,8 @@ from uav_collect.uav import action_codes, actions
 from uav_collect.uav.action_codes import HOME, HOVER, N_ACTIONS, NONE
 from uav_collect.uav.belief import Belief, belief_of, forget, hear, new_beliefs, observe
 from uav_collect.uav.briefing import Briefing
-from uav_collect.uav.heuristics import step_towards
 from uav_collect.uav.messages import Decision, RadioMessage
+from uav_collect.uav.moves import measure, Moves, n_moves_to, new_moves, NO_WAY, step
 from uav_collect.uav.policy import Policy
 from uav_collect.uav.view import LocalView
 
@@ -104,7 +104,7 @@ def reason_to_go_home(
         hover_s,
         legal,
     )
-    if n_complete == briefing.cells_per_side * briefing.cells_per_side:
+    if n_complete == briefing.n_rows * briefing.n_columns:
         return action_codes.MAP_COMPLETE
     return NONE if n_legal > 0 else action_codes.ENERGY_RESERVE
 
@@ -118,19 +118,22 @@ def guarded(
     legal: Row[int],
     chosen: int,
     watch: Row[int],
+    moves: Moves,
 ) -> tuple[int, int]:
     """What a UAV does when its policy has chosen, and why: it never circles.
 
     Once so many decisions in a row taught it of no complete cell, by its own look or by radio, the
-    guard decides until it knows more: hover, or make for the nearest other cell that is open, not
+    guard decides until it knows more: hover, or make for the nearest other cell that is not
     complete on its map. A policy that chooses to fly home does.
 
-    While its energy lasts for what the guard wants, a UAV over C = H x H cells decides at most
-    C (guard_after + 2 H + 1) times. There are C news at most, and each hover is one, as is an open
-    cell that is seen to be empty. Between two news the policy has guard_after decisions, the guard
-    a hover and the way to the nearest open cell: 2 (H - 1) moves, each of which brings it nearer,
-    and two more where the first would be straight back, which is not legal, and is a step aside.
-    No later move is straight back: what is nearest then is so because the last move led there.
+    While its energy lasts for what the guard wants, a UAV over C = H x H cells, all of them open,
+    decides at most C (guard_after + 2 H + 1) times. There are C news at most, and each hover is
+    one, as is an incomplete cell that is seen to be empty. Between two news the policy has
+    guard_after decisions, the guard a hover and the way to the nearest incomplete cell: 2 (H - 1)
+    moves, each of which brings it nearer, and two more where the first would be straight back,
+    which is not legal, and is a step aside. No later move is straight back: what is nearest then
+    is so because the last move led there. Around closed cells ways are longer, and a step aside
+    may lead into a dead end, at whose end the way back is legal.
 
     Energy that does not last for a move of the guard is less than two moves above the reserve;
     where it does not last for a hover, less than that hover. What is left pays for no more moves
@@ -141,6 +144,7 @@ def guarded(
         legal: 1 for each legal action, shape (N_ACTIONS,), at least one.
         chosen: a legal action, or HOME.
         watch: read and written, shape (WATCH_SIZE,), NONE before the first decision.
+        moves: scratch.
 
     Returns:
         The action, and GUARD if it is another one than the policy chose, else BY_POLICY.
@@ -155,29 +159,29 @@ def guarded(
         return chosen, action_codes.BY_POLICY
     action = HOVER
     if legal[HOVER] == 0:
-        target = _nearest_open(briefing, belief, view.cell)
+        target = _nearest_incomplete(briefing, belief, view.cell, moves)
         if target < 0:  # but its own, for which the energy does not last
             return chosen, action_codes.BY_POLICY
-        action = step_towards(briefing, view.cell, target, legal)
+        action = step(briefing, view.cell, target, legal, moves)
     return action, action_codes.BY_POLICY if action == chosen else action_codes.GUARD
 
 
 @kernel
-def _nearest_open(briefing: Briefing, belief: Belief, cell: int) -> int:
+def _nearest_incomplete(briefing: Briefing, belief: Belief, cell: int, moves: Moves) -> int:
     """The nearest other cell that is not complete, the first of those that tie; -1: there is none.
 
     Counted in moves.
     """
-    side = briefing.cells_per_side
+    measure(briefing, cell, moves)
     nearest = -1
     least = 0
-    for other in range(side * side):
+    for other in range(len(belief.complete)):
         if belief.complete[other] == 1 or other == cell:
             continue
-        moves = abs(other // side - cell // side) + abs(other % side - cell % side)
-        if nearest < 0 or moves < least:
+        n_moves = n_moves_to(briefing, cell, other, moves)
+        if n_moves != NO_WAY and (nearest < 0 or n_moves < least):
             nearest = other
-            least = moves
+            least = n_moves
     return nearest
 
 
@@ -242,6 +246,7 @@ class Agent:
         self._workspace = new_workspace(_ROOM)
         self._guard_after = guard_after
         self._watch = new_row(WATCH_SIZE, NONE)
+        self._moves = new_moves(briefing)
         policy.begin(briefing, uav)
 
     @property
@@ -251,7 +256,7 @@ class Agent:
 
     def begin(self) -> None:
         """Forget the last mission."""
-        forget(self.belief)
+        forget(self.belief, self._briefing)
         self._watch = new_row(WATCH_SIZE, NONE)
         self.policy.begin(self._briefing, self._uav)
 
@@ -293,7 +298,14 @@ class Agent:
             return Decision(action=HOME, reason=reason)
         chosen = self.policy.choose(self.belief, view, legal)
         action, reason = guarded(
-            self._guard_after, self._briefing, self.belief, view, legal, chosen, self._watch
+            self._guard_after,
+            self._briefing,
+            self.belief,
+            view,
+            legal,
+            chosen,
+            self._watch,
+            self._moves,
         )
         share_hz = self._workspace.share_hz
         served = range(view.n_sensors if action == HOVER else 0)

@@ -35,8 +35,8 @@ Beliefs = BeliefRows[Row[Row[int]], Row[Row[float]]]
 
 def new_beliefs(briefing: Briefing, n_beliefs: int) -> Beliefs:
     """Beliefs before the first look."""
-    n_cells, n_uavs = briefing.cells_per_side * briefing.cells_per_side, briefing.n_uavs
-    return BeliefRows(
+    n_cells, n_uavs = briefing.n_rows * briefing.n_columns, briefing.n_uavs
+    beliefs: Beliefs = BeliefRows(
         complete=new_map_table(n_beliefs, n_cells),
         n_complete=new_table(n_beliefs, 1, 0),
         seen_bit=new_table(n_beliefs, n_cells, 0.0),
@@ -44,6 +44,9 @@ def new_beliefs(briefing: Briefing, n_beliefs: int) -> Beliefs:
         peer_y_m=new_table(n_beliefs, n_uavs, 0.0),
         peer_s=new_table(n_beliefs, n_uavs, NEVER),
     )
+    for index in range(n_beliefs):
+        forget(belief_of(beliefs, index), briefing)
+    return beliefs
 
 
 @row_kernel
@@ -60,12 +63,14 @@ def belief_of(beliefs: Beliefs, index: int) -> Belief:
 
 
 @kernel
-def forget(belief: Belief) -> None:
-    """Back to the belief before the first look."""
-    belief.n_complete[0] = 0
+def forget(belief: Belief, briefing: Briefing) -> None:
+    """Back to the belief before the first look: what everybody knows."""
+    n_complete = 0
     for cell in range(len(belief.complete)):
-        belief.complete[cell] = 0
+        belief.complete[cell] = briefing.known_complete[cell]
         belief.seen_bit[cell] = 0.0
+        n_complete += briefing.known_complete[cell]
+    belief.n_complete[0] = n_complete
     for uav in range(len(belief.peer_s)):
         belief.peer_x_m[uav] = 0.0
         belief.peer_y_m[uav] = 0.0

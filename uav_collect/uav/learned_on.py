@@ -10,6 +10,7 @@ from typing import Annotated
 
 from uav_collect.config.rules import number, whole
 from uav_collect.limits import MAX_CELLS_PER_SIDE
+from uav_collect.scenario.area import open_cells
 from uav_collect.scenario.model import DrawnSensors, Scenario
 
 _TOLERANCE = 1e-6  # relative; what files round away
@@ -26,7 +27,7 @@ Span = tuple[float, float]  # least and most
 class LearnedOn:
     """A scenario, as far as a policy has got used to it."""
 
-    cells_per_side: Annotated[int, whole(1, MAX_CELLS_PER_SIDE)]
+    cells_per_side: Annotated[int, whole(1, MAX_CELLS_PER_SIDE)]  # of the longer side
     cell_size_m: _Amount
     speeds_mps: tuple[_Amount, ...]  # by UAV
     contact_range_m: _Limit  # inf: always in contact
@@ -38,11 +39,21 @@ class LearnedOn:
     loss_share: _Share = 0.0
     delay_s: tuple[_Coordinate, _Coordinate] = (0.0, 0.0)
     rate_bps: _Limit = math.inf  # of a UAV's radio; inf: sending takes no time
+    # Of areas that are not square; files of before there were such areas say nothing of them.
+    rows: Annotated[int, whole(0, MAX_CELLS_PER_SIDE)] = 0  # 0: as many as cells per side
+    columns: Annotated[int, whole(0, MAX_CELLS_PER_SIDE)] = 0
+    closed_share: _Share = 0.0  # of the cells
+
+    @property
+    def area(self) -> tuple[int, int]:
+        """Rows and columns of the area."""
+        return self.rows or self.cells_per_side, self.columns or self.cells_per_side
 
 
 def learned_on(scenario: Scenario) -> LearnedOn:
     """What a policy gets used to that learns in a scenario."""
-    size_m, sensors, demand = scenario.area.cell_size_m, scenario.sensors, scenario.demand
+    area, sensors, demand = scenario.area, scenario.sensors, scenario.demand
+    size_m = area.cell_size_m
     if isinstance(sensors, DrawnSensors):
         dense = sensors.dense_cell_share
         per_cell = dense * sensors.dense_mean + (1.0 - dense) * sensors.sparse_mean
@@ -53,7 +64,7 @@ def learned_on(scenario: Scenario) -> LearnedOn:
     data_mbit, radio = demand.data_mbit, scenario.radio
     mean_s, jitter_s = radio.delay_s or (0.0, 0.0)
     return LearnedOn(
-        cells_per_side=scenario.area.cells_per_side,
+        cells_per_side=max(area.n_rows, area.n_columns),
         cell_size_m=size_m,
         speeds_mps=tuple(uav.speed_mps for uav in scenario.uavs),
         contact_range_m=radio.contact_range_m,
@@ -64,6 +75,9 @@ def learned_on(scenario: Scenario) -> LearnedOn:
         loss_share=radio.loss_share or 0.0,
         delay_s=(mean_s - jitter_s, mean_s + jitter_s),
         rate_bps=radio.rate_bps or math.inf,
+        rows=0 if area.n_rows == area.n_columns else area.n_rows,
+        columns=0 if area.n_rows == area.n_columns else area.n_columns,
+        closed_share=1.0 - float(open_cells(area).mean()),
     )
 
 
@@ -83,6 +97,7 @@ def strangeness(known: Sequence[LearnedOn], scenario: Scenario) -> list[str]:
 
 def _strange(known: Sequence[LearnedOn], flown: LearnedOn) -> Iterator[str]:
     yield from _unlike('area', _area, known, flown)
+    yield from _beyond('closed cells', '', lambda it: _point(it.closed_share), known, flown)
     yield from _unlike('fleet', _fleet, known, flown)
     # Which UAV is which it tells by their number: only fleets of as many compare.
     alike = [each for each in known if len(each.speeds_mps) == len(flown.speeds_mps)]
@@ -143,7 +158,7 @@ def _span(low: float, high: float, unit: str) -> str:
 
 
 def _area(it: LearnedOn) -> str:
-    return f'{it.cells_per_side} x {it.cells_per_side} cells of {it.cell_size_m:g} m'
+    return '{} x {} cells of {:g} m'.format(*it.area, it.cell_size_m)
 
 
 def _fleet(it: LearnedOn) -> str:

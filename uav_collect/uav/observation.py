@@ -48,14 +48,14 @@ class Layout(IntEnum):
         return ('paper/1', 'egocentric/2')[self]
 
 
-def observation_size(layout: Layout, cells_per_side: int, n_uavs: int) -> int:
+def observation_size(layout: Layout, n_cells: int, n_uavs: int) -> int:
     """Length of an observation.
 
     Raises:
         ConfigError: the layout has no room for so many UAVs.
     """
     if layout == Layout.PAPER:
-        return 3 + cells_per_side * cells_per_side + VIEW_CELLS + N_ACTIONS + n_uavs
+        return 3 + n_cells + VIEW_CELLS + N_ACTIONS + n_uavs
     if n_uavs > EGOCENTRIC_MAX_UAVS:
         raise ConfigError(
             f'fleet.uavs: {n_uavs} UAVs; observations {layout.label} have room for '
@@ -73,12 +73,11 @@ def observation_bound(layout: Layout, briefing: Briefing, most_bit: float) -> fl
     Args:
         most_bit: the most data that a cell can hold [bit].
     """
-    side = briefing.cells_per_side
     if layout == Layout.PAPER:
         return math.ceil(max(1.0, most_bit / _DEMAND_SCALE_BIT))
     bounds = (
-        side / _LENGTH_SCALE_CELLS,
-        side * side / _COUNT_SCALE_CELLS,
+        max(briefing.n_rows, briefing.n_columns) / _LENGTH_SCALE_CELLS,
+        briefing.n_rows * briefing.n_columns / _COUNT_SCALE_CELLS,
         max(briefing.speed_mps) / _SPEED_SCALE_MPS,
         FAR_POOL_SIDE * _demand(most_bit),  # all cells of a block full
     )
@@ -111,10 +110,9 @@ def encode(
 def _encode_paper(
     briefing: Briefing, uav: int, belief: Belief, view: LocalView, out: Row[float]
 ) -> int:
-    side_m = briefing.cells_per_side * briefing.cell_size_m
     out[0] = view.energy_left_j / briefing.energy_budget_j[uav]
-    out[1] = view.x_m / side_m
-    out[2] = view.y_m / side_m
+    out[1] = view.x_m / (briefing.n_columns * briefing.cell_size_m)
+    out[2] = view.y_m / (briefing.n_rows * briefing.cell_size_m)
     filled = 3
     for cell in range(len(belief.complete)):
         out[filled + cell] = 1.0 * belief.complete[cell]
@@ -130,12 +128,11 @@ def _encode_egocentric(
     briefing: Briefing, uav: int, belief: Belief, view: LocalView, out: Row[float]
 ) -> int:
     scale_m = _LENGTH_SCALE_CELLS * briefing.cell_size_m
-    side_m = briefing.cells_per_side * briefing.cell_size_m
     out[0] = view.energy_left_j / briefing.energy_budget_j[uav]
     out[1] = view.x_m / scale_m
     out[2] = view.y_m / scale_m
-    out[3] = (side_m - view.x_m) / scale_m
-    out[4] = (side_m - view.y_m) / scale_m
+    out[3] = (briefing.n_columns * briefing.cell_size_m - view.x_m) / scale_m
+    out[4] = (briefing.n_rows * briefing.cell_size_m - view.y_m) / scale_m
     out[5] = (briefing.home_x_m[uav] - view.x_m) / scale_m
     out[6] = (briefing.home_y_m[uav] - view.y_m) / scale_m
     out[7] = briefing.speed_mps[uav] / _SPEED_SCALE_MPS
@@ -181,15 +178,15 @@ def _encode_peers(
 def _encode_patch(
     briefing: Briefing, belief: Belief, centre: int, filled: int, out: Row[float]
 ) -> int:
-    side, n_patch = briefing.cells_per_side, PATCH_SIDE * PATCH_SIDE
-    south, west = centre // side - PATCH_SIDE // 2, centre % side - PATCH_SIDE // 2
+    n_rows, n_columns, n_patch = briefing.n_rows, briefing.n_columns, PATCH_SIDE * PATCH_SIDE
+    south, west = centre // n_columns - PATCH_SIDE // 2, centre % n_columns - PATCH_SIDE // 2
     for index in range(n_patch):
         row, column = south + index // PATCH_SIDE, west + index % PATCH_SIDE
-        is_inside = 0 <= row < side and 0 <= column < side
-        cell = row * side + column
-        is_open = is_inside and belief.complete[cell] == 0
-        out[filled + index] = 1.0 if is_open else 0.0
-        out[filled + n_patch + index] = _demand(belief.seen_bit[cell]) if is_open else 0.0
+        cell = row * n_columns + column
+        is_inside = 0 <= row < n_rows and 0 <= column < n_columns and briefing.is_open[cell] == 1
+        is_left = is_inside and belief.complete[cell] == 0
+        out[filled + index] = 1.0 if is_left else 0.0
+        out[filled + n_patch + index] = _demand(belief.seen_bit[cell]) if is_left else 0.0
         out[filled + 2 * n_patch + index] = 0.0 if is_inside else 1.0
     return filled + 3 * n_patch
 
@@ -204,14 +201,14 @@ def _encode_blocks(
     filled: int,
     out: Row[float],
 ) -> int:
-    side, n_blocks = briefing.cells_per_side, blocks_side * blocks_side
+    n_columns, n_blocks = briefing.n_columns, blocks_side * blocks_side
     reach = blocks_side * pool_side // 2
-    south, west = centre // side - reach, centre % side - reach
+    south, west = centre // n_columns - reach, centre % n_columns - reach
     for index in range(2 * n_blocks):
         out[filled + index] = 0.0
-    for row in range(max(south, 0), min(south + 2 * reach + 1, side)):
-        for column in range(max(west, 0), min(west + 2 * reach + 1, side)):
-            cell = row * side + column
+    for row in range(max(south, 0), min(south + 2 * reach + 1, briefing.n_rows)):
+        for column in range(max(west, 0), min(west + 2 * reach + 1, n_columns)):
+            cell = row * n_columns + column
             if belief.complete[cell] != 0:
                 continue
             block = (row - south) // pool_side * blocks_side + (column - west) // pool_side

@@ -148,11 +148,11 @@ def _strong_name(scenario: Scenario) -> str:
     # The one place that knows how shipped policies are named.
     name = f'{scenario.name}_n{scenario.n_uavs}_aqmix'
     if name not in shipped_policies():
-        shipped = ', '.join(shipped_policies()) or 'none'
+        own = [it for it in shipped_policies() if it.startswith(f'{scenario.name}_n')]
+        there = f' (there are {", ".join(own)})' if own else ''
         fleet = f'{scenario.n_uavs} UAV{"s" if scenario.n_uavs > 1 else ""}'
         raise PolicyMismatchError(
-            f'no learned policy is shipped for {scenario.name} with {fleet} '
-            f'({name}{SUFFIX}; there are {shipped})'
+            f'no learned policy is shipped for {scenario.name} with {fleet}{there}'
         )
     return name
 

@@ -162,10 +162,15 @@ class FrozenPolicy:
     def misfit(self, briefing: Briefing) -> str | None:
         """Why the policy cannot fly a fleet over an area; None if it can."""
         header = self.header
-        side, n_uavs = briefing.cells_per_side, briefing.n_uavs
-        if not header.cells_per_side_min <= side <= header.cells_per_side_max:
-            known = _span(header.cells_per_side_min, header.cells_per_side_max)
-            return f'cells_per_side is {side}: must be {known}'
+        area, n_uavs = (briefing.n_rows, briefing.n_columns), briefing.n_uavs
+        least, most = header.cells_per_side_min, header.cells_per_side_max
+        known = _areas_of_paper(header)
+        if known and area not in known:
+            allowed = ' or '.join(f'{rows} x {columns}' for rows, columns in sorted(known))
+            return f'area is {area[0]} x {area[1]} cells: must be {allowed}'
+        if not all(least <= side <= most for side in area):
+            allowed = f'must have {_span(least, most)} rows and columns'
+            return f'area is {area[0]} x {area[1]} cells: {allowed}'
         if not header.n_uavs_min <= n_uavs <= header.n_uavs_max:
             return f'n_uavs is {n_uavs}: must be {_span(header.n_uavs_min, header.n_uavs_max)}'
         return None
@@ -333,6 +338,13 @@ def check_shapes(header: PolicyHeader, shapes: Mapping[str, tuple[int, ...]]) ->
             )
 
 
+def _areas_of_paper(header: PolicyHeader) -> set[tuple[int, int]]:
+    """The areas, in rows and columns, that alone a policy can fly; none: not so, or squares."""
+    if header.layout != Layout.PAPER or not any(it.rows for it in header.learned_on):
+        return set()
+    return {it.area for it in header.learned_on}
+
+
 def _check_texts(header: PolicyHeader) -> None:
     for field_ in fields(header):
         value = getattr(header, field_.name)
@@ -353,13 +365,15 @@ def _check_numbers(header: PolicyHeader) -> None:
     ):
         if not low <= value <= high:
             raise PolicyMismatchError(f'{name} is {value}: must be {_span(low, max(low, high))}')
-    sides = (header.cells_per_side_min, header.cells_per_side_max)
-    for side, n_uavs in product(sides, (header.n_uavs_min, header.n_uavs_max)):
-        size = observation_size(header.layout, side, n_uavs)
+    squares = {(side, side) for side in (header.cells_per_side_min, header.cells_per_side_max)}
+    areas = sorted(_areas_of_paper(header) or squares)
+    for (rows, columns), n_uavs in product(areas, (header.n_uavs_min, header.n_uavs_max)):
+        size = observation_size(header.layout, rows * columns, n_uavs)
         if size != header.observation_size:
+            words = f'{rows} cells per side' if rows == columns else f'{rows} x {columns} cells'
             raise PolicyMismatchError(
                 f'observation_size is {header.observation_size}: must be {size} for '
-                f'{header.layout.label}, {side} cells per side and {n_uavs} UAVs'
+                f'{header.layout.label}, {words} and {n_uavs} UAVs'
             )
 
 

@@ -5,18 +5,17 @@ the earliest end, and then exactly one UAV, the deciding one, looks, hears and s
 action.
 """
 
-from collections.abc import Sequence
 import math
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Generic, NamedTuple, TypeVar
 
-from uav_collect.kernels.arrays import new_table, Row
+from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.compile import kernel, row_kernel
 from uav_collect.physics.radio import channel_draw, uplink_rate_bps
 from uav_collect.uav import actions
-from uav_collect.uav.action_codes import COLUMN_STEP, HOME, HOVER, NONE, ROW_STEP
+from uav_collect.uav.action_codes import COLUMN_STEP, HOME, HOVER, ROW_STEP
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.view import LocalView, VIEW_CELLS, ViewRows
-from uav_collect.world.sensor_field import draw_demand, SensorField
+from uav_collect.world.sensor_field import SensorField
 
 # Phases of a UAV.
 ACTIVE = 0
@@ -62,38 +61,12 @@ class MissionRows(NamedTuple, Generic[_Ints, _Floats]):
     fault_s: _Floats  # (K * U,) from when on a fault of a kind has befallen a UAV; inf: never
     fault_decision: _Ints  # (K * U,) the UAV's decision that it begins at; NONE: at no one
     fault_event: _Ints  # (K * U,) the first event with it; NONE
+    place_x_m: _Floats  # (U,) scratch of `contacts`: where the UAVs are
+    place_y_m: _Floats
 
 
 Mission = MissionRows[Row[int], Row[float]]
 Missions = MissionRows[Row[Row[int]], Row[Row[float]]]
-
-
-def new_missions(
-    briefing: Briefing, sensor_field: SensorField, mission_seeds: Sequence[int]
-) -> Missions:
-    """Missions at their start: fully charged UAVs at their starts, demand drawn."""
-    n_worlds, n_uavs = len(mission_seeds), briefing.n_uavs
-    n_cells, n_sensors = len(sensor_field.first_sensor) - 1, len(sensor_field.path_gain)
-    sizes = {
-        'seed': 1, 'clock_s': 1, 'collected_bit': 1, 'n_visits': n_uavs * n_cells,
-        'cell_bit': n_cells,
-    } | dict.fromkeys(
-        ('demand_bit', 'waiting_bit', 'gain', 'error_gain', 'rate_bps', 'upload_s'), n_sensors
-    ) | dict.fromkeys(
-        ('fault_s', 'fault_decision', 'fault_event'), N_FAULT_KINDS * n_uavs
-    )  # fmt: skip
-    counts = {
-        'seed', 'phase', 'action', 'n_decisions', 'n_visits', 'fault_decision', 'fault_event'
-    }  # fmt: skip
-    tables: dict[str, Any] = {
-        name: new_table(n_worlds, sizes.get(name, n_uavs), 0 if name in counts else 0.0)
-        for name in MissionRows._fields
-    }
-    missions: Missions = MissionRows(**tables)
-    for world, seed in enumerate(mission_seeds):
-        missions.seed[world][0] = seed
-    restart(briefing, sensor_field, missions, n_worlds)
-    return missions
 
 
 @row_kernel
@@ -126,50 +99,9 @@ def mission_of(missions: Missions, world: int) -> Mission:
         missions.fault_s[world],
         missions.fault_decision[world],
         missions.fault_event[world],
+        missions.place_x_m[world],
+        missions.place_y_m[world],
     )
-
-
-@kernel
-def restart(
-    briefing: Briefing, sensor_field: SensorField, missions: Missions, n_worlds: int
-) -> None:
-    """Put the first missions of a batch back to their start, each by its own seed."""
-    for world in range(n_worlds):
-        restart_mission(briefing, sensor_field, mission_of(missions, world))
-
-
-@kernel
-def restart_mission(briefing: Briefing, sensor_field: SensorField, mission: Mission) -> None:
-    """Put one mission back to its start, by its own seed."""
-    mission.clock_s[0] = 0.0
-    mission.collected_bit[0] = 0.0
-    for uav in range(briefing.n_uavs):
-        mission.leg_start_x_m[uav] = briefing.start_x_m[uav]
-        mission.leg_start_y_m[uav] = briefing.start_y_m[uav]
-        mission.leg_end_x_m[uav] = briefing.start_x_m[uav]
-        mission.leg_end_y_m[uav] = briefing.start_y_m[uav]
-        mission.leg_start_s[uav] = 0.0
-        mission.leg_end_s[uav] = 0.0
-        mission.duration_s[uav] = 0.0
-        mission.energy_j[uav] = 0.0
-        mission.phase[uav] = ACTIVE
-        mission.action[uav] = NONE
-        mission.n_decisions[uav] = 0
-        mission.energy_left_j[uav] = briefing.energy_budget_j[uav]
-    for place in range(len(mission.fault_s)):
-        mission.fault_s[place] = math.inf
-        mission.fault_decision[place] = NONE
-        mission.fault_event[place] = NONE
-    for index in range(len(mission.n_visits)):
-        mission.n_visits[index] = 0
-    draw_demand(sensor_field, mission.seed[0], mission.demand_bit)
-    for cell in range(len(mission.cell_bit)):
-        mission.cell_bit[cell] = 0.0
-        for sensor in range(sensor_field.first_sensor[cell], sensor_field.first_sensor[cell + 1]):
-            mission.waiting_bit[sensor] = mission.demand_bit[sensor]
-            mission.cell_bit[cell] += mission.demand_bit[sensor]
-            mission.rate_bps[sensor] = 0.0
-            mission.upload_s[sensor] = 0.0
 
 
 @kernel
@@ -240,35 +172,43 @@ def _progress(mission: Mission, uav: int, time_s: float) -> float:
 
 
 @kernel
-def x_m_at(mission: Mission, uav: int, time_s: float) -> float:
-    """East coordinate of a UAV during its running action, or after."""
-    start_m, stop_m = mission.leg_start_x_m[uav], mission.leg_end_x_m[uav]
-    return start_m + (stop_m - start_m) * _progress(mission, uav, time_s)
+def place_at(briefing: Briefing, mission: Mission, uav: int, time_s: float) -> tuple[float, float]:
+    """Where a UAV is during its running action, or after: east and north [m]."""
+    x_m, y_m, end_x_m, end_y_m, share = straight_at(briefing, mission, uav, time_s)
+    return x_m + (end_x_m - x_m) * share, y_m + (end_y_m - y_m) * share
 
 
 @kernel
-def y_m_at(mission: Mission, uav: int, time_s: float) -> float:
-    """North coordinate of a UAV during its running action, or after."""
-    start_m, stop_m = mission.leg_start_y_m[uav], mission.leg_end_y_m[uav]
-    return start_m + (stop_m - start_m) * _progress(mission, uav, time_s)
+def straight_at(
+    briefing: Briefing, mission: Mission, uav: int, time_s: float
+) -> tuple[float, float, float, float, float]:
+    """The straight part of its running action on which a UAV is.
 
+    An action is one as a whole, but for a way home around closed cells.
 
-@kernel
-def in_contact(briefing: Briefing, mission: Mission, uav: int, other: int, time_s: float) -> bool:
-    """Whether two UAVs, neither landed nor silent, are within range of each other."""
-    if uav == other or _is_mute(mission, uav, time_s) or _is_mute(mission, other, time_s):
-        return False
-    east_m = x_m_at(mission, uav, time_s) - x_m_at(mission, other, time_s)
-    north_m = y_m_at(mission, uav, time_s) - y_m_at(mission, other, time_s)
-    return math.sqrt(east_m * east_m + north_m * north_m) <= briefing.contact_range_m
+    Returns:
+        As `actions.on_way_home`.
+    """
+    share = _progress(mission, uav, time_s)
+    x_m, y_m = mission.leg_start_x_m[uav], mission.leg_start_y_m[uav]
+    if briefing.has_obstacles == 1 and mission.phase[uav] == FLYING_HOME:
+        return actions.on_way_home(briefing, uav, x_m, y_m, share)
+    return x_m, y_m, mission.leg_end_x_m[uav], mission.leg_end_y_m[uav], share
 
 
 @kernel
 def contacts(briefing: Briefing, mission: Mission, uav: int, time_s: float) -> int:
-    """The UAVs in contact with one, as bits."""
-    found = 0
+    """The UAVs in contact with one, as bits: within range of it, none landed or silent."""
+    x_m, y_m, found = mission.place_x_m, mission.place_y_m, 0
+    if _is_mute(mission, uav, time_s):
+        return found
     for other in range(briefing.n_uavs):
-        if in_contact(briefing, mission, uav, other, time_s):
+        x_m[other], y_m[other] = place_at(briefing, mission, other, time_s)
+    for other in range(briefing.n_uavs):
+        east_m, north_m = x_m[uav] - x_m[other], y_m[uav] - y_m[other]
+        distance_m = math.sqrt(east_m * east_m + north_m * north_m)
+        is_near = other != uav and distance_m <= briefing.contact_range_m
+        if is_near and not _is_mute(mission, other, time_s):
             found |= 1 << other
     return found
 
@@ -399,9 +339,8 @@ def _move(briefing: Briefing, mission: Mission, uav: int, action: int) -> None:
     target = actions.neighbour(briefing, cell, ROW_STEP[action], COLUMN_STEP[action])
     mission.n_visits[uav * len(mission.cell_bit) + target] += 1
     duration_s = actions.move_duration_s(briefing, uav)
-    side = briefing.cells_per_side
-    x_m = (target % side + 0.5) * briefing.cell_size_m
-    y_m = (target // side + 0.5) * briefing.cell_size_m
+    x_m = (target % briefing.n_columns + 0.5) * briefing.cell_size_m
+    y_m = (target // briefing.n_columns + 0.5) * briefing.cell_size_m
     energy_j = briefing.flight_power_w[uav] * duration_s
     start_leg(mission, uav, action, x_m, y_m, duration_s, energy_j)
     mission.n_decisions[uav] += 1

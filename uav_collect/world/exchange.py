@@ -21,7 +21,7 @@ from uav_collect.scenario.model import Scenario
 from uav_collect.uav.action_codes import NONE
 from uav_collect.uav.belief import Belief, belief_of, Beliefs
 from uav_collect.uav.briefing import Briefing
-from uav_collect.world.dynamics import contacts, has_landed, Mission, SILENT, x_m_at, y_m_at
+from uav_collect.world.dynamics import contacts, has_landed, Mission, place_at, SILENT
 
 MOST_UNDER_WAY = 64  # messages from one UAV to another; what is sent meanwhile is lost
 _HEADER_BITS = 232  # sender 8, sequence 32, time and place 64 each; the map adds one for each cell
@@ -92,7 +92,7 @@ def new_airwaves(link: Link, briefing: Briefing, n_worlds: int) -> FleetAirwaves
     """Radios before the first message; no room is taken where the radio is ideal."""
     n_uavs = 0 if link.is_ideal else briefing.n_uavs
     n_worlds = 1 if link.is_ideal else n_worlds
-    n_cells, n_pairs = briefing.cells_per_side * briefing.cells_per_side, n_uavs * n_uavs
+    n_cells, n_pairs = briefing.n_rows * briefing.n_columns, n_uavs * n_uavs
     sizes = {
         'n_sent': 1, 'n_beacons': 1, 'busy_until_s': n_uavs, 'decision': n_uavs,
         'learned': n_uavs * n_cells,
@@ -179,7 +179,7 @@ def meet(
     for other in range(briefing.n_uavs):
         if in_touch >> other & 1:
             hear_until(mission, airwaves, beliefs, first, other, time_s)
-            send(link, mission, airwaves, other, 1 << uav, time_s)
+            send(link, briefing, mission, airwaves, other, 1 << uav, time_s)
     hear_until(mission, airwaves, beliefs, first, uav, time_s)
     heard = 0
     for other in range(briefing.n_uavs):
@@ -210,7 +210,8 @@ def speak(
         if belief.complete[cell] == 1 and airwaves.learned[place] == _NOT_LEARNED:
             airwaves.learned[place] = airwaves.n_sent[0]
     airwaves.decision[uav] = mission.n_decisions[uav]
-    send(link, mission, airwaves, uav, contacts(briefing, mission, uav, time_s), time_s)
+    in_touch = contacts(briefing, mission, uav, time_s)
+    send(link, briefing, mission, airwaves, uav, in_touch, time_s)
 
 
 @kernel
@@ -233,12 +234,18 @@ def beacon_until(
             if not has_landed(mission, uav, beacon_s):
                 hear_until(mission, airwaves, beliefs, first, uav, beacon_s)
                 in_touch = contacts(briefing, mission, uav, beacon_s)
-                send(link, mission, airwaves, uav, in_touch, beacon_s)
+                send(link, briefing, mission, airwaves, uav, in_touch, beacon_s)
 
 
 @kernel
 def send(
-    link: Link, mission: Mission, airwaves: Airwaves, uav: int, receivers: int, time_s: float
+    link: Link,
+    briefing: Briefing,
+    mission: Mission,
+    airwaves: Airwaves,
+    uav: int,
+    receivers: int,
+    time_s: float,
 ) -> None:
     """Send what a UAV's radio keeps to some others, as bits, unless it is still sending."""
     if airwaves.busy_until_s[uav] > time_s or receivers == 0:
@@ -248,12 +255,18 @@ def send(
     n_uavs = len(mission.phase)
     for receiver in range(n_uavs):
         if receivers >> receiver & 1:
-            _send_to(link, mission, airwaves, uav, receiver, time_s)
+            _send_to(link, briefing, mission, airwaves, uav, receiver, time_s)
 
 
 @kernel
 def _send_to(
-    link: Link, mission: Mission, airwaves: Airwaves, uav: int, receiver: int, time_s: float
+    link: Link,
+    briefing: Briefing,
+    mission: Mission,
+    airwaves: Airwaves,
+    uav: int,
+    receiver: int,
+    time_s: float,
 ) -> None:
     pair = receiver * len(mission.phase) + uav
     drawn = airwaves.n_drawn[pair]
@@ -268,8 +281,9 @@ def _send_to(
     airwaves.number[place] = airwaves.n_sent[0]
     airwaves.sent_s[place] = time_s
     airwaves.arrives_s[place] = time_s + link.airtime_s + delay_s
-    airwaves.x_m[place] = x_m_at(mission, uav, time_s)
-    airwaves.y_m[place] = y_m_at(mission, uav, time_s)
+    x_m, y_m = place_at(briefing, mission, uav, time_s)
+    airwaves.x_m[place] = x_m
+    airwaves.y_m[place] = y_m
     airwaves.sent_decision[place] = airwaves.decision[uav]
 
 

@@ -15,6 +15,7 @@ from uav_collect.kernels.keyed_random import (
     shuffle_first,
 )
 from uav_collect.physics import radio
+from uav_collect.scenario.area import cell_centres_m, mean_data_cells
 from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import Site
 
@@ -40,13 +41,14 @@ def lay_out(site: Site) -> SensorField:
     """The sensor field of a site under its scenario's radio and demand."""
     scenario = site.scenario
     config = scenario.radio
-    centre_m = _cell_centres_m(scenario)[site.cell]
+    centre_m = cell_centres_m(scenario.area)[site.cell]
     horizontal_m = np.hypot(*(site.position_m - centre_m).T).tolist()
     altitude_m = scenario.area.altitude_m
     elevation_rad = [radio.elevation_rad(away_m, altitude_m) for away_m in horizontal_m]
     distance_m = [math.sqrt(away_m * away_m + altitude_m * altitude_m) for away_m in horizontal_m]
     reference_gain = radio.reference_gain(config.carrier_hz)
     low_mbit, high_mbit = _drawn_range_mbit(scenario)
+    has_all = scenario.demand.cell_share == 'all'
     return SensorField(
         first_sensor=row_of(site.first_sensor.tolist()),
         los_probability=row_of(
@@ -70,7 +72,7 @@ def lay_out(site: Site) -> SensorField:
         nlos_attenuation=config.nlos_attenuation,
         n_antennas=config.n_antennas,
         csi_error_variance=config.csi_error_variance,
-        mean_data_cells=_mean_data_cells(scenario),
+        mean_data_cells=-1.0 if has_all else mean_data_cells(scenario),
         low_bit=low_mbit * 1e6,
         high_bit=high_mbit * 1e6,
         given_bit=row_of(site.data_bit.tolist()),
@@ -133,17 +135,6 @@ def _amount_bit(sensor_field: SensorField, mission_seed: int, sensor: int) -> fl
         return sensor_field.given_bit[sensor]
     share = draw_uniform(mission_seed, DATA_AMOUNT, sensor, 0, 0)
     return sensor_field.low_bit + (sensor_field.high_bit - sensor_field.low_bit) * share
-
-
-def _cell_centres_m(scenario: Scenario) -> Floats:
-    side = scenario.area.cells_per_side
-    middles_m = (np.arange(side) + 0.5) * scenario.area.cell_size_m
-    return np.stack([np.tile(middles_m, side), np.repeat(middles_m, side)], axis=1)
-
-
-def _mean_data_cells(scenario: Scenario) -> float:
-    share = scenario.demand.cell_share
-    return -1.0 if isinstance(share, str) else share * scenario.n_cells
 
 
 def _drawn_range_mbit(scenario: Scenario) -> tuple[float, float]:
