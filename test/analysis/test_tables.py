@@ -9,12 +9,13 @@ import pytest
 from uav_collect.analysis.console import plain_console
 from uav_collect.analysis.metrics import mission_metrics
 from uav_collect.analysis.plan_shares import efficiency_share, time_share
-from uav_collect.analysis.statistics import estimates
+from uav_collect.analysis.statistics import Estimate, estimates
 from uav_collect.analysis.tables import (
     comparison_table,
     difference_table,
     evaluation_table,
     mission_tables,
+    verdict,
 )
 from uav_collect.limits import GUARD_AFTER
 from uav_collect.missions.rollout import fly
@@ -118,3 +119,15 @@ def test_a_long_name_of_a_policy_is_shown_whole_on_a_narrow_terminal() -> None:
         assert '\u2026' not in ''.join(lines)  # the sign for what was cut
         assert max(map(len, lines)) <= 80
         assert name in ''.join(word for line in lines for word in line.split() if word in name)
+
+
+def test_a_verdict_names_the_best_of_those_that_collect_most() -> None:
+    def row(completion_s: float, energy_kj: float, collected_share: float) -> list[Estimate]:
+        means = (1.0, completion_s, energy_kj, collected_share, 0.5, 1.0)
+        return [Estimate(mean=mean, low=mean, high=mean, median=mean) for mean in means]
+
+    rows = {'slow': row(300.0, 70.0, 1.0), 'fast': row(200.0, 80.0, 0.9999)}
+    line = 'on average: quickest fast, 200.0 s; thriftiest slow, 70.00 kJ'
+    assert verdict(rows).plain == line
+    rows['lazy'] = row(10.0, 1.0, 0.5)  # it leaves data behind
+    assert verdict(rows).plain == line.replace(':', ' of those that collect most:', 1)

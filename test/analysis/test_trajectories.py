@@ -1,17 +1,17 @@
-"""The picture of a mission, and the lanes it draws paths in."""
+"""The picture of a mission."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 import io
-import itertools
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
 import pytest
 from scripted_logs import fly, header, uav
+from tiny_world import tiny
+from tiny_world import uav as in_fleet
 from uav_collect.analysis import trajectories
-from uav_collect.analysis.trajectories import corners_m, lane_shifts, narrowest_lane, steps
 from uav_collect.kernels.arrays import Floats
 from uav_collect.missions import rollout
 from uav_collect.recording.mission_log import MissionLog
@@ -43,7 +43,7 @@ def scene(n_uavs: int, scripts: list[list[str]], *, name: str = 'paper_8x8') -> 
     head = header(
         [uav(number) for number in range(1, n_uavs + 1)],
         total_bit=float(demand_bit.sum()),
-        cells=scenario.area.cells_per_side,
+        cells=scenario.area.n_rows,
     )
     head = replace(head, cell_size_m=scenario.area.cell_size_m)
     return Scene(log=fly(head, scripts), site=site, demand_bit=demand_bit)
@@ -118,6 +118,33 @@ def test_axes_are_the_area_in_metres_at_one_scale(drawn: Callable[[Scene], Axes]
     assert axes.get_xticks()[-1] == 500.0
 
 
+EDGE_M = [(-60.0, -30.0), (220.0, -20.0), (260.0, 230.0), (-10.0, 225.0)]
+ZONE_M = [(60.0, 110.0), (90.0, 110.0), (70.0, 140.0)]
+
+
+def test_of_a_field_the_whole_edge_zones_and_names_are_drawn(
+    drawn: Callable[[Scene], Axes],
+) -> None:
+    site = build_site(tiny(in_fleet(), area__boundary=EDGE_M, area__no_fly=[ZONE_M]))
+    axes = drawn(Scene(log=fly(header([uav(1)]), [HOME]), site=site, demand_bit=np.zeros(3)))
+    rings = [[*zip(*line.get_data(), strict=True)] for line in axes.get_lines()]
+    assert [*EDGE_M, EDGE_M[0]] in rings
+    assert [*ZONE_M, ZONE_M[0]] in rings
+    for east_m, north_m in EDGE_M:
+        assert axes.get_xlim()[0] < east_m < axes.get_xlim()[1]
+        assert axes.get_ylim()[0] < north_m < axes.get_ylim()[1]
+    assert {"area's edge", 'no-fly zone', 'closed cell'} < {*legend_of(axes)}
+    assert {'S1', 'S2', 'S3'} < {text.get_text() for text in axes.texts}
+
+
+def test_sensors_that_were_drawn_have_no_names_in_the_picture(
+    drawn: Callable[[Scene], Axes],
+) -> None:
+    of = scene(1, [HOME])
+    assert not {*of.site.sensor_ids} & {text.get_text() for text in drawn(of).texts}
+    assert 'no-fly zone' not in legend_of(drawn(of))
+
+
 def test_the_legend_names_every_uav(drawn: Callable[[Scene], Axes]) -> None:
     names = legend_of(drawn(scene(3, [HOME, HOME, HOME])))
     assert names[:3] == [f'UAV {number}: 10 m/s, 1.0 kJ' for number in (1, 2, 3)]
@@ -133,7 +160,7 @@ def test_no_two_of_sixteen_uavs_look_the_same(drawn: Callable[[Scene], Axes]) ->
 
 def test_data_left_behind_is_marked_and_explained(drawn: Callable[[Scene], Axes]) -> None:
     left = scene(1, [HOME])
-    row, column = divmod(int(left.site.cell[0]), left.site.scenario.area.cells_per_side)
+    row, column = divmod(int(left.site.cell[0]), left.site.scenario.area.n_columns)
     there = ['right'] * column + ['forward'] * row
     served = scene(1, [[*there, f'hover 3 {left.demand_bit.sum() / 1e6}', 'home']])
     assert 'data left behind' in legend_of(drawn(left))
@@ -157,65 +184,3 @@ def test_demand_of_another_site_is_refused() -> None:
     one = scene(1, [HOME])
     with pytest.raises(ValueError, match='demand_bit must have shape'):
         replace(one, demand_bit=one.demand_bit[:-1]).draw()
-
-
-# Lanes. Places are corners of a unit grid.
-
-
-def way(*places: tuple[int, int]) -> Floats:
-    return np.array(places, dtype=np.float64)
-
-
-EAST = way((0, 0), (1, 0), (2, 0))
-
-
-def test_a_way_alone_runs_through_the_centres() -> None:
-    assert lane_shifts([EAST]) == [[0.0, 0.0]]
-    np.testing.assert_array_equal(corners_m(EAST, [0.0, 0.0], 1.0)[[0, -1]], EAST[[0, -1]])
-
-
-def test_hovering_takes_no_step() -> None:
-    hovering = way((0, 0), (0, 0), (1, 0), (1, 0), (1, 0))
-    assert [tuple(there) for _, there in steps(hovering)] == [(1.0, 0.0)]
-    assert lane_shifts([hovering]) == [[0.0]]
-
-
-@pytest.mark.parametrize('n_ways', [2, 3, 16])
-def test_ways_along_one_edge_get_lanes_of_their_own(n_ways: int) -> None:
-    shifts = [shift for shift, _ in lane_shifts([EAST] * n_ways)]
-    gaps = np.diff(sorted(shifts))
-    np.testing.assert_allclose(gaps, narrowest_lane([EAST] * n_ways), rtol=1e-12)
-    assert sum(shifts) == pytest.approx(0.0, abs=1e-12)
-    assert max(shifts) < 0.5  # inside the cell
-
-
-def test_a_way_there_and_back_gets_two_lanes() -> None:
-    there_and_back = way((0, 0), (1, 0), (0, 0))
-    ((out, back),) = lane_shifts([there_and_back])
-    assert out == -back != 0.0
-
-
-def test_ways_that_only_cross_keep_to_the_centres() -> None:
-    north = way((1, -1), (1, 0), (1, 1))
-    assert lane_shifts([EAST, north]) == [[0.0, 0.0], [0.0, 0.0]]
-
-
-def test_a_turn_joins_both_lanes_in_one_corner() -> None:
-    corner = corners_m(10 * way((0, 0), (1, 0), (1, 1)), [0.1, -0.2], 10.0)
-    np.testing.assert_allclose(corner, [[0, 1], [8, 1], [8, 10]], atol=1e-12)
-
-
-def test_a_changed_lane_is_a_jog_within_the_cell() -> None:
-    corners = corners_m(EAST, [0.0, 0.2], 1.0)
-    np.testing.assert_allclose(corners, [[0, 0], [0.9, 0], [1.1, 0.2], [2, 0.2]], atol=1e-12)
-
-
-def test_a_uav_that_never_moved_has_one_corner() -> None:
-    np.testing.assert_array_equal(corners_m(way((3, 4), (3, 4)), [], 1.0), [[3, 4]])
-    assert corners_m(np.empty((0, 2)), [], 1.0).shape == (0, 2)
-
-
-def test_lanes_stay_in_order_along_a_shared_corridor() -> None:
-    others = [EAST, EAST + 0.0]
-    for first, second in itertools.pairwise(zip(*lane_shifts(others), strict=True)):
-        assert first == second

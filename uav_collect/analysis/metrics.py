@@ -9,6 +9,7 @@ import math
 
 import numpy as np
 from uav_collect.errors import MissionLogError
+from uav_collect.missions.batch_metrics import least_complete_bit, TOLERANCE
 from uav_collect.recording.mission_log import Events, FaultRecord, MissionLog, UavHeader
 from uav_collect.uav import action_codes
 from uav_collect.uav.action_codes import COLUMN_STEP, GUARD, HOME, HOVER, REASON_NAMES, ROW_STEP
@@ -30,8 +31,6 @@ OUTCOME_CODES = {
     UNFINISHED: 4,
     FAULT: 5,
 }
-
-_TOLERANCE = 1e-9  # relative; what rounding may leave of an energy, a time or a position
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,7 +58,7 @@ class UavMetrics:
     @property
     def is_safe(self) -> bool:
         """Whether it landed with its margin."""
-        rounding_j = _TOLERANCE * self.energy_budget_j
+        rounding_j = TOLERANCE * self.energy_budget_j
         return (
             self.outcome != UNFINISHED and self.energy_left_j >= self.energy_margin_j - rounding_j
         )
@@ -113,7 +112,7 @@ class MissionMetrics:
     @property
     def is_complete(self) -> bool:
         """Whether all data were collected."""
-        return self.collected_bit >= self.total_bit * (1.0 - _TOLERANCE)
+        return self.collected_bit >= least_complete_bit(self.total_bit)
 
     @property
     def is_finished(self) -> bool:
@@ -221,7 +220,7 @@ def _check_fleet(log: MissionLog) -> None:
             end_s = events[number - 1]['time_s'] + events[number - 1]['interval_s']
             _check_close(event, 'time', event['time_s'], end_s, 's')
     collected_bit, total_bit = events['collected_bit'].sum(), log.header.total_bit
-    if collected_bit > total_bit * (1.0 + _TOLERANCE):
+    if collected_bit > total_bit * (1.0 + TOLERANCE):
         raise MissionLogError(f'collected {collected_bit} bit of {total_bit} bit')
 
 
@@ -245,7 +244,7 @@ def _check_uav_event(
 
 
 def _check_close(event: np.void, name: str, value: float, expected: float, unit: str) -> None:
-    if not math.isclose(value, expected, rel_tol=_TOLERANCE, abs_tol=_TOLERANCE):
+    if not math.isclose(value, expected, rel_tol=TOLERANCE, abs_tol=TOLERANCE):
         raise _event_error(event, f'{name} must be {expected} {unit}, got {value} {unit}')
 
 

@@ -39,6 +39,7 @@ with _no_backend():
     from matplotlib.image import imread
     from matplotlib.lines import Line2D
     from matplotlib.markers import MarkerStyle
+    from matplotlib.patches import Rectangle
     from matplotlib.patheffects import Normal, withStroke
     from matplotlib.ticker import EngFormatter
     from matplotlib.transforms import Affine2D
@@ -52,6 +53,7 @@ __all__ = [
     'Line2D',
     'MarkerStyle',
     'Normal',
+    'Rectangle',
     'imread',
     'withStroke',
 ]

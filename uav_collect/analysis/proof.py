@@ -20,8 +20,8 @@ from uav_collect.lockstep.published_policy import PolicyKey
 from uav_collect.missions.recorded_policies import Crew, RecordedPolicies
 from uav_collect.missions.reflight import fly_again, Reflight
 from uav_collect.missions.simulation import FAILSAFE_VERSION
-from uav_collect.recording.bag_reader import faults_of, row_of
 from uav_collect.recording.completeness import ENDED
+from uav_collect.recording.epochs import faults_of, row_of
 from uav_collect.recording.log_model import EVENT_DTYPE
 from uav_collect.recording.mission_log import (
     fault_from,

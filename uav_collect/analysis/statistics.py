@@ -5,6 +5,8 @@ Every policy flies the same missions, so policies can be compared mission by mis
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+import math
+from statistics import NormalDist
 
 import numpy as np
 from uav_collect.analysis.metrics import MissionMetrics
@@ -12,6 +14,7 @@ from uav_collect.kernels.arrays import Floats
 
 CONFIDENCE_LEVEL = 0.95
 N_RESAMPLES = 2000
+_Z = NormalDist().inv_cdf((1.0 + CONFIDENCE_LEVEL) / 2.0)
 _MAX_DRAWS = 4_000_000  # at once; bounds the memory
 
 
@@ -133,6 +136,18 @@ def bootstrap_interval(values: Floats, seed: int) -> tuple[Floats, Floats]:
     tail = (1.0 - CONFIDENCE_LEVEL) / 2.0
     low, high = np.quantile(np.concatenate(means), [tail, 1.0 - tail], axis=0)
     return _within(values, low), _within(values, high)
+
+
+def share_interval(n_hits: int, n_missions: int) -> tuple[float, float]:
+    """Interval of a share at CONFIDENCE_LEVEL, from how many missions of how many had something.
+
+    Source: E. B. Wilson, "Probable Inference, the Law of Succession, and Statistical Inference",
+    1927.
+    """
+    share, z_square = n_hits / n_missions, _Z * _Z / n_missions
+    middle = (share + z_square / 2.0) / (1.0 + z_square)
+    half = math.sqrt(z_square * (share * (1.0 - share) + z_square / 4.0)) / (1.0 + z_square)
+    return max(0.0, middle - half), min(1.0, middle + half)
 
 
 def _within(values: Floats, mean: Floats) -> Floats:

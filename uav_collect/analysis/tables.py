@@ -1,12 +1,13 @@
 """Tables for the terminal: one mission, many missions of several policies, clairvoyant bounds."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 import math
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
+from uav_collect.analysis.console import LEAST_COLUMNS
 from uav_collect.analysis.metrics import (
     FAILSAFE,
     FAULT,
@@ -15,7 +16,9 @@ from uav_collect.analysis.metrics import (
     UavMetrics,
     UNFINISHED,
 )
+from uav_collect.analysis.per_uav import uav_table
 from uav_collect.analysis.plan_shares import efficiency_share, time_share
+from uav_collect.analysis.short_names import short_names
 from uav_collect.analysis.statistics import CONFIDENCE_LEVEL, Estimate, MEASURES
 from uav_collect.errors import in_one_line
 from uav_collect.limits import MAX_NAME
@@ -24,6 +27,13 @@ from uav_collect.recording.mission_log import MissionHeader
 
 _WARNING = 'bold red'
 _MAX_SEEDS = 5  # named in one line
+_MAX_SENSORS = 8  # the same
+_WHOLE = 10_000  # columns, for names that nobody shortens
+_ROUNDING = 1e-9  # that a share of all may lack
+_ALIKE = 1e-3  # shares of the data that count as the same
+_LEAST_NAME = 14  # columns of a policy's name, at least
+_ESTIMATES_COLUMNS = 66  # of a table of estimates, without names
+_FIGURES_COLUMNS = 44  # of a comparison
 _BAD_ENDS = (FAILSAFE, FAULT, UNFINISHED)
 _TITLES = {
     'completion_s': 'completion time [s]',
@@ -50,6 +60,7 @@ def mission_tables(
     mission: MissionMetrics,
     n_radio_messages: int | None = None,
     bound: Bound | None = None,
+    left: Sequence[str] = (),
 ) -> RenderableType:
     """What a mission achieved, each UAV's part, and what went wrong.
 
@@ -58,8 +69,9 @@ def mission_tables(
         mission: its metrics.
         n_radio_messages: delivered between UAVs; None where only the log is known.
         bound: the mission's; None where it is not known.
+        left: the sensors whose data were left behind, by their ids, as far as they are known.
     """
-    policies = ', '.join(dict.fromkeys(in_one_line(uav.policy, MAX_NAME) for uav in header.uavs))
+    policies = ', '.join(short_names([uav.policy for uav in header.uavs], MAX_NAME).values())
     allocators = ', '.join(dict.fromkeys(uav.allocator for uav in header.uavs))
     title = headline(
         f'{in_one_line(header.scenario, MAX_NAME)}, mission seed {header.mission_seed}',
@@ -69,7 +81,7 @@ def mission_tables(
         title,
         _fleet_table(mission, n_radio_messages, bound),
         _uav_table(mission),
-        *(Text(f'warning: {line}', style=_WARNING) for line in mission_warnings(mission)),
+        *(Text(f'warning: {line}', style=_WARNING) for line in mission_warnings(mission, left)),
     )
 
 
@@ -80,8 +92,8 @@ def headline(subject: str, rest: str) -> Text:
     return title
 
 
-def mission_warnings(mission: MissionMetrics) -> list[str]:
-    """What a user must not overlook, one line each."""
+def mission_warnings(mission: MissionMetrics, left: Sequence[str] = ()) -> list[str]:
+    """What a user must not overlook, one line each; `left` as for `mission_tables`."""
     lines = [_ending_warning(uav) for uav in mission.uavs if uav.outcome in _BAD_ENDS]
     lines += [
         f'UAV {fault.uav} was {fault.fault} from {fault.time_s:.0f} s on, by a fault'
@@ -95,8 +107,17 @@ def mission_warnings(mission: MissionMetrics) -> list[str]:
     ]
     if not mission.is_complete:
         left_bit = mission.total_bit - mission.collected_bit
-        lines.append(f'{left_bit / 1e6:.2f} Mbit of data were left behind')
+        lines.append(f'{left_bit / 1e6:.2f} Mbit of data were left behind{_at_sensors(left)}')
     return lines
+
+
+def _at_sensors(ids: Sequence[str]) -> str:
+    """The first of some sensors by their ids, and how many more there are."""
+    if not ids:
+        return ''
+    named = ', '.join(map(in_one_line, ids[:_MAX_SENSORS]))
+    n_more = len(ids) - _MAX_SENSORS
+    return f', at {named}' + (f' and {n_more} more sensors' if n_more > 0 else '')
 
 
 def _ending_warning(uav: UavMetrics) -> str:
@@ -173,16 +194,23 @@ def _uav_row(uav: UavMetrics) -> tuple[str, ...]:
 
 
 def comparison_table(
-    missions: Mapping[str, MissionMetrics], bound: Bound | None = None
+    missions: Mapping[str, MissionMetrics],
+    bound: Bound | None = None,
+    columns: int = LEAST_COLUMNS,
 ) -> RenderableType:
-    """One mission as several policies fly it, by policy, and as plans that know it would."""
+    """One mission as several policies fly it, by policy, and as plans that know it would.
+
+    Args:
+        columns: of the terminal, as for other tables of several policies.
+    """
+    names = short_names([*missions], columns - _FIGURES_COLUMNS)
     table = Table(box=SIMPLE_HEAD, padding=(0, 0, 0, 1))
     table.add_column('the same mission by\n', overflow='fold')  # a name is never cut
     for heading in ('data\ncollected', 'energy\nkJ', 'completion\ns', 'efficiency\nkbit/J'):
         table.add_column(heading, justify='right', no_wrap=True)
     for policy, mission in missions.items():
         table.add_row(
-            Text(in_one_line(policy, MAX_NAME)),
+            Text(names[policy]),
             percent(mission.collected_share),
             f'{mission.energy_kj:.2f}',
             f'{mission.completion_s:.1f}' if mission.is_finished else '-',
@@ -195,7 +223,7 @@ def comparison_table(
         ):
             if plan is not None:
                 table.add_row(*_plan_row(name, plan, bound), style='dim')
-    return table
+    return Group(table, uav_table({policy: [one] for policy, one in missions.items()}, columns))
 
 
 def _plan_row(name: str, plan: Plan, bound: Bound) -> tuple[str, ...]:
@@ -209,31 +237,83 @@ def _plan_row(name: str, plan: Plan, bound: Bound) -> tuple[str, ...]:
 
 
 def evaluation_table(
-    missions: Mapping[str, Sequence[MissionMetrics]], rows: Mapping[str, Sequence[Estimate]]
+    missions: Mapping[str, Sequence[MissionMetrics]],
+    rows: Mapping[str, Sequence[Estimate]],
+    columns: int = LEAST_COLUMNS,
 ) -> RenderableType:
     """The estimates of several policies, measure by measure, and the missions that went wrong.
+
+    Measures that are 100 % in every mission of every policy share a line.
 
     Args:
         missions: flown, by policy; the same seeds for each.
         rows: one estimate for each of MEASURES, by policy.
+        columns: of the terminal; names of policies are as short as that asks for.
     """
-    table = _estimate_table('measure', 'policy', _by_measure(rows), is_split=len(rows) > 1)
-    lines = [line for policy, flown in missions.items() for line in _remarks(policy, flown)]
-    return Group(table, *lines)
+    names, whole = _names_of(rows, columns), _whole_measures(rows)
+    groups = _by_measure(rows, names, but=whole)
+    table = _estimate_table('measure', 'policy', groups, is_split=len(rows) > 1)
+    whole_names = short_names([*missions], _WHOLE)  # somewhere a reader must find them
+    lines = [
+        line for policy, flown in missions.items() for line in _remarks(whole_names[policy], flown)
+    ]
+    titles = ', '.join(MEASURES[index].title for index in whole)
+    all_there = [Text(f'100 % in every mission: {titles}', style='dim')] if whole else []
+    return Group(table, *all_there, uav_table(missions, columns), *lines)
 
 
-def difference_table(first: str, rows: Mapping[str, Sequence[Estimate]]) -> RenderableType:
+def _whole_measures(rows: Mapping[str, Sequence[Estimate]]) -> list[int]:
+    """The measures, by index, that are shares of which all is there in all missions."""
+    return [
+        index
+        for index, measure in enumerate(MEASURES)
+        if measure.unit == 'share'
+        and all(estimates[index].low > 1.0 - _ROUNDING for estimates in rows.values())
+    ]
+
+
+def _names_of(policies: Iterable[str], columns: int) -> Mapping[str, str]:
+    """What policies are called in a table of estimates."""
+    return short_names([*policies], max(_LEAST_NAME, columns - _ESTIMATES_COLUMNS))
+
+
+def verdict(estimated: Mapping[str, Sequence[Estimate]]) -> Text:
+    """Who takes least time and least energy of those that collect most, in one line.
+
+    Args:
+        estimated: of MEASURES, by policy.
+    """
+    means = {
+        name: {measure.key: one.mean for measure, one in zip(MEASURES, row, strict=True)}
+        for name, row in estimated.items()
+    }
+    most = max(of['collected_share'] for of in means.values()) - _ALIKE
+    rivals = {name: of for name, of in means.items() if of['collected_share'] >= most}
+    quick = min(rivals, key=lambda name: rivals[name]['completion_s'])
+    thrifty = min(rivals, key=lambda name: rivals[name]['energy_kj'])
+    among = '' if len(rivals) == len(means) else ' of those that collect most'
+    return Text(
+        f'on average{among}: quickest {quick}, {rivals[quick]["completion_s"]:.1f} s; '
+        f'thriftiest {thrifty}, {rivals[thrifty]["energy_kj"]:.2f} kJ',
+        style='bold',
+    )
+
+
+def difference_table(
+    first: str, rows: Mapping[str, Sequence[Estimate]], columns: int = LEAST_COLUMNS
+) -> RenderableType:
     """By how much one policy's measures differ from those of others in the same missions.
 
     Args:
         first: the policy that the others are taken from.
         rows: one estimate for each of MEASURES, by the policy that was taken away.
+        columns: as for `evaluation_table`.
     """
-    table = _estimate_table('measure', 'minus', _by_measure(rows), is_split=len(rows) > 1)
-    title = Text(
-        f'{in_one_line(first, MAX_NAME)} minus each other policy, mission by mission', style='bold'
-    )
-    return Group(title, table)
+    names = _names_of([first, *rows], columns)
+    groups = _by_measure(rows, names)
+    table = _estimate_table('measure', 'minus', groups, is_split=len(rows) > 1)
+    title = f'{names[first]} minus each other policy, mission by mission'
+    return Group(Text(title, style='bold'), table)
 
 
 def estimate_cells(estimate: Estimate) -> tuple[str, str, str]:
@@ -249,7 +329,6 @@ def number_text(value: float) -> str:
 
 
 def _remarks(policy: str, missions: Sequence[MissionMetrics]) -> list[Text]:
-    policy = in_one_line(policy, MAX_NAME)
     n_decisions = sum(mission.n_decisions for mission in missions) / len(missions)
     lines = [Text(f'{policy}: {n_decisions:.1f} decisions per mission', style='dim')]
     circled = [mission for mission in missions if mission.n_guarded]
@@ -291,19 +370,23 @@ def bound_table(rows: Mapping[str, Estimate]) -> RenderableType:
     return Group(table, Text(text, style='dim'))
 
 
-def share_table(rows: Mapping[str, tuple[int, Mapping[str, Estimate]]]) -> RenderableType:
+def share_table(
+    rows: Mapping[str, tuple[int, Mapping[str, Estimate]]], columns: int = LEAST_COLUMNS
+) -> RenderableType:
     """How near policies come to the plans, in per cent.
 
     The shortest plan's efficiency is no bound, but what may be reached when time counts first.
 
     Args:
         rows: by policy, how many missions count and the estimates by key of `shares`.
+        columns: as for `evaluation_table`.
     """
+    names = _names_of(rows, columns)
     groups = [
         (
             title,
             {
-                policy: _percentages(estimates[key])
+                names[policy]: _percentages(estimates[key])
                 for policy, (_, estimates) in rows.items()
                 if key in estimates
             },
@@ -311,9 +394,7 @@ def share_table(rows: Mapping[str, tuple[int, Mapping[str, Estimate]]]) -> Rende
         for key, title in _SHARES.items()
     ]
     table = _estimate_table('% of the clairvoyant plan', 'policy', groups, is_split=len(rows) > 1)
-    counts = ', '.join(
-        f'{in_one_line(policy, MAX_NAME)} {n_missions}' for policy, (n_missions, _) in rows.items()
-    )
+    counts = ', '.join(f'{names[policy]} {n_missions}' for policy, (n_missions, _) in rows.items())
     text = f'missions that collected everything and have plans: {counts}'
     return Group(table, Text(text, style='dim'))
 
@@ -323,10 +404,14 @@ def _percentages(estimate: Estimate) -> tuple[str, str, str]:
     return shown[0], f'{shown[1]} to {shown[2]}', f'{100 * estimate.median:.1f}'
 
 
-def _by_measure(rows: Mapping[str, Sequence[Estimate]]) -> Iterator[_Group]:
-    """Rows of MEASURES by policy, grouped by measure."""
+def _by_measure(
+    rows: Mapping[str, Sequence[Estimate]], names: Mapping[str, str], but: Container[int] = ()
+) -> Iterator[_Group]:
+    """Rows of MEASURES by policy, grouped by measure, but for some by their index."""
     for index, measure in enumerate(MEASURES):
-        cells = {policy: estimate_cells(estimates[index]) for policy, estimates in rows.items()}
+        if index in but:
+            continue
+        cells = {names[policy]: estimate_cells(row[index]) for policy, row in rows.items()}
         yield f'{measure.title} [{measure.unit}]', cells
 
 
@@ -341,7 +426,7 @@ def _estimate_table(
         table.add_column(column, justify='right', no_wrap=True)
     for title, rows in groups:
         for index, (name, cells) in enumerate(rows.items()):
-            table.add_row(Text('' if index else title), Text(in_one_line(name, MAX_NAME)), *cells)
+            table.add_row(Text('' if index else title), Text(name), *cells)
         if is_split:
             table.add_section()
     return table

@@ -7,7 +7,6 @@ around it, each in a lane of its own.
 """
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from itertools import pairwise
@@ -17,7 +16,19 @@ from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
+from uav_collect.analysis.area_picture import (
+    area_handles,
+    BLACK,
+    draw_area,
+    draw_ends,
+    draw_names,
+    FONT_PT,
+    GREY,
+    marker_handle,
+    place_handles,
+)
 from uav_collect.analysis.metrics import mission_metrics, MissionMetrics, percent
+from uav_collect.analysis.path_lanes import corners_m, lane_shifts, narrowest_lane, steps
 from uav_collect.analysis.plotting import (
     Affine2D,
     Axes,
@@ -27,15 +38,21 @@ from uav_collect.analysis.plotting import (
     Line2D,
     MarkerStyle,
     Normal,
+    Rectangle,
     withStroke,
 )
+from uav_collect.analysis.readings import is_left
+from uav_collect.analysis.short_names import short_names
 from uav_collect.errors import in_one_line
-from uav_collect.kernels.arrays import Bools, check_shape, Floats, Ints
+from uav_collect.kernels.arrays import Bools, check_shape, Floats
 from uav_collect.limits import MAX_NAME
 from uav_collect.recording.mission_log import MissionLog
-from uav_collect.scenario.model import Scenario
+from uav_collect.scenario.area import shown_box_m
+from uav_collect.scenario.model import AreaConfig, Scenario
 from uav_collect.scenario.site import Site
 from uav_collect.uav.action_codes import HOME, HOVER
+from uav_collect.uav.actions import home_way_m
+from uav_collect.uav.briefing import brief
 
 DPI = 150
 
@@ -46,17 +63,8 @@ COLOURS = (
 _SOLID = (0.0, ())
 _DOTTED = (0.0, (1.2, 0.9))
 _DASHES = (4.0, 2.5)
-_GREEN = '#1A9641'
 _RED = '#E31A1C'
-_BLACK = '#111111'
-GREY = '#A9A9A9'
-GRID = '#E2E2E2'
-_FONT_PT = 9.0
-_LANE_SHARE = 0.13  # of a cell, between two lanes
-_LANES_SHARE = 0.6  # of a cell, at most, for all lanes of an edge
-_JOG_SHARE = 0.1  # of a cell, before and after its centre, where a way changes its lane
-
-_Edge = tuple[float, ...]  # the centres of two neighbouring cells: east and north of each
+_LEAST_IN = 3.0  # of a map's sides: room for title and legend
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,7 +75,7 @@ class _Path:
     place_m: Floats  # (T, 2) where it decided
     hover_m: Floats  # (K, 2) where it hovered
     hover_bit: Floats  # (K,) what it collected there
-    home_m: Floats | None  # (2,) where it landed; None while it flies
+    home_way_m: Floats  # (K, 2) the corners of its way home; (0, 2) while it decides
 
     @property
     def colour(self) -> str:
@@ -96,8 +104,9 @@ def trajectories(
         ValueError: the demand does not fit the site.
         OSError: the file cannot be written.
     """
-    side_in = float(np.clip(2.6 + 0.3 * site.scenario.area.cells_per_side, 5.0, 8.6))
-    figure, axes = _canvas(side_in)
+    area = site.scenario.area
+    side_in = float(np.clip(2.6 + 0.3 * max(area.n_rows, area.n_columns), 5.0, 8.6))
+    figure, axes = _canvas(area, side_in)
     handles = draw_mission(axes, log, site, demand_bit, side_in)
     _write_title(axes, log, mission_metrics(log))
     _write_legend(axes, handles)
@@ -119,12 +128,12 @@ def draw_mission(
     site: Site,
     demand_bit: Floats,
     side_in: float,
-) -> list[Line2D]:
+) -> list[Line2D | Rectangle]:
     """Draw a mission into axes.
 
     Args:
         demand_bit: as for `trajectories`.
-        side_in: side of the square that the axes take [inch].
+        side_in: the longer side in the axes of what is shown of the area [inch].
 
     Returns:
         What a legend needs.
@@ -134,27 +143,35 @@ def draw_mission(
     """
     check_shape(demand_bit, (len(site.position_m),), 'demand_bit')
     scenario = site.scenario
-    cell_pt = side_in * 72.0 / scenario.area.cells_per_side
+    west_m, south_m, east_m, north_m = shown_box_m(scenario.area)
+    longer_m = max(east_m - west_m, north_m - south_m)
+    cell_pt = side_in * 72.0 * scenario.area.cell_size_m / longer_m
     paths = [_path_of(log, scenario, index) for index in range(len(log.header.uavs))]
-    _draw_area(axes, scenario)
-    _draw_sensors(axes, site, demand_bit, _is_left(log, site, demand_bit), cell_pt)
+    draw_area(axes, scenario)
+    _draw_sensors(axes, site, demand_bit, is_left(log, site, demand_bit), cell_pt)
     _draw_paths(axes, paths, scenario.area.cell_size_m, cell_pt)
     _draw_hovers(axes, paths, cell_pt)
-    _draw_ends(axes, scenario, cell_pt)
+    draw_ends(axes, scenario, cell_pt)
+    draw_names(axes, site)
     _draw_tags(axes, paths, scenario.area.cell_size_m, cell_pt)
     summary = mission_metrics(log)
-    handles = _path_handles(paths, summary) + _place_handles(scenario)
-    return handles + _sensor_handles(demand_bit, summary)
+    handles = _path_handles(paths, summary) + place_handles(scenario)
+    return [*handles, *_sensor_handles(demand_bit, summary), *area_handles(scenario.area)]
 
 
-def _canvas(side_in: float) -> tuple[Figure, Axes]:
+def _canvas(area: AreaConfig, side_in: float) -> tuple[Figure, Axes]:
+    """A figure with room for a map whose longer side is given, and for what stands about it."""
     left_in, bottom_in, top_in, legend_in = 0.75, 0.6, 0.75, 2.35
-    width_in, height_in = left_in + side_in + legend_in, bottom_in + side_in + top_in
+    west_m, south_m, east_m, north_m = shown_box_m(area)
+    sides_m = east_m - west_m, north_m - south_m
+    map_in = [max(side_in * side_m / max(sides_m), _LEAST_IN) for side_m in sides_m]
+    width_in, height_in = left_in + map_in[0] + legend_in, bottom_in + map_in[1] + top_in
     figure = Figure(figsize=(width_in, height_in), facecolor='white')
     FigureCanvasAgg(figure)
     axes = figure.add_axes(
-        (left_in / width_in, bottom_in / height_in, side_in / width_in, side_in / height_in)
+        (left_in / width_in, bottom_in / height_in, map_in[0] / width_in, map_in[1] / height_in)
     )
+    axes.set_anchor('NW')
     return figure, axes
 
 
@@ -163,45 +180,16 @@ def _path_of(log: MissionLog, scenario: Scenario, index: int) -> _Path:
     own = log.events[log.events['uav'] == uav.id]
     place_m = np.column_stack((own['x_m'], own['y_m']))
     is_hover = own['action'] == HOVER
+    home_m = []
+    if HOME in own['action']:
+        home_m = [*home_way_m(brief(scenario), index, (place_m[-1, 0], place_m[-1, 1]))]
     return _Path(
         number=uav.id,
         place_m=place_m,
         hover_m=place_m[is_hover],
         hover_bit=own['collected_bit'][is_hover],
-        home_m=np.array(scenario.uavs[index].home_m) if HOME in own['action'] else None,
+        home_way_m=np.array(home_m).reshape(-1, 2),
     )
-
-
-def _is_left(log: MissionLog, site: Site, demand_bit: Floats) -> Bools:
-    """Whether each sensor's data were left: nobody ever hovered in its cell."""
-    hovers = log.events[log.events['action'] == HOVER]
-    area = site.scenario.area
-    column: Ints = (hovers['x_m'] // area.cell_size_m).astype(np.int64)
-    row: Ints = (hovers['y_m'] // area.cell_size_m).astype(np.int64)
-    served = np.isin(site.cell, row * area.cells_per_side + column)
-    return (demand_bit > 0) & ~served
-
-
-def _draw_area(axes: Axes, scenario: Scenario) -> None:
-    n_cells, size_m = scenario.area.cells_per_side, scenario.area.cell_size_m
-    side_m = n_cells * size_m
-    for border in range(1, n_cells):
-        axes.axhline(border * size_m, color=GRID, linewidth=0.6, zorder=0)
-        axes.axvline(border * size_m, color=GRID, linewidth=0.6, zorder=0)
-    axes.set(xlim=(0.0, side_m), ylim=(0.0, side_m), aspect='equal')
-    axes.set_xlabel('east [m]', fontsize=_FONT_PT)
-    axes.set_ylabel('north [m]', fontsize=_FONT_PT)
-    ticks_m = np.arange(0, n_cells + 1, _cells_per_tick(n_cells)) * size_m
-    axes.set_xticks(ticks_m)
-    axes.set_yticks(ticks_m)
-    axes.tick_params(labelsize=_FONT_PT - 1, color='#888888')
-    axes.spines[:].set_color('#888888')
-
-
-def _cells_per_tick(n_cells: int) -> int:
-    least = math.ceil(n_cells / 8)
-    whole = [every for every in range(least, 2 * least + 1) if n_cells % every == 0]
-    return whole[0] if whole else least  # a tick on the far border where it can be
 
 
 def _draw_sensors(
@@ -213,7 +201,7 @@ def _draw_sensors(
 ) -> None:
     has_data = demand_bit > 0
     area_pt2 = float(np.clip((0.085 * cell_pt) ** 2, 3.0, 14.0))
-    for chosen, colour, order in ((~has_data, GREY, 2), (has_data, _BLACK, 6)):
+    for chosen, colour, order in ((~has_data, GREY, 2), (has_data, BLACK, 6)):
         east_m, north_m = site.position_m[chosen].T
         axes.scatter(east_m, north_m, area_pt2, color=colour, linewidths=0, zorder=order)
     east_m, north_m = site.position_m[is_left].T
@@ -240,19 +228,18 @@ def _draw_paths(axes: Axes, paths: list[_Path], cell_size_m: float, cell_pt: flo
                 way = (there_m - here_m) / cell_size_m
                 aside_m = lanes[index] * np.abs(way[::-1]) * cell_size_m
                 _draw_head(axes, path.colour, (here_m + there_m) / 2 + aside_m, way, area_pt2)
-        if path.home_m is not None and (line_m[-1] != path.home_m).any():
+        if len(path.home_way_m) and (line_m[-1] != path.home_way_m[-1]).any():
             _draw_way_home(axes, path, line_m[-1], 0.75 * width_pt, area_pt2)
 
 
 def _draw_way_home(
     axes: Axes, path: _Path, from_m: Floats, width_pt: float, area_pt2: float
 ) -> None:
-    to_m = np.asarray(path.home_m)
+    way_m = np.array([from_m, *path.home_way_m[1:]])
     dashes = (3.25 * path.number, _DASHES)  # out of step: of two on one line both show
-    axes.plot(
-        *np.array([from_m, to_m]).T, color=path.colour, lw=width_pt, linestyle=dashes, zorder=3
-    )
-    _draw_head(axes, path.colour, (from_m + to_m) / 2, to_m - from_m, area_pt2)
+    axes.plot(*way_m.T, color=path.colour, lw=width_pt, linestyle=dashes, zorder=3)
+    for here_m, there_m in pairwise(way_m):
+        _draw_head(axes, path.colour, (here_m + there_m) / 2, there_m - here_m, area_pt2)
 
 
 def _draw_head(axes: Axes, colour: str, place_m: Floats, way: Floats, area_pt2: float) -> None:
@@ -272,20 +259,8 @@ def _draw_hovers(axes: Axes, paths: list[_Path], cell_pt: float) -> None:
         east_m, north_m = path.hover_m.T
         axes.scatter(
             east_m, north_m, (0.3 + 0.7 * share) * largest_pt2, color=path.colour, marker='*',
-            edgecolors=_BLACK, linewidths=0.5, zorder=5.5,
+            edgecolors=BLACK, linewidths=0.5, zorder=5.5,
         )  # fmt: skip
-
-
-def _draw_ends(axes: Axes, scenario: Scenario, cell_pt: float) -> None:
-    starts = {tuple(uav.start_m) for uav in scenario.uavs}
-    homes = {tuple(uav.home_m) for uav in scenario.uavs}
-    area_pt2 = float(np.clip((0.5 * cell_pt) ** 2, 90.0, 190.0))
-    for places, marker in ((starts - homes, 'P'), (homes, 'X')):
-        for east_m, north_m in sorted(places):
-            axes.scatter(
-                east_m, north_m, area_pt2, color=_GREEN, marker=marker, edgecolors='white',
-                linewidths=1.0, zorder=8, clip_on=False,
-            )  # fmt: skip
 
 
 def _draw_tags(axes: Axes, paths: list[_Path], cell_size_m: float, cell_pt: float) -> None:
@@ -307,7 +282,7 @@ def _draw_tags(axes: Axes, paths: list[_Path], cell_size_m: float, cell_pt: floa
 
 def _write_title(axes: Axes, log: MissionLog, summary: MissionMetrics) -> None:
     header = log.header
-    policies = ', '.join(dict.fromkeys(in_one_line(uav.policy, MAX_NAME) for uav in header.uavs))
+    policies = ', '.join(short_names([uav.policy for uav in header.uavs], MAX_NAME).values())
     title = (
         f'{in_one_line(header.scenario, MAX_NAME)}, mission seed {header.mission_seed}: {policies}'
     )
@@ -319,7 +294,7 @@ def _write_title(axes: Axes, log: MissionLog, summary: MissionMetrics) -> None:
     )
     for text, above_pt, size_pt, weight in (
         (title, 26, 11, 'bold'),
-        (merits, 9, _FONT_PT + 0.5, 'normal'),
+        (merits, 9, FONT_PT + 0.5, 'normal'),
     ):
         axes.annotate(
             text, (0, 1), (0, above_pt), xycoords='axes fraction', textcoords='offset points',
@@ -327,10 +302,10 @@ def _write_title(axes: Axes, log: MissionLog, summary: MissionMetrics) -> None:
         )  # fmt: skip
 
 
-def _write_legend(axes: Axes, handles: list[Line2D]) -> None:
+def _write_legend(axes: Axes, handles: list[Line2D | Rectangle]) -> None:
     axes.legend(
         handles=handles, loc='upper left', bbox_to_anchor=(1.015, 1.01), frameon=False,
-        fontsize=_FONT_PT - 0.5, handlelength=2.2, labelspacing=0.65,
+        fontsize=FONT_PT - 0.5, handlelength=2.2, labelspacing=0.65,
     )  # fmt: skip
 
 
@@ -344,103 +319,18 @@ def _path_handles(paths: list[_Path], summary: MissionMetrics) -> list[Line2D]:
     return [
         *handles,
         home,
-        _marker_handle('*', '#777777', 11, 'hover (larger: more data)', edge=_BLACK),
+        marker_handle('*', '#777777', 11, 'hover (larger: more data)', edge=BLACK),
     ]
 
 
-def _place_handles(scenario: Scenario) -> list[Line2D]:
-    if any(uav.start_m != uav.home_m for uav in scenario.uavs):
-        return [_marker_handle('P', _GREEN, 9, 'start'), _marker_handle('X', _GREEN, 9, 'home')]
-    return [_marker_handle('X', _GREEN, 9, 'start and home')]
-
-
 def _sensor_handles(demand_bit: Floats, summary: MissionMetrics) -> list[Line2D]:
-    handles = [_marker_handle('o', _BLACK, 4, 'sensor with data')]
+    handles = [marker_handle('o', BLACK, 4, 'sensor with data')]
     if (demand_bit == 0).any():
-        handles.append(_marker_handle('o', GREY, 4, 'sensor without data'))
+        handles.append(marker_handle('o', GREY, 4, 'sensor without data'))
     if not summary.is_complete:
-        handles.append(_marker_handle('o', 'none', 7, 'data left behind', edge=_RED))
+        handles.append(marker_handle('o', 'none', 7, 'data left behind', edge=_RED))
     return handles
 
 
 def _line_handle(path: _Path, label: str) -> Line2D:
     return Line2D([], [], color=path.colour, linestyle=path.style, linewidth=2.0, label=label)
-
-
-def _marker_handle(
-    marker: str, colour: str, size_pt: float, label: str, *, edge: str = 'none'
-) -> Line2D:
-    return Line2D(
-        [], [], linestyle='none', marker=marker, markersize=size_pt, markerfacecolor=colour,
-        markeredgecolor=edge, markeredgewidth=0.8, label=label,
-    )  # fmt: skip
-
-
-def steps(place_m: Floats) -> Iterator[tuple[Floats, Floats]]:
-    """The moves between the places where a UAV decided, shape (T, 2): from where to where."""
-    for here_m, there_m in pairwise(place_m):
-        if (here_m != there_m).any():
-            yield here_m, there_m
-
-
-def lane_shifts(ways_m: Sequence[Floats]) -> list[list[float]]:
-    """How far each step of each way is shifted [cells]: north if it runs east or west, else east.
-
-    Args:
-        ways_m: one per UAV, the places where it decided [m], shape (T, 2).
-    """
-    n_lanes = _lane_counts(ways_m)
-    taken: Counter[_Edge] = Counter()
-    shifts: list[list[float]] = []
-    for way_m in ways_m:
-        shifts.append([])
-        for step in steps(way_m):
-            edge = _edge(*step)
-            lane = taken[edge] - (n_lanes[edge] - 1) / 2
-            shifts[-1].append(lane * _lane_width(n_lanes[edge]))
-            taken[edge] += 1
-    return shifts
-
-
-def narrowest_lane(ways_m: Sequence[Floats]) -> float:
-    """The least distance between two lanes [cells]."""
-    return _lane_width(max(_lane_counts(ways_m).values(), default=1))
-
-
-def _lane_counts(ways_m: Sequence[Floats]) -> Counter[_Edge]:
-    return Counter(_edge(*step) for way_m in ways_m for step in steps(way_m))
-
-
-def _lane_width(n_lanes: int) -> float:
-    return min(_LANE_SHARE, _LANES_SHARE / n_lanes)
-
-
-def _edge(here_m: Floats, there_m: Floats) -> _Edge:
-    low, high = sorted([tuple(here_m.tolist()), tuple(there_m.tolist())])
-    return (*low, *high)
-
-
-def corners_m(way_m: Floats, shifts: Sequence[float], cell_size_m: float) -> Floats:
-    """The corners of a way in its lanes [m], shape (K, 2)."""
-    if not shifts:
-        return way_m[:1]
-    moves = list(steps(way_m))
-    heads = [(there_m - here_m) / cell_size_m for here_m, there_m in moves]
-    sides = [shift * np.abs(head[::-1]) for head, shift in zip(heads, shifts, strict=True)]
-    corners = [moves[0][0] + sides[0] * cell_size_m]
-    for index in range(1, len(moves)):
-        joint = _corners_in_cell(heads[index - 1], sides[index - 1], heads[index], sides[index])
-        corners += [moves[index][0] + shift * cell_size_m for shift in joint]
-    corners.append(moves[-1][1] + sides[-1] * cell_size_m)
-    return np.array(corners)
-
-
-def _corners_in_cell(
-    head_in: Floats, side_in: Floats, head_out: Floats, side_out: Floats
-) -> list[Floats]:
-    """The corners of a way within one cell, in cells from its centre."""
-    if head_in @ head_out == 0:  # a turn: both lanes meet in one corner
-        return [side_in + side_out]
-    if (head_in != head_out).any() or (side_in == side_out).all():  # straight back, or straight on
-        return [side_in, side_out]
-    return [side_in - _JOG_SHARE * head_in, side_out + _JOG_SHARE * head_out]
