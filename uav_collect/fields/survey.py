@@ -1,0 +1,168 @@
+"""What a list of loggers says of a field, and files of polygons besides, in one plane."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from uav_collect.config.yaml_text import shown, shown_path
+from uav_collect.errors import ConfigError
+from uav_collect.fields.ground import Ground
+from uav_collect.fields.outlines import lies_in
+from uav_collect.scenario.columns import n_known
+from uav_collect.scenario.earth import east_north_m
+from uav_collect.scenario.grids import lat_lon_of
+from uav_collect.scenario.list_files import open_list
+from uav_collect.scenario.model import Point
+from uav_collect.scenario.places import Places, Polygons, read, read_polygons, ReadOptions
+from uav_collect.scenario.plane import Plane, plane_of
+from uav_collect.scenario.shapes import MapFile
+from uav_collect.scenario.tables import counted
+
+_LAT_LON = 'latitude and longitude, WGS84'
+_PLAIN = 'metres of its own'
+
+
+@dataclass(frozen=True, kw_only=True)
+class Survey:
+    """A field, and where that is known from."""
+
+    ground: Ground
+    source: str  # the list, for people
+    crs: str  # how places are written there, for people
+    notes: tuple[str, ...]  # what was found that might have been otherwise
+
+
+def survey(
+    path: Path,
+    options: ReadOptions,
+    *,
+    area: Path | None = None,
+    widen_m: float = 0.0,
+    no_fly: Path | None = None,
+    base: str | None = None,
+) -> Survey:
+    """Read a field.
+
+    Args:
+        path: the list of loggers.
+        options: how it is to be read.
+        area: file with a polygon that nobody flies beyond, and maybe others that are called
+            no-fly zones; None: as the list says.
+        widen_m: how far beyond that UAVs may fly all the same [m].
+        no_fly: file with polygons that nobody flies over, whatever they are called, besides those
+            of the list; the one of the area again adds nothing to what it says.
+        base: where UAVs start: two numbers as the list writes places, or a sensor's id.
+
+    Raises:
+        ConfigError: a line for each thing that is wrong.
+        MissingPackageError: a file needs a package that is missing.
+    """
+    places = read(path, options)
+    if area is not None:
+        places = _within_area(places, area, options)
+    if no_fly is not None and not (area is not None and area.samefile(no_fly)):
+        zones = _polygons(no_fly, options, places).polygons  # their holes are closed, too
+        places = replace(places, no_fly=(*places.no_fly, *zones))
+    plane = plane_of(places)
+    _check_zones(no_fly or area or path, plane)
+    ground = Ground(
+        sensor_ids=tuple(sensor.id for sensor in places.sensors),
+        position_m=np.array(plane.sensors_m),
+        data_mbit=tuple(sensor.data_mbit for sensor in places.sensors),
+        edge_m=plane.boundary_m,
+        widen_m=widen_m,
+        no_fly_m=plane.no_fly_m,
+        base_m=None if base is None else _base_m(base, places, plane.sensors_m, plane.origin),
+        origin_deg=plane.origin,
+        crs=places.grid and places.grid.name,
+    )
+    return Survey(
+        ground=ground,
+        source=shown_path(path.name),
+        crs=_crs(places),
+        notes=(*places.notes, *places.far),
+    )
+
+
+def _within_area(places: Places, area: Path, options: ReadOptions) -> Places:
+    """The same with the boundary that a file has, and its no-fly zones besides.
+
+    Raises:
+        ConfigError: it has none, or more than one polygon that may be it.
+    """
+    found = _polygons(area, options, places)
+    if len(found.polygons) == 1:  # it is wanted as the area, whatever it is called
+        return replace(places, boundary=found.polygons[0], no_fly=(*places.no_fly, *found.holes))
+    named = list(zip(found.polygons, found.are_no_fly, strict=True))
+    edges = [polygon for polygon, is_zone in named if not is_zone]
+    if len(edges) != 1:
+        raise ConfigError(
+            f'{shown_path(area)}: has {counted(len(edges), "polygon")} that may be the area: must '
+            'have one, and the others no-fly zones by their name, as "no-fly pond"'
+        )
+    zones = [polygon for polygon, is_zone in named if is_zone]
+    # Holes of the list's own edge, which no longer counts, stay closed all the same.
+    return replace(places, boundary=edges[0], no_fly=(*places.no_fly, *zones, *found.holes))
+
+
+def _check_zones(path: Path, plane: Plane) -> None:
+    """Refuse a no-fly zone that has all sensors in it.
+
+    Raises:
+        ConfigError: there is one; it may be the field's own outline.
+    """
+    for number, zone in enumerate(plane.no_fly_m, start=1):
+        if all(lies_in(sensor, zone) for sensor in plane.sensors_m):
+            which = f'no-fly zone {number} of {len(plane.no_fly_m)}'
+            raise ConfigError(
+                f'{shown_path(path)}: {which} has all sensors in it: must leave out '
+                'the outline of the field, which --area takes'
+            )
+
+
+def _polygons(path: Path, options: ReadOptions, places: Places) -> Polygons:
+    """The polygons of a map, or of a table that is written as the list is."""
+    is_map = isinstance(open_list(path, partial(n_known, columns={})), MapFile)
+    found = read_polygons(path, ReadOptions(crs='' if is_map else options.crs))
+    if found.is_angular != places.is_angular:
+        of_list, of_file = ('degrees', 'metres') if places.is_angular else ('metres', 'degrees')
+        raise ConfigError(
+            f'{shown_path(path)}: has places in {of_file}: must have {of_list}, as '
+            f'{shown_path(places.path)}'
+        )
+    return found
+
+
+def _base_m(text: str, places: Places, sensors_m: Sequence[Point], origin: Point | None) -> Point:
+    """Where UAVs start, in the plane."""
+    for sensor, place_m in zip(places.sensors, sensors_m, strict=True):
+        if sensor.id == text:
+            return place_m
+    system = places.system
+    try:
+        first, second = (float(part) for part in text.split(','))
+        at: Point | None = (first, second)
+    except ValueError:
+        at = None
+    is_within = at is not None and all(
+        low <= value <= high
+        for value, low, high in zip(at, system.lows, system.highs, strict=True)
+    )
+    if at is not None and is_within and places.grid is not None:
+        [at] = lat_lon_of([at], places.grid)
+    if at is None or not is_within:
+        written = ','.join(system.roles)
+        raise ConfigError(
+            f'--base is {shown(text)}: must be the id of a sensor, or {written} as the list has'
+        )
+    if origin is None:
+        return at
+    return east_north_m(*at, origin_lat_deg=origin[0], origin_lon_deg=origin[1])
+
+
+def _crs(places: Places) -> str:
+    if places.grid is not None:
+        return f'{places.grid.name}, {places.grid.title}'
+    return _LAT_LON if places.is_angular else _PLAIN
