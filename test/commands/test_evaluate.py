@@ -1,6 +1,7 @@
 """The command evaluate, against the rollout it stands on."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 import csv
 import json
 from pathlib import Path
@@ -12,6 +13,7 @@ from random_policies import saved
 from uav_collect.__main__ import main
 from uav_collect.analysis.metrics import mission_metrics
 from uav_collect.analysis.plan_shares import time_share
+from uav_collect.commands import terminal
 from uav_collect.missions import rollout
 from uav_collect.planning.bound import bound_of
 from uav_collect.recording.mission_log import MissionLog
@@ -74,6 +76,9 @@ def test_the_json_says_what_was_flown(tmp_path: Path, small: Scenario) -> None:
         assert entry['scenario'] == 'paper_8x8'
         assert entry['fingerprint'] == fingerprint(small)
         assert (entry['seed'], entry['missions'], entry['bandwidth']) == (5, 12, 'equal')
+        assert [uav['id'] for uav in entry['uavs']] == [1, 2]
+        energy_kj = sum(uav['energy_kj'] for uav in entry['uavs'])
+        assert energy_kj == pytest.approx(entry['energy_kj']['mean'], rel=1e-9)
 
 
 def test_several_bandwidths_are_flown_one_beside_the_other(tmp_path: Path) -> None:
@@ -147,7 +152,7 @@ def test_a_learned_policy_that_does_not_fit_is_refused_before_anything_flies(
     path = saved(tmp_path, 'mine', header_of_policy(side=10))
     assert evaluate(*SMALL, '--policy', 'hert', str(path)) == 2
     shown = capsys.readouterr()
-    assert shown.err == 'error: policy mine: cells_per_side is 8: must be 10\n'
+    assert shown.err == 'error: policy mine: area is 8 x 8 cells: must have 10 rows and columns\n'
     assert shown.out == ''
 
 
@@ -163,6 +168,10 @@ def test_the_csv_has_one_row_per_mission_and_policy(tmp_path: Path) -> None:
     assert first['completion_s'] != last['completion_s']
     efficiency = float(first['collected_mbit']) / float(first['energy_kj'])
     assert float(first['efficiency_kbit_per_j']) == pytest.approx(efficiency, rel=1e-12)
+    energies_kj = [float(first[f'uav_{uav}_energy_kj']) for uav in (1, 2)]
+    assert sum(energies_kj) == pytest.approx(float(first['energy_kj']), rel=1e-12)
+    landed_s = [float(first[f'uav_{uav}_landed_s']) for uav in (1, 2)]
+    assert max(landed_s) == float(first['completion_s'])
 
 
 def test_a_mission_does_not_depend_on_how_many_are_flown(tmp_path: Path) -> None:
@@ -235,6 +244,7 @@ def test_ctrl_c_shows_what_was_flown_and_writes_nothing(
         (['--set', 'demand.nonsense=1'], ['demand.nonsense', 'unknown']),
         (['--json', '/nowhere/at/all.json'], ['/nowhere/at/all.json', 'No such file']),
         (['--csv', '/'], ['/', 'folder']),
+        (['--csv', '/tmp/./both', '--json', '/tmp/both'], ['/tmp/both', 'given for two files']),
     ],
 )
 def test_what_cannot_be_evaluated_is_said_in_one_line(
@@ -291,15 +301,31 @@ def test_a_full_disk_is_said_in_one_line(capsys: pytest.CaptureFixture[str]) -> 
     assert capsys.readouterr().err.endswith('error: /dev/full: No space left on device\n')
 
 
+def watched_bar(monkeypatch: pytest.MonkeyPatch) -> list[object]:
+    """What a bar of progress is for: its noun and total, and how far it came."""
+    seen: list[object] = []
+
+    @contextmanager
+    def bar(total: int, noun: str) -> Iterator[Callable[[int], None]]:
+        n_done: list[int] = []
+        yield n_done.append
+        seen.extend([(noun, total), sum(n_done)])
+
+    monkeypatch.setattr(terminal, 'progress_bar', bar)
+    return seen
+
+
 @pytest.mark.usefixtures('bound_cache')
 def test_evaluate_shows_how_near_policies_come_to_the_plans(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     files = tmp_path / 'figures.json', tmp_path / 'missions.csv'
     written = ['--json', str(files[0]), '--csv', str(files[1])]
     policies = ['--policy', 'sweep', 'hert', '--bandwidth', 'equal']
+    bar = watched_bar(monkeypatch)
     assert main(['evaluate', *FEW, *policies, '--bound', *written]) == 0
     assert '% of the clairvoyant plan' in capsys.readouterr().out
+    assert bar == [('missions and plans', 18), 18]
     document = json.loads(files[0].read_text())
     site = build_site(load('paper_8x8'))
     logs = rollout.fly(site, range(5, 11), 'hert', 'equal')

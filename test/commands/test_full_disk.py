@@ -9,6 +9,7 @@ from uav_collect.__main__ import main
 
 COMMANDS = {
     'evaluate': (('--policy', 'sweep', '--missions', '2'), 'sweep'),
+    'size': (('--missions', '2', '--battery-wh', '50'), 'missions complete'),
     'bound': (('--missions', '1', '--rounds', '0'), 'all demand known'),
 }
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import re
 import signal
 import sys
+from urllib.request import urlopen
 
 from fleets import Fleet, wait_until
 from processes import Processes, RunningProcess
@@ -47,6 +48,7 @@ def text(scenario: Scenario, policy: str) -> bytes:
 def policies_in(output: str) -> list[str]:
     """The policies of the comparison, in order, and the plans after them."""
     _, _, table = output.partition('the same mission by')
+    table, _, _ = table.partition(' UAV ')  # what each UAV takes
     _, _, rows = table.rpartition('──')
     return [line.split()[0] for line in rows.splitlines() if line.strip()]
 
@@ -74,6 +76,8 @@ def test_a_mission_flies_a_policy_file_and_shows_what_rules_make_of_the_same_mis
     assert flown.wait_for_exit() == 0
     assert (run / f'mission_{SEED}.jsonl').read_bytes() == text(scenario, str(path))
     assert policies_in(flown.output) == ['mine', 'hert', 'sweep', *PLANS]
+    # It listens to nothing else until it has heard of the world that was started with it.
+    assert 'recording 1 topics' in (run / 'recorder.log').read_text()
 
 
 @pytest.mark.ros
@@ -104,6 +108,7 @@ def test_a_mission_has_its_tables_and_picture_whatever_backend_the_terminal_name
     assert flown.wait_for_exit() == 0
     assert policies_in(flown.output) == ['sweep', 'hert', *PLANS]
     assert (tmp_path / 'run' / f'trajectories_seed_{SEED}.png').stat().st_size > 0
+    assert b'clairvoyant plan' in (tmp_path / 'run' / 'film.html').read_bytes()
 
 
 @pytest.mark.ros
@@ -167,6 +172,21 @@ def test_a_mission_whose_recorder_dies_is_shown_by_its_log_and_the_status_tells(
     shown = capsys.readouterr()
     assert 'the figures are those of ' in shown.err
     assert f'paper_10x10, mission seed {SEED}' in shown.out
+
+
+@pytest.mark.ros
+def test_a_mission_that_is_viewed_keeps_its_page_until_ctrl_c(
+    processes: Processes, tmp_path: Path
+) -> None:
+    flags = ['--policy', 'sweep', '--uavs', '1', '--view', '--real-time-factor', '0']
+    flying = command(processes, *flags, '--output', str(tmp_path / 'run'), DISPLAY='')
+    url = flying.wait_for(r'watch it at (http://127\.0\.0\.1:\d+/)$')[1]
+    assert flying.wait_for(r'the page stays at (\S+) until Ctrl-C')[1] == url
+    with urlopen(url) as page:
+        assert f'paper_10x10, mission seed {SEED}' in page.read().decode()
+    flying.send(signal.SIGINT)
+    assert flying.wait_for_exit() == 0
+    assert processes.survivors() == []
 
 
 @pytest.mark.ros
@@ -262,6 +282,17 @@ def test_a_comparison_that_is_interrupted_is_left_out(
     monkeypatch.setattr(rollout, 'fly', interrupted)
     mission._compare(logged(tmp_path), scenario, 'exact')
     assert 'not compared' in capsys.readouterr().err
+
+
+def test_a_report_that_is_interrupted_says_what_makes_it_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(*_: object) -> int:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(mission.report, 'run', interrupted)
+    assert mission._report(tmp_path) == 130
+    assert f'"report {tmp_path} --html" makes them again' in capsys.readouterr().err
 
 
 def test_a_policy_is_not_compared_with_itself(

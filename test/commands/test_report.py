@@ -79,6 +79,28 @@ def test_report_draws_where_it_is_asked_to(
     assert [file.name for file in elsewhere.iterdir()] == ['mission.png']
 
 
+def test_report_leaves_a_film_beside_the_picture_if_asked(
+    report_folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(['report', str(report_folder), '--html']) == 0
+    assert f'film: {report_folder / "film.html"}' in capsys.readouterr().out
+    page = (report_folder / 'film.html').read_bytes()
+    assert b'paper_8x8' in page
+    assert len(page) < 400_000
+    (report_folder / 'film.html').unlink()
+    assert main(['report', str(report_folder / 'mission.jsonl'), '--html']) == 0
+    assert (report_folder / 'film_mission.html').is_file()
+
+
+def test_a_film_that_cannot_be_written_is_named(
+    report_folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (report_folder / 'film.html').mkdir()
+    assert main(['report', str(report_folder), '--html']) == 2
+    [line] = said_in(capsys.readouterr().err)
+    assert 'film.html' in line
+
+
 def test_report_finds_a_shipped_scenario_by_itself(report_folder: Path) -> None:
     (report_folder / 'scenario.yaml').unlink()
     assert main(['report', str(report_folder)]) == 0

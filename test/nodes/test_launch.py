@@ -63,6 +63,7 @@ def test_the_launch_file_declares_its_arguments_with_the_defaults_of_the_nodes(
         'guard_after': '12',
         'output_dir': '',
         'rviz': 'false',
+        'view': 'false',
     }
     for argument in entities(description, 'DeclareLaunchArgument'):
         assert argument.options['description']
@@ -77,6 +78,11 @@ def test_it_starts_executables_that_are_installed(description: Made) -> None:
     }
     assert own == {'world_sim', 'uav_agent', 'recorder'}
     assert own <= installed
+
+
+def test_a_page_shows_the_mission_on_request(description: Made) -> None:
+    assert nodes(description, 'viewer') == []
+    assert len(nodes(description, 'viewer', view='true')) == 1
 
 
 @pytest.mark.parametrize(('scenario', 'n_uavs'), [('paper_10x10', 2), ('four', 4)])
@@ -121,6 +127,18 @@ def test_arguments_reach_the_nodes_that_they_are_for_in_their_type(description: 
         assert given(agent, 'policy') == ('hert', str)
         assert given(agent, 'bandwidth') == ('equal', str)
         assert given(agent, 'guard_after') == (0, int)
+
+
+def test_all_nodes_take_the_mission_of_the_world_that_is_started_with_them(
+    description: Made,
+) -> None:
+    made = started(description, view='true')
+    own = {
+        dict(node.options['parameters'][1])['world_instance'].args[0]
+        for node in made
+        if node.kind == 'Node'
+    }
+    assert len(own) == 1
 
 
 def test_bag_and_logs_go_to_one_folder(description: Made, tmp_path: Path) -> None:

@@ -8,7 +8,8 @@ from uav_collect.missions.simulation import Event, Simulation
 from uav_collect.scenario.load import load
 from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
-from uav_collect.uav.action_codes import BACKWARD, FORWARD, HOME, HOVER, LEFT, RIGHT
+from uav_collect.uav.action_codes import BACKWARD, BY_POLICY, FORWARD, HOME, HOVER, LEFT, RIGHT
+from uav_collect.uav.messages import Decision
 
 serialization = pytest.importorskip('rclpy.serialization')
 Time = pytest.importorskip('builtin_interfaces.msg').Time
@@ -296,6 +297,27 @@ def test_the_grid_covers_the_area_from_its_south_west_corner() -> None:
     origin = grid.info.origin
     assert (origin.position.x, origin.position.y, origin.orientation.w) == (0.0, 0.0, 1.0)
     assert len(grid.data) == 16
+
+
+def test_the_grid_of_an_area_with_closed_cells_shows_them() -> None:
+    zone = [[[60.0, 60.0], [90.0, 60.0], [90.0, 90.0]]]
+    flight = Watched(tiny(uav(5.0), area__rows=3, area__columns=5, area__no_fly=zone))
+    grid = flight.viewers.completed_cells(STAMP)
+    assert (grid.info.width, grid.info.height, len(grid.data)) == (5, 3, 15)
+    assert flight.cells(viewers.CLOSED) == {6}
+    assert flight.cells(viewers.UNKNOWN) == {*range(15)} - {6}
+
+
+def test_a_path_turns_where_the_way_home_does() -> None:
+    start = uav(5.0, start=(2, 2), home_m=(25.0, 25.0))
+    zone = [[[60.0, 60.0], [140.0, 60.0], [140.0, 90.0]]]
+    flight = Watched(tiny(start, area__rows=3, area__columns=5, area__no_fly=zone))
+    event = flight.look()
+    home = Decision(action=HOME, reason=BY_POLICY)
+    flight.simulation.start(event, home)
+    flight.viewers.note_event(event, home)
+    path = points(flight.marker('paths', 1, time_s=30.0))
+    assert [place[:2] for place in path] == [(125.0, 125.0), (25.0, 125.0), (25.0, 75.0)]
 
 
 def test_nothing_is_known_before_the_first_look() -> None:

@@ -26,6 +26,15 @@ ROUGH: dict[str, object] = {
     ],
 }
 
+# An area that is no square, within a boundary and around a closed cell; empty cells are known.
+FIELD: dict[str, object] = {
+    'area__rows': 6,
+    'area__columns': 9,
+    'area__boundary': [[0, 0], [450, 0], [450, 160], [280, 300], [0, 300]],
+    'area__no_fly': [[[60, 60], [140, 60], [140, 90]]],
+    'demand__known_empty': 'sensors',
+}
+
 
 def start(
     fleet: Fleet, late: set[int], policy: str, allocator: str, **world: object
@@ -71,8 +80,17 @@ def test_twenty_missions_over_ros_equal_the_same_missions_in_one_process(
         (4, 'sweep', 'exact', {'radio__contact_range_m': float('inf')}),
         (3, 'random', 'exact', {'fleet__default__energy_budget_kj': 200.0}),
         (4, 'sweep', 'exact', ROUGH),
+        (2, 'sweep', 'exact', FIELD),
     ],
-    ids=['equal bandwidth', 'imperfect CSI', 'small budget', 'in contact', 'random', 'rough'],
+    ids=[
+        'equal bandwidth',
+        'imperfect CSI',
+        'small budget',
+        'in contact',
+        'random',
+        'rough',
+        'field',
+    ],
 )
 def test_missions_of_another_kind_are_equal_too(
     n_uavs: int,

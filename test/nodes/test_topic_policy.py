@@ -99,15 +99,15 @@ def _misfit(policy: FrozenPolicy, scenario: Scenario) -> dict[str, dict[str, obj
     def holding(content: bytes) -> dict[str, object]:
         return {'content': array('B', content), 'sha256': hashlib.sha256(content).hexdigest()}
 
-    side = scenario.area.cells_per_side + 1
-    size = observation_size(Layout.PAPER, side, 2)
+    side = scenario.area.n_rows + 1
+    size = observation_size(Layout.PAPER, side * side, 2)
     elsewhere = header(Layout.PAPER, side=side, observation_size=size, version='run@1')
     other_layout = whole.replace(b'egocentric/2', b'egocentric/1')
     return {
         'SHA-256': {'sha256': '0' * 64},
         'is not a whole safetensors file': holding(whole[:-10]),
         'must be paper/1 or egocentric': holding(other_layout),
-        'cells_per_side is 10': holding(policy_bytes(random_policy(elsewhere, seed=1))),
+        'area is 10 x 10 cells': holding(policy_bytes(random_policy(elsewhere, seed=1))),
         "its file is of version 'run@1'": {'version': 'run@9'},
         'epsilon is nan': {'epsilon': float('nan')},
     }

@@ -31,7 +31,7 @@ def in_process(scenario: Scenario) -> list[list[tuple[Any, ...]]]:
     while (event := pilots.simulation.next_event()) is not None:
         decision = pilots.decide(event)
         agent, layout = pilots.agents[event.uav], LAYOUTS[event.uav]
-        out = new_row(observation_size(layout, briefing.cells_per_side, briefing.n_uavs), 0.0)
+        out = new_row(observation_size(layout, len(briefing.is_open), briefing.n_uavs), 0.0)
         encode(layout, briefing, event.uav, agent.belief, event.view, out)
         encoded = np.asarray(out, dtype=np.float32).tolist()
         legal = [bool(flag) for flag in agent.legal]

@@ -1,5 +1,6 @@
 """What is read from a recording, and what is said of one that cannot be read."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -193,14 +194,15 @@ def test_a_bag_without_metadata_is_read_by_its_folder_or_its_file(
     assert mission.log.to_jsonl() == flown[0].to_jsonl()
 
 
+@pytest.mark.parametrize('read', [read_missions, read_recording])
 def test_a_bag_whose_file_is_torn_says_how_to_repair_it(
-    tmp_path: Path, site: Site, flown: list[MissionLog]
+    read: Callable[[Path], object], tmp_path: Path, site: Site, flown: list[MissionLog]
 ) -> None:
     folder = record(tmp_path / 'bag', site, flown[0])
     with (folder / 'bag.mcap').open('r+b') as file:
         file.truncate(2000)
     with pytest.raises(BagError, match=f'ends without a footer.*recorder --repair {folder}'):
-        read_missions(folder)
+        read(folder)
 
 
 def test_a_bag_without_a_mission_says_so(tmp_path: Path, site: Site) -> None:

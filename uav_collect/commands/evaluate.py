@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from uav_collect import files
 from uav_collect.commands import options, terminal
+from uav_collect.commands.small_jobs import choose_kernels
 from uav_collect.errors import PolicyMismatchError
 from uav_collect.limits import INTERRUPTED, UNUSABLE
 
@@ -26,10 +27,11 @@ _DESCRIPTION = """
 Flies the same missions with each policy and prints mean, 95 % bootstrap interval and median of
 energy efficiency [kbit/J], completion time [s], energy [kJ], the share of the data that was
 collected, the share of missions that collected all of it, and the share of missions in which all
-UAVs landed with their energy margin. The missions' seeds are SEED, SEED + 1, ...; the first is the
-one that "mission --seed SEED" flies.
+UAVs landed with their energy margin; and, of each UAV, energy and time of landing, mean and most.
+The missions' seeds are SEED, SEED + 1, ...; the first is the one that "mission --seed SEED" flies.
 """
 _MAX_MISSIONS = 100_000  # their figures are kept
+_FLIGHTS_OF_A_PLAN = 20  # that take as long as interpreted kernels plan for a mission
 _AT_ONCE = 50  # missions flown between two looks at Ctrl-C
 
 
@@ -97,7 +99,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Fly the missions and evaluate the policies; returns the exit status."""
     scenario = options.scenario_of(arguments)
+    of_each = len(arguments.policy) + (_FLIGHTS_OF_A_PLAN if arguments.bound else 0)
+    choose_kernels(arguments.missions * len(arguments.bandwidth) * of_each, scenario.n_cells)
     contenders = _contenders(arguments, scenario)
+    terminal.say_reach(scenario)
     flown: dict[_Contender, list[MissionMetrics]] = {contender: [] for contender in contenders}
     bounds: _Bounds = {bandwidth: {} for bandwidth in arguments.bandwidth if arguments.bound}
     start_s = monotonic()
@@ -160,11 +165,14 @@ def _fly(
     site = build_site(scenario)
     seeds = mission_seeds(arguments.seed, arguments.missions)
     at_once = 1 if 'cvxpy' in arguments.bandwidth else _AT_ONCE
-    with terminal.progress_bar(len(seeds) * len(flown), 'missions') as advance:
+    noun = 'missions and plans' if bounds else 'missions'
+    with terminal.progress_bar(len(seeds) * (len(flown) + len(bounds)), noun) as advance:
         for start in range(0, len(seeds), at_once):
             some = seeds[start : start + at_once]
             for bandwidth, found in bounds.items():
-                found |= {seed: bound.bound_of(site, seed, bandwidth) for seed in some}
+                for seed in some:
+                    found[seed] = bound.bound_of(site, seed, bandwidth)
+                    advance(1)
             for contender, missions in flown.items():
                 make_policy = partial(replace, contender.policy)
                 bandwidth, guard_after = contender.bandwidth, arguments.guard_after
@@ -187,6 +195,7 @@ def _show(
         evaluation_table,
         headline,
         share_table,
+        verdict,
     )
 
     console = plain_console()
@@ -206,11 +215,13 @@ def _show(
         )
     )
     labelled = {contender.label: missions for contender, missions in flown.items()}
-    console.print(evaluation_table(labelled, findings.estimates))
+    console.print(evaluation_table(labelled, findings.estimates, console.width))
     for first, rows in findings.differences.items():
-        console.print(difference_table(first, rows))
+        console.print(difference_table(first, rows, console.width))
     if findings.shares:
-        console.print(share_table(findings.shares))
+        console.print(share_table(findings.shares, console.width))
+    if len(findings.estimates) > 1:
+        console.print(verdict(findings.estimates), soft_wrap=True)
     n_flown = n_missions * len(flown)
     console.print(f'{n_flown} missions flown in {wall_s:.1f} s', style='dim')
 
@@ -265,10 +276,13 @@ def _json(
     arguments: argparse.Namespace, scenario: 'Scenario', flown: _Flown, findings: _Results
 ) -> bytes:
     """Means and intervals by policy, each policy's entry complete in itself."""
+    from uav_collect.analysis.per_uav import uav_figures
+
     document: dict[str, dict[str, object]] = {
         contender.label: _heading(arguments, scenario, contender)
         | _by_measure(findings.estimates[contender.label])
-        for contender in flown
+        | {'uavs': [uav.to_json() for uav in uav_figures(missions)]}
+        for contender, missions in flown.items()
     }
     for first, rows in findings.differences.items():
         document[first]['minus'] = {other: _by_measure(row) for other, row in rows.items()}
@@ -289,10 +303,12 @@ def _csv(
 ) -> bytes:
     """One row per mission."""
     from uav_collect.analysis.metrics import METRIC_COLUMNS, metrics_row
+    from uav_collect.analysis.per_uav import uav_columns, uav_values
     from uav_collect.analysis.plan_shares import plan_shares, SHARE_KEYS
 
     fixed = ('scenario', 'fingerprint', 'bandwidth', 'policy')
-    columns = (*fixed, *METRIC_COLUMNS, *(SHARE_KEYS if bounds else ()))
+    shares = SHARE_KEYS if bounds else ()
+    columns = (*fixed, *METRIC_COLUMNS, *shares, *uav_columns(scenario.n_uavs))
     table: list[tuple[object, ...]] = [columns]
     for contender, missions in flown.items():
         heading = _heading(arguments, scenario, contender)
@@ -301,5 +317,6 @@ def _csv(
             reached = plan_shares(mission, known).values() if known else ()
             cells = map(files.blank_if_nan, reached)
             row = metrics_row(mission).values()
-            table.append((*(heading[name] for name in fixed), *row, *cells))
+            uavs = map(files.blank_if_nan, uav_values(mission))
+            table.append((*(heading[name] for name in fixed), *row, *cells, *uavs))
     return files.csv_of(table)

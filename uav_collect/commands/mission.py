@@ -1,21 +1,23 @@
 """Flies one mission over ROS 2, every node a process of its own, and shows the result."""
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import nullcontext
 import json
 from pathlib import Path
 import subprocess
 import time
 from typing import TYPE_CHECKING
+import uuid
 
 from uav_collect.commands import options, report
+from uav_collect.commands.live_page import live_page
 from uav_collect.commands.ros_processes import Fleet, FleetProcess, ros_parameters, running_fleet
-from uav_collect.commands.terminal import say
+from uav_collect.commands.terminal import say, say_reach
 from uav_collect.errors import FleetError, PolicyMismatchError
 from uav_collect.kernels.compile import interpret_kernels
 from uav_collect.kernels.patience import repeated_line, waiting_for
-from uav_collect.limits import INTERRUPTED
+from uav_collect.limits import FAILED, INTERRUPTED
 from uav_collect.recording.mission_folder import log_name, SCENARIO_FILE
 
 if TYPE_CHECKING:  # loaded when flying, so that --help answers at once
@@ -25,7 +27,7 @@ _DESCRIPTION = """
 Starts recorder, world_sim and one uav_agent per UAV as processes that talk over DDS, shows the
 progress of the mission, then its figures beside those that rules achieve in the same mission, and
 leaves a run folder with the bag, the mission log, the resolved scenario, a picture of the
-trajectories and what every process said.
+trajectories, a film that a browser plays and what every process said.
 """
 _LOOK_S = 0.05
 _LINE_EVERY_S = 10.0
@@ -34,6 +36,7 @@ _RULES = ('hert', 'sweep')  # that every mission is compared with
 _RECORDER = 'recorder'  # a mission does without it
 _GAP = 'not recorded: '  # before what a recorder names as missing
 _MOST_GAPS = 3  # named
+_VIEWED_PACE = 10.0  # at which people can follow a mission
 _RECORDER_S = 15.0  # how long the recorder may take to close the bag
 
 
@@ -54,9 +57,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--real-time-factor',
         type=float,
-        default=0.0,
         metavar='X',
-        help='simulated over wall-clock time; 0: as fast as possible (default: %(default)g)',
+        help='simulated over wall-clock time; 0: as fast as possible (default: 0, with --view'
+        f' {_VIEWED_PACE:g})',
+    )
+    parser.add_argument(
+        '--view', action='store_true', help='show it in a browser as it flies, until Ctrl-C'
+    )
+    parser.add_argument(
+        '--control',
+        action='store_true',
+        help='--view, and let the page start, pause, step, abort and pace missions',
     )
     parser.add_argument(
         '--output',
@@ -74,22 +85,61 @@ def run(arguments: argparse.Namespace) -> int:
     folder = _make_folder(arguments.output, scenario.name)
     _keep_policy(policy, scenario, folder)
     say(f'{scenario.name}, seed {arguments.seed}, {scenario.n_uavs} UAVs: {policy}')
+    say_reach(scenario)
+    own = {'world_instance': str(uuid.uuid4())}  # who else is in the ROS domain counts for nobody
+    if not _is_viewed(arguments):
+        return _fly_and_show(folder, scenario, policy, own, arguments)
+    flags = [*(['--control'] if arguments.control else []), *ros_parameters(**own)]
+    try:
+        with live_page(folder, scenario.n_uavs + 2, flags) as stay:
+            status = _fly_and_show(folder, scenario, policy, own, arguments)
+            if status != INTERRUPTED:
+                stay()
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    except FleetError as error:
+        say(f'error: {error}')
+        return FAILED
+    return status
+
+
+def _fly_and_show(
+    folder: Path,
+    scenario: 'Scenario',
+    policy: str,
+    own: Mapping[str, str],
+    arguments: argparse.Namespace,
+) -> int:
+    """Fly the mission, and show what came of it; the exit status."""
     start_s = time.monotonic()
     try:
         with running_fleet(folder, scenario.n_uavs + 2) as fleet:
-            gap = _fly(fleet, folder, scenario, policy, arguments)
+            gap = _fly(fleet, folder, scenario, policy, own, arguments)
     except KeyboardInterrupt:
         say(f'interrupted; what was flown is in {folder}')
         return INTERRUPTED
     except FleetError as error:
         say(f'error: {error}')
-        return 1
+        return FAILED
     say(f'flown in {time.monotonic() - start_s:.1f} s\n')
     if gap:
         say(f'the bag is not whole: {gap}')
-    status = report.run(argparse.Namespace(path=folder, pictures=None))
+    status = _report(folder)
+    if status == INTERRUPTED:
+        return status
     _compare(folder / log_name(arguments.seed), scenario, arguments.bandwidth)
     return status or int(bool(gap))
+
+
+def _report(folder: Path) -> int:
+    """Show the mission that was flown, and leave its picture and film; the exit status."""
+    shown = {'readings': False, 'csv': None, 'gif': None, 'mp4': None, 'html': True}
+    try:
+        return report.run(argparse.Namespace(path=folder, pictures=None, **shown))
+    except KeyboardInterrupt:
+        again = f'"report {folder} --html" makes them again'
+        say(f'interrupted; the mission is recorded, its picture or its film is missing: {again}')
+        return INTERRUPTED
 
 
 def _checked_policy(wanted: str | None, scenario: 'Scenario') -> str:
@@ -142,7 +192,8 @@ def _compare(log: Path, scenario: 'Scenario', bandwidth: str) -> None:
                 [other] = fly(site, [seed], rule, bandwidth)
                 missions[rule] = mission_metrics(other)
         bound = report.mission_bound(flown.header, site)
-        plain_console().print(comparison_table(missions, bound))
+        console = plain_console()
+        console.print(comparison_table(missions, bound, console.width))
         [as_planned] = fly(site, [seed], _RULES[0], bandwidth)
         planned = {(fault.uav, fault.fault) for fault in as_planned.faults}
         if any((fault.uav, fault.fault) not in planned for fault in flown.faults):
@@ -155,7 +206,12 @@ def _compare(log: Path, scenario: 'Scenario', bandwidth: str) -> None:
 
 
 def _fly(
-    fleet: Fleet, folder: Path, scenario: 'Scenario', policy: str, arguments: argparse.Namespace
+    fleet: Fleet,
+    folder: Path,
+    scenario: 'Scenario',
+    policy: str,
+    own: Mapping[str, str],
+    arguments: argparse.Namespace,
 ) -> str:
     """Fly the mission; what its recording lacks, in words, or nothing."""
     scenario_file = folder / SCENARIO_FILE
@@ -163,7 +219,7 @@ def _fly(
     recorder = fleet.start(
         'recorder',
         _RECORDER,
-        ['--output', str(folder / 'bag'), '--ros-args', '-p', 'stop_after_missions:=1'],
+        ['--output', str(folder / 'bag'), *ros_parameters(stop_after_missions=1, **own)],
         ends_last=True,
     )
     world = fleet.start(
@@ -173,16 +229,28 @@ def _fly(
             scenario=scenario_file,
             seed=arguments.seed,
             output_dir=folder,
-            real_time_factor=arguments.real_time_factor,
+            real_time_factor=_pace_of(arguments),
             recorders=1,
+            **own,
         ),
     )
     for uav in range(1, scenario.n_uavs + 1):
         flags = ['--id', str(uav), '--policy', policy, '--bandwidth', arguments.bandwidth]
-        flags += ['--guard-after', str(arguments.guard_after)]
+        flags += ['--guard-after', str(arguments.guard_after), *ros_parameters(**own)]
         fleet.start('uav_agent', f'uav_{uav}', flags)
     _follow(fleet, world, folder / log_name(arguments.seed))
     return _gap_after(recorder)
+
+
+def _pace_of(arguments: argparse.Namespace) -> float:
+    """Simulated over wall-clock time, as wanted, or so that who looks can follow."""
+    if arguments.real_time_factor is not None:
+        return float(arguments.real_time_factor)
+    return _VIEWED_PACE if _is_viewed(arguments) else 0.0
+
+
+def _is_viewed(arguments: argparse.Namespace) -> bool:
+    return bool(arguments.view or arguments.control)
 
 
 def _follow(fleet: Fleet, world: FleetProcess, log: Path) -> None:

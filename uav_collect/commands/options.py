@@ -4,11 +4,12 @@ import argparse
 from collections.abc import Callable, Sequence
 import importlib.util
 import math
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from uav_collect import files
-from uav_collect.errors import TrainingRunError
+from uav_collect.errors import ConfigError, TrainingRunError
 from uav_collect.limits import (
     ALLOCATOR_NAMES,
     GUARD_AFTER,
@@ -22,11 +23,22 @@ if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
     from uav_collect.scenario.model import Scenario
 
 DEFAULT_SCENARIO = 'paper_10x10'
-_ALLOCATOR = 'exact'
+DEFAULT_ALLOCATOR = 'exact'
 
 
 def add_scenario_options(parser: argparse.ArgumentParser) -> None:
     """Add what chooses a scenario and changes it; `scenario_of` reads it."""
+    add_unmanned_options(parser)
+    parser.add_argument(
+        '--uavs',
+        type=whole_number(1, MAX_UAVS),
+        metavar='N',
+        help="fly N UAVs, the scenario's in turn (default: as the scenario has)",
+    )
+
+
+def add_unmanned_options(parser: argparse.ArgumentParser) -> None:
+    """Add what chooses a scenario and changes it, but for the number of UAVs."""
     parser.add_argument(
         '--scenario',
         default=DEFAULT_SCENARIO,
@@ -34,12 +46,6 @@ def add_scenario_options(parser: argparse.ArgumentParser) -> None:
         help=f'a shipped scenario or a YAML file (default: {DEFAULT_SCENARIO})',
     )
     _add_set_option(parser)
-    parser.add_argument(
-        '--uavs',
-        type=whole_number(1, MAX_UAVS),
-        metavar='N',
-        help="fly N UAVs, the scenario's in turn (default: as the scenario has)",
-    )
 
 
 def add_scenarios_options(parser: argparse.ArgumentParser) -> None:
@@ -122,16 +128,38 @@ def add_seed_option(parser: argparse.ArgumentParser, what: str) -> None:
     )
 
 
-def add_file_options(parser: argparse.ArgumentParser) -> None:
+def add_file_options(
+    parser: argparse.ArgumentParser,
+    json: str = 'write means and intervals',
+    csv: str = 'write one row per mission',
+) -> None:
     """Add the files that numbers are written into; `check_files` looks at them."""
-    parser.add_argument('--json', type=output, metavar='FILE', help='write means and intervals')
-    parser.add_argument('--csv', type=output, metavar='FILE', help='write one row per mission')
+    parser.add_argument('--json', type=output, metavar='FILE', help=json)
+    parser.add_argument('--csv', type=output, metavar='FILE', help=csv)
 
 
 def check_files(arguments: argparse.Namespace) -> None:
-    """Raise OSError, before anything is flown, if a file could not be written."""
-    for path in filter(None, (arguments.json, arguments.csv)):
+    """Refuse files, before anything is flown, that could not be written; `check_outputs`."""
+    check_outputs(arguments.json, arguments.csv)
+
+
+def check_outputs(*paths: Path | None) -> None:
+    """Refuse files that could not be written, or one file for two things.
+
+    Args:
+        paths: of each thing that may be written; None: it is not.
+
+    Raises:
+        ConfigError: one would replace the other.
+        OSError: a file could not be written, naming it.
+    """
+    given = [path for path in paths if path is not None]
+    for path in given:
         files.check_writable(path)
+    apart = [os.path.realpath(path) for path in given if not files.is_stream(path)]
+    for number, name in enumerate(apart):
+        if name in apart[:number]:
+            raise ConfigError(f'{name}: is given for two files: must be another one for each')
 
 
 def add_budget_options(parser: argparse.ArgumentParser, default_minutes: float, what: str) -> None:
@@ -154,15 +182,21 @@ def add_budget_options(parser: argparse.ArgumentParser, default_minutes: float, 
     )
 
 
-def add_allocator_option(parser: argparse.ArgumentParser, *, several: bool = False) -> None:
+def add_allocator_option(
+    parser: argparse.ArgumentParser,
+    *,
+    several: bool = False,
+    choices: Sequence[str] = ALLOCATOR_NAMES,
+) -> None:
     """Add what shares a UAV's bandwidth; one, or a list of several to fly one after the other."""
+    by_solver = ' or cvxpy (exact by a general solver, slow)' if 'cvxpy' in choices else ''
     parser.add_argument(
         '--bandwidth',
-        choices=ALLOCATOR_NAMES,
+        choices=choices,
         nargs='+' if several else None,
-        default=[_ALLOCATOR] if several else _ALLOCATOR,
+        default=[DEFAULT_ALLOCATOR] if several else DEFAULT_ALLOCATOR,
         help='how a hovering UAV shares its bandwidth: exact (shortest hover), equal (as much for'
-        f' each sensor) or cvxpy (exact by a general solver, slow) (default: {_ALLOCATOR})',
+        f' each sensor){by_solver} (default: {DEFAULT_ALLOCATOR})',
     )
 
 
@@ -175,7 +209,7 @@ def add_guard_option(parser: argparse.ArgumentParser) -> None:
         metavar='K',
         help='decisions that teach a UAV of no complete cell, after which its guard takes over'
         ' from a learned policy or a function, until it knows more: it hovers where it may, else'
-        ' makes for the nearest open cell; 0: never (default: %(default)s)',
+        ' makes for the nearest incomplete cell; 0: never (default: %(default)s)',
     )
 
 
@@ -194,6 +228,22 @@ def whole_number(low: int, high: int) -> Callable[[str], int]:
             number = low - 1
         if not low <= number <= high:
             allowed = f'a whole number from {low} to {high}'
+            raise argparse.ArgumentTypeError(f'{text!r} must be {allowed}')
+        return number
+
+    return parse
+
+
+def number_from(low: float, high: float, unit: str = '') -> Callable[[str], float]:
+    """A type for argparse: a number from low to high, of a unit."""
+
+    def parse(text: str) -> float:
+        try:
+            number = float(text)
+        except ValueError:
+            number = math.nan
+        if not low <= number <= high:
+            allowed = f'a number from {low:g} to {high:g} {unit}'.rstrip()
             raise argparse.ArgumentTypeError(f'{text!r} must be {allowed}')
         return number
 

@@ -1,14 +1,16 @@
 """Shows missions that were flown: a table each, and a picture of the trajectories beside them."""
 
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
+import sys
 from typing import TYPE_CHECKING
 
 from uav_collect import files
-from uav_collect.commands import terminal
-from uav_collect.errors import BagError, in_one_line, MissionLogError
+from uav_collect.commands import options, terminal
+from uav_collect.errors import BagError, FilmError, in_one_line, MissionLogError
+from uav_collect.kernels.compile import interpret_kernels
 from uav_collect.kernels.patience import waiting_for
 from uav_collect.limits import UNUSABLE
 from uav_collect.recording.mission_folder import is_bag, scenario_file, take_log
@@ -16,6 +18,7 @@ from uav_collect.recording.mission_log import MissionHeader, MissionLog, read_so
 
 if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
     from rich.console import Console
+    from uav_collect.analysis.readings import Reading
     from uav_collect.api import FlownMission
     from uav_collect.planning.bound import Bound
     from uav_collect.scenario.model import Scenario
@@ -24,14 +27,15 @@ if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
 _DESCRIPTION = """
 Prints, for each mission found, data collected [Mbit], energy [kJ], completion time [s], energy
 efficiency [kbit/J], decisions, messages and each UAV's part, and draws the trajectories into a PNG
-file beside it. PATH is a run folder, a mission log (.jsonl) or a bag; a bag needs nothing else.
-What the bag of a run folder lacks, the mission log tells. What is damaged is named, the figures of
-what is whole are shown with a warning. The exit status is 0 if missions were shown, 2 if one could
-not be read or drawn.
+file beside it; a film of it on request: as a page (--html), or as moving pictures. PATH is a run
+folder, a mission log (.jsonl) or a bag; a bag needs nothing else. What the bag of a run folder
+lacks, the mission log tells. What is damaged is named, and what is whole shown with a warning. The
+exit status is 0 if missions were shown, 2 if one could not be read, drawn or written.
 """
 # What a disk or Matplotlib, its fonts and its renderer raise; all else is a mistake of ours.
 _DRAWING_ERRORS = (MemoryError, OSError, OverflowError, RuntimeError, ValueError)
 _LOG_SUFFIX = '.jsonl'
+_Found = tuple['FlownMission', Path, Path]  # with where its picture goes, and what it is from
 _MAX_DATA_CELLS = 200  # on average, up to which a mission's bound takes some seconds
 
 
@@ -42,19 +46,58 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--pictures', type=Path, metavar='FOLDER', help='where to draw to (default: beside PATH)'
     )
+    parser.add_argument(
+        '--readings',
+        action='store_true',
+        help='show, too, which sensor was read when, by which UAV, and at which rate',
+    )
+    parser.add_argument(
+        '--csv', type=options.output, metavar='FILE', help='write that, one row per reading'
+    )
+    parser.add_argument(
+        '--gif', type=options.output, metavar='FILE', help='write a film of the mission as GIF'
+    )
+    parser.add_argument(
+        '--mp4', type=options.output, metavar='FILE', help='the same as MP4, which needs ffmpeg'
+    )
+    parser.add_argument(
+        '--html', action='store_true', help='leave a film, too, as one page that plays the mission'
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Report the missions at the path; returns the exit status."""
+    is_read = arguments.html or arguments.readings or arguments.csv is not None
+    if is_read and 'numba' not in sys.modules:
+        interpret_kernels()  # a mission is flown again in less time than kernels take to load
     from uav_collect.analysis.console import plain_console
+    from uav_collect.analysis.reading_table import reading_table
+    from uav_collect.analysis.readings import readings_csv
 
+    options.check_outputs(arguments.csv, arguments.gif, arguments.mp4)
     console, n_lacking = plain_console(), 0
-    for mission, picture, source in _find(arguments.path):
+    readings: list[tuple[int, Sequence[Reading]]] = []
+    missions = missions_at(arguments.path)
+    if arguments.gif or arguments.mp4:
+        missions = iter([_to_film(missions, arguments)])
+    is_first = arguments.path.is_dir()
+    for mission, picture, source in missions:
         file = (arguments.pictures or picture.parent) / picture.name
         try:
             n_lacking += not show(mission, file, console)
+            _write_films(mission, arguments.gif, arguments.mp4)
         except MissionLogError as error:
             raise MissionLogError(f'{source}: {error}') from error
+        if arguments.html:
+            film = file.parent / film_name(picture, is_first=is_first)
+            n_lacking += not leave_film(mission, film, console)
+        is_first = False
+        if arguments.readings:
+            console.print(reading_table(mission.readings))
+        if arguments.csv is not None:
+            readings.append((mission.log.header.mission_seed, mission.readings))
+    if arguments.csv is not None:
+        n_lacking += not terminal.write_files({arguments.csv: readings_csv(readings)})
     return UNUSABLE if n_lacking else 0
 
 
@@ -71,7 +114,7 @@ def show(mission: 'FlownMission', picture: Path, console: 'Console') -> bool:
         check_log(mission.log)
     header, n_messages = mission.log.header, mission.n_radio_messages
     bound = mission_bound(header, mission.site)
-    console.print(mission_tables(header, mission.metrics, n_messages, bound))
+    console.print(mission_tables(header, mission.metrics, n_messages, bound, mission.unread))
     if not mission.is_whole:
         what = 'warning: not all of the mission was recorded, or some of it is damaged;'
         rest = ' these are the figures of what is whole'
@@ -87,21 +130,68 @@ def show(mission: 'FlownMission', picture: Path, console: 'Console') -> bool:
     return True
 
 
+def _to_film(missions: Iterable[_Found], arguments: argparse.Namespace) -> _Found:
+    """The one mission that a film is asked for; what is in the way is said before any work.
+
+    Raises:
+        FilmError: there are several, or there is no ffmpeg for an MP4.
+    """
+    from uav_collect.film.animation import check_ffmpeg
+
+    if arguments.mp4:
+        check_ffmpeg()
+    found = [*missions]
+    if len(found) != 1:
+        where = f'{arguments.path} holds {len(found)}'
+        raise FilmError(f'a film shows one mission, {where}: PATH must be the log of one')
+    return found[0]
+
+
+def _write_films(mission: 'FlownMission', gif: Path | None, mp4: Path | None) -> None:
+    if gif is None and mp4 is None:
+        return
+    from uav_collect.film import animation
+
+    film = animation.film_of(mission.log, mission.site, mission.demand_bit)
+    for path, write in ((gif, animation.write_gif), (mp4, animation.write_mp4)):
+        if path is not None:
+            with terminal.progress_bar(film.n_frames, 'frames') as advance:
+                write(film, path, advance)
+            terminal.say(f'film: {path}')
+
+
+def film_name(picture: Path, *, is_first: bool) -> str:
+    """The file of a mission's film; the first one of a folder has the short name."""
+    return 'film.html' if is_first else f'film_{picture.stem.removeprefix("trajectories_")}.html'
+
+
+def leave_film(mission: 'FlownMission', file: Path, console: 'Console') -> bool:
+    """Write the film of a mission; whether the disk took it."""
+    from uav_collect.film.mission_page import mission_page
+
+    bound = mission_bound(mission.log.header, mission.site)
+    with waiting_for('the same mission by rules'):
+        page = mission_page(mission, bound)
+    if not terminal.write_files({file: page}):
+        return False
+    console.print(f'film: {file}', soft_wrap=True)
+    return True
+
+
 def mission_bound(header: MissionHeader, site: 'Site') -> 'Bound | None':
     """The clairvoyant bound of a mission; None where that takes too long."""
     import numpy as np
     from uav_collect.planning.bound import bound_of
+    from uav_collect.scenario.area import mean_data_cells
 
-    share, n_cells = site.scenario.demand.cell_share, np.unique(site.cell).size
-    n_wanted = site.scenario.n_cells * (1.0 if share == 'all' else share)
-    if min(n_wanted, n_cells) > _MAX_DATA_CELLS:
+    if min(mean_data_cells(site.scenario), np.unique(site.cell).size) > _MAX_DATA_CELLS:
         return None
     is_equal = all(uav.allocator == 'equal' for uav in header.uavs)
     with waiting_for('the plans of a fleet that knows all demand'):
         return bound_of(site, header.mission_seed, 'equal' if is_equal else 'exact')
 
 
-def _find(path: Path) -> Iterator[tuple['FlownMission', Path, Path]]:
+def missions_at(path: Path) -> Iterator[_Found]:
     """The missions at a path, each with where its picture goes, and the log or bag it is from."""
     files.check_there(path)
     if is_bag(path):
@@ -117,7 +207,7 @@ def _find(path: Path) -> Iterator[tuple['FlownMission', Path, Path]]:
         raise MissionLogError(f'{path}: holds no mission log ({_LOG_SUFFIX}) and no bag')
 
 
-def _of_run(bags: Sequence[Path], folder: Path) -> Iterator[tuple['FlownMission', Path, Path]]:
+def _of_run(bags: Sequence[Path], folder: Path) -> Iterator[_Found]:
     """The missions of a run folder: by its bags, or where these lack something by their logs.
 
     Raises:

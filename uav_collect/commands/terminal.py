@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 import signal
 from types import FrameType
+from typing import TYPE_CHECKING
 
 from uav_collect import files
 from uav_collect.analysis.console import plain_column, plain_console
@@ -15,6 +16,9 @@ from uav_collect.kernels.patience import say as say
 from uav_collect.kernels.stops import interrupts, kept_handlers, watchdog
 from uav_collect.limits import stop_signals
 from uav_collect.training.time_left import TimeLeft
+
+if TYPE_CHECKING:
+    from uav_collect.scenario.model import Scenario
 
 _NOTICE = b'\nstopping at the next step and saving; again: stop at once, without saving\n'
 _LINE_EVERY_S = 5.0
@@ -89,6 +93,16 @@ class Interruption:
             interrupts.raise_one(signal_number, frame)
         self._number = signal_number
         os.write(2, _NOTICE)  # a handler may have interrupted another write of sys.stderr
+
+
+def say_reach(scenario: 'Scenario') -> None:
+    """Write how far the energy of a scenario's fleet reaches, unless it reaches everywhere."""
+    from uav_collect.planning.reach import energy_remark
+    from uav_collect.scenario.site import build_site
+
+    remark = energy_remark(build_site(scenario))
+    if remark is not None:
+        say(remark)
 
 
 def say_error(error: Exception) -> None:

@@ -93,3 +93,12 @@ def control() -> Main:
     from uav_collect.nodes.control.node import main
 
     return main
+
+
+@_executable
+def viewer() -> Main:
+    """Show missions in flight to browsers."""
+    interpret_kernels()
+    from uav_collect.nodes.viewer.node import main
+
+    return main

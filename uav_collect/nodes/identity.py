@@ -35,6 +35,10 @@ class WorldIdentity:
         """Names the mission with a running number."""
         return f'{self.short}-{index}'
 
+    def may_own(self, mission_id: str) -> bool:
+        """Whether a mission is called like those of this world, started or not."""
+        return mission_id.startswith(f'{self.short}-')
+
     def owns(self, mission_id: str, n_started: int) -> bool:
         """Whether a mission is one of the so many that this world has started."""
         _, _, number = mission_id.rpartition('-')
@@ -43,7 +47,7 @@ class WorldIdentity:
 
     def refusal_of(self, mission_id: str, decision: int) -> str:
         """Why a decision is refused that is not of the mission in flight."""
-        if mission_id.startswith(f'{self.short}-'):
+        if self.may_own(mission_id):
             return f'decision {decision} is of mission {mission_id}, which is not in flight'
         return f'mission {mission_id!r} is not of this world'
 
@@ -62,6 +66,13 @@ def silent_world(msg: Any) -> str:
     return (
         f'a scenario {_name_in(msg)} is ignored, for its world does not answer: a recording that'
         ' is played back, a world that is gone, or one with another key (UAV_COLLECT_KEY_FILE)'
+    )
+
+
+def other_world(msg: Any) -> str:
+    """What to log when a scenario is not of the only world that counts."""
+    return (
+        f'a scenario {_name_in(msg)} is ignored: it is of another world than world_instance names'
     )
 
 

@@ -8,6 +8,7 @@ from functools import partial
 import re
 from textwrap import wrap
 from typing import Any
+import uuid
 
 from rcl_interfaces.msg import (
     FloatingPointRange,
@@ -17,6 +18,7 @@ from rcl_interfaces.msg import (
 )
 from rclpy.node import Node
 import rclpy.parameter
+from uav_collect.errors import NodeError
 
 _WIDTH = 80  # of a description in `--help`
 _ALIKE = 0.6  # of names; less is no misspelling
@@ -74,6 +76,14 @@ class Parameter:
         return '\n'.join([f'  {self.name}:={shown}', *(f'      {line}' for line in lines)])
 
 
+WORLD_INSTANCE = Parameter(
+    name='world_instance',
+    default='',
+    description='UUID of the only world process that counts, as its parameter of this name gives '
+    'it; empty: any',
+)
+
+
 def add_world_option(parser: argparse.ArgumentParser) -> None:
     """Add the option that names one of several worlds in a ROS domain."""
     parser.add_argument(
@@ -107,6 +117,24 @@ def values_of(node: Node, parameters: Sequence[Parameter]) -> dict[str, Any]:
     values = {each.name: node.get_parameter(each.name).value for each in parameters}
     numbers = {each.name for each in parameters if isinstance(each.default, float)}
     return {name: float(it) if name in numbers else it for name, it in values.items()}
+
+
+def world_instance_of(node: Node) -> str:
+    """The UUID in the parameter `world_instance`; empty if the node has none or it is empty.
+
+    Raises:
+        NodeError: it is no UUID.
+    """
+    name = WORLD_INSTANCE.name
+    text: str = node.get_parameter(name).value if node.has_parameter(name) else ''
+    try:
+        is_uuid = not text or str(uuid.UUID(text)) == text
+    except ValueError:
+        is_uuid = False
+    if not is_uuid:
+        form = '32 lower-case hexadecimal digits with dashes'
+        raise NodeError(f'{name} is {text!r}: must be a UUID ({form}) or empty')
+    return text
 
 
 def help_text(parameters: Sequence[Parameter]) -> str:

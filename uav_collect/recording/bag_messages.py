@@ -133,8 +133,12 @@ def refuse_damages(bag: Bag, problems: list[str]) -> None:
     found = [*bag.damages, *problems, *bag.remarks]
     if found:
         more = f' and {len(found) - 1} more' if len(found) > 1 else ''
-        help_text = f'; recorder --repair {bag.path} keeps what is whole' if bag.damages else ''
-        raise BagError(f'{bag.path}: {found[0]}{more}{help_text}')
+        raise BagError(f'{bag.path}: {found[0]}{more}{repair_hint(bag)}')
+
+
+def repair_hint(bag: Bag) -> str:
+    """What to add to a line about a bag; empty where there is nothing to repair."""
+    return f'; recorder --repair {bag.path} keeps what is whole' if bag.damages else ''
 
 
 @lru_cache(maxsize=64)

@@ -1,6 +1,5 @@
 """Reads the missions of a recording: the same logs, to the byte, that the world has written."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
@@ -9,18 +8,13 @@ from typing import Any
 import numpy as np
 from uav_collect.errors import BagError, ConfigError, in_one_line, MissionLogError
 from uav_collect.kernels.arrays import Floats
-from uav_collect.recording.bag_messages import MessageReader, refuse_damages
+from uav_collect.recording.bag_messages import MessageReader, refuse_damages, repair_hint
 from uav_collect.recording.bag_storage import open_bag
 from uav_collect.recording.completeness import ENDED
-from uav_collect.recording.log_model import EVENT_DTYPE, EVENT_NAMES, EventModel, fault_problem
-from uav_collect.recording.mission_log import (
-    FaultRecord,
-    header_from_line,
-    MissionHeader,
-    MissionLog,
-)
+from uav_collect.recording.epochs import epoch_problem, faults_of, row_of
+from uav_collect.recording.log_model import EVENT_DTYPE, EVENT_NAMES
+from uav_collect.recording.mission_log import header_from_line, MissionHeader, MissionLog
 from uav_collect.scenario.load import from_yaml
-from uav_collect.scenario.model import FAULT_KINDS
 from uav_collect.scenario.site import build_site, Site
 
 # What topics end with: worlds may have a namespace.
@@ -110,7 +104,8 @@ def _read(path: Path, *, is_strict: bool) -> Recording:
         raise BagError(f'{path}: {problems[0]}')
     if not read:
         nothing = 'holds no mission, neither start nor end of one was recorded'
-        raise BagError(f'{path}: {next(iter([*of_content, *problems, *bag.remarks]), nothing)}')
+        why = next(iter([*of_content, *problems, *bag.remarks]), nothing)
+        raise BagError(f'{path}: {why}{repair_hint(bag)}')
     lines = [f'{path}: {line}' for line in (*of_content, *problems, *bag.remarks)]
     n_more = len(lines) - _MOST_LINES
     more = [f'{path}: {n_more} more of this'] if n_more > 0 else []
@@ -195,8 +190,8 @@ def _mission(parts: _Parts, site: Site, problems: list[str]) -> RecordedMission:
     except MissionLogError as error:
         raise BagError(f'log_header: {error}') from error
     area = site.scenario.area
-    here = site.scenario.n_uavs, area.cells_per_side, area.cell_size_m
-    if here != (len(header.uavs), header.cells_per_side, header.cell_size_m):
+    here = site.scenario.n_uavs, area.n_rows, area.n_columns, area.cell_size_m
+    if here != (len(header.uavs), header.n_rows, header.n_columns, header.cell_size_m):
         raise BagError('log_header: is of another scenario')
     epochs = _usable_epochs(parts, header, problems)
     return RecordedMission(
@@ -224,32 +219,12 @@ def _usable_epochs(parts: _Parts, header: MissionHeader, problems: list[str]) ->
         problem = (
             'is recorded twice with different values' if event in parts.contradicted else None
         )
-        if (problem := problem or _problem_of(epoch, model)) is None:
+        if (problem := problem or epoch_problem(epoch, model)) is None:
             usable.append(epoch)
         else:
             mission = _name(parts.start.mission_id)
             problems.append(f'mission {mission}: event {event}, left out: {problem}')
     return usable
-
-
-def _problem_of(epoch: Any, model: EventModel) -> str | None:  # noqa: ANN401 - a message
-    """What an Epoch message says that cannot be; None if all can."""
-    try:
-        model.heard_bits([int(uav) for uav in epoch.heard])
-        problem = model.problem(row_of(epoch))
-        if problem is None and hasattr(epoch, 'fault'):
-            faults = zip(epoch.fault, epoch.fault_uav, epoch.fault_s, strict=True)
-            for kind, uav, begin_s in faults:
-                values = {
-                    'event': int(epoch.event),
-                    'time_s': float(begin_s),
-                    'uav': int(uav),
-                    'fault': FAULT_KINDS[kind] if kind < len(FAULT_KINDS) else int(kind),
-                }
-                problem = problem or fault_problem(values, model.n_uavs)
-    except ValueError as error:
-        return in_one_line(str(error))
-    return problem
 
 
 def _demand_of(start: Any, site: Site) -> Floats:  # noqa: ANN401 - a message
@@ -260,34 +235,6 @@ def _demand_of(start: Any, site: Site) -> Floats:  # noqa: ANN401 - a message
     if not (np.isfinite(demand_bit) & (demand_bit >= 0.0)).all():
         raise BagError('demand_bit has a value that is no number from 0')
     return demand_bit
-
-
-def row_of(epoch: Any) -> tuple[Any, ...]:  # noqa: ANN401 - a message
-    """The event of the mission log that an Epoch message is about, by EVENT_DTYPE.
-
-    Raises:
-        ValueError: it names a UAV that cannot be.
-    """
-    values = {name: getattr(epoch, name) for name in EVENT_NAMES}
-    values['heard'] = _bits(values['heard'])
-    return tuple(values.values())
-
-
-def faults_of(epochs: Iterable[Any]) -> tuple[FaultRecord, ...]:
-    """The faults that Epoch messages tell of."""
-    return tuple(
-        FaultRecord(
-            event=int(epoch.event), time_s=float(begin_s), uav=int(uav), fault=FAULT_KINDS[kind]
-        )
-        for epoch in epochs
-        if hasattr(epoch, 'fault')  # bags of before there were any do not know them
-        for kind, uav, begin_s in zip(epoch.fault, epoch.fault_uav, epoch.fault_s, strict=True)
-    )
-
-
-def _bits(uavs: Any) -> int:  # noqa: ANN401 - an array of ids
-    """Ids from 1 as the bits of one number."""
-    return sum(1 << (int(uav) - 1) for uav in uavs)
 
 
 def _said_in(epoch: Any) -> tuple[Any, ...]:  # noqa: ANN401 - a message

@@ -75,15 +75,15 @@ class Field(NamedTuple):
 class EventModel:
     """What the events of a mission may say."""
 
-    def __init__(self, *, n_uavs: int, cells_per_side: int, cell_size_m: float) -> None:
+    def __init__(self, *, n_uavs: int, n_rows: int, n_columns: int, cell_size_m: float) -> None:
         """Know the mission.
 
         Args:
             n_uavs: of the fleet.
-            cells_per_side: of the area.
+            n_rows: of the area's cells.
+            n_columns: the same.
             cell_size_m: the same.
         """
-        side_m = cells_per_side * cell_size_m
         self._all_heard = 2**n_uavs - 1
         self.n_uavs = n_uavs
         ranges: dict[str, tuple[float, float]] = {
@@ -91,8 +91,8 @@ class EventModel:
             'time_s': (0.0, _MOST),
             'uav': (1, n_uavs),
             'decision': (0, _MOST_COUNT),
-            'x_m': (0.0, side_m),
-            'y_m': (0.0, side_m),
+            'x_m': (0.0, n_columns * cell_size_m),
+            'y_m': (0.0, n_rows * cell_size_m),
             'action': (0, len(ACTION_NAMES) - 1),
             'reason': (0, len(REASON_NAMES) - 1),
             'duration_s': (0.0, _MOST),
@@ -101,7 +101,7 @@ class EventModel:
             'collected_bit': (0.0, _MOST),
             'n_sensors': (0, _MOST_COUNT),
             'heard': (0, self._all_heard),
-            'known_complete': (0, cells_per_side * cells_per_side),
+            'known_complete': (0, n_rows * n_columns),
             'interval_s': (0.0, _MOST),
             'reward': (-_MOST, _MOST),
         }
@@ -150,6 +150,12 @@ class EventModel:
         return bits
 
 
+def area_keys(values: Mapping[str, Any]) -> tuple[str, ...]:
+    """By which keys a header says, or has to say, how many cells the area has."""
+    is_square = 'rows' not in values and 'columns' not in values
+    return ('cells_per_side',) if is_square else ('rows', 'columns')
+
+
 def header_problem(values: Mapping[str, Any]) -> str | None:
     """What is wrong with the values of a header, UAVs aside; None if nothing is."""
     for name in ('scenario', 'scenario_fingerprint'):
@@ -157,7 +163,7 @@ def header_problem(values: Mapping[str, Any]) -> str | None:
             return problem
     numbers = (
         Field('mission_seed', int, 0, _MOST_SEED),
-        Field('cells_per_side', int, 1, MAX_CELLS_PER_SIDE),
+        *(Field(name, int, 1, MAX_CELLS_PER_SIDE) for name in area_keys(values)),
         Field('cell_size_m', float, math.ulp(0.0), _MOST),
         Field('total_bit', float, 0.0, _MOST),
     )

@@ -20,6 +20,7 @@ from uav_collect import files
 from uav_collect.errors import MissionLogError
 from uav_collect.limits import GUARD_AFTER
 from uav_collect.recording.log_model import (
+    area_keys,
     code_of,
     EVENT_DTYPE,
     EVENT_NAMES,
@@ -73,7 +74,8 @@ class MissionHeader:
     scenario: str
     scenario_fingerprint: str
     mission_seed: int
-    cells_per_side: int
+    n_rows: int
+    n_columns: int
     cell_size_m: float
     total_bit: float  # data waiting at the start
     uavs: tuple[UavHeader, ...]
@@ -82,12 +84,13 @@ class MissionHeader:
         """What its events may say."""
         return EventModel(
             n_uavs=len(self.uavs),
-            cells_per_side=self.cells_per_side,
+            n_rows=self.n_rows,
+            n_columns=self.n_columns,
             cell_size_m=self.cell_size_m,
         )
 
 
-_FAULT_NAMES, _UAV_NAMES, _HEADER_NAMES = (
+_FAULT_NAMES, _UAV_NAMES, _HEADER_FIELDS = (
     tuple(field.name for field in fields(record))
     for record in (FaultRecord, UavHeader, MissionHeader)
 )
@@ -149,11 +152,26 @@ class LogWriter:
 
 def header_line(header: MissionHeader) -> str:
     """The header as one line of JSON."""
-    fields = {'format': FORMAT, 'version': FORMAT_VERSION, **asdict(header)}
+    fields: dict[str, Any] = {'format': FORMAT, 'version': FORMAT_VERSION}
+    fields |= _header_values(header)
     for uav in fields['uavs']:
         if uav['guard_after'] == GUARD_AFTER:
             del uav['guard_after']
     return json.dumps(fields, separators=(', ', ': '))
+
+
+def _header_values(header: MissionHeader) -> dict[str, Any]:
+    """The header's values by the keys of its line, in their order."""
+    size = {'cells_per_side': header.n_rows}
+    if header.n_rows != header.n_columns:
+        size = {'rows': header.n_rows, 'columns': header.n_columns}
+    values: dict[str, Any] = {}
+    for name, value in asdict(header).items():
+        if name == 'n_rows':
+            values |= size
+        elif name != 'n_columns':
+            values[name] = value
+    return values
 
 
 def record_lines(events: Events, faults: Sequence[FaultRecord]) -> Iterator[str]:
@@ -272,7 +290,9 @@ def _header_of(values: dict[str, Any]) -> MissionHeader:
     if values.pop('format', None) != FORMAT or values.pop('version', None) != FORMAT_VERSION:
         raise ValueError(f'must be of format {FORMAT}, version {FORMAT_VERSION}')
     uavs = values.get('uavs')
-    problem = keys_problem(values, _HEADER_NAMES) or header_problem(values)
+    area, wanted = area_keys(values), [*_HEADER_FIELDS]
+    wanted[wanted.index('n_rows') : wanted.index('n_columns') + 1] = area
+    problem = keys_problem(values, wanted) or header_problem(values)
     if problem is None and not (
         isinstance(uavs, list) and all(isinstance(it, dict) for it in uavs)
     ):
@@ -285,7 +305,13 @@ def _header_of(values: dict[str, Any]) -> MissionHeader:
             raise ValueError(f'UAV {number}: {problem}')
     if (problem := fleet_problem(fleet)) is not None:
         raise ValueError(problem)
-    return MissionHeader(uavs=tuple(UavHeader(**uav) for uav in fleet), **values)
+    size = [values.pop(name) for name in area]
+    return MissionHeader(
+        n_rows=size[0],
+        n_columns=size[-1],
+        uavs=tuple(UavHeader(**uav) for uav in fleet),
+        **values,
+    )
 
 
 def _row_of(values: dict[str, Any], model: EventModel) -> tuple[Any, ...]:

@@ -20,7 +20,13 @@ from uav_collect.lockstep.published_policy import PolicyStore, TopicPolicy
 from uav_collect.nodes import convert, topics
 from uav_collect.nodes.agent.transitions import TransitionBuilder
 from uav_collect.nodes.agent.world_choice import WorldChoice
-from uav_collect.nodes.parameters import add_world_option, declare, help_text, Parameter
+from uav_collect.nodes.parameters import (
+    add_world_option,
+    declare,
+    help_text,
+    Parameter,
+    WORLD_INSTANCE,
+)
 from uav_collect.nodes.process import parse_arguments, ProcessNode, run_node
 from uav_collect.nodes.sealing import SealedClient
 from uav_collect.nodes.topics import publisher, subscription
@@ -70,7 +76,7 @@ PARAMETERS = (
         default=GUARD_AFTER,
         description='decisions that teach the UAV of no complete cell, after which its guard '
         'takes over from a learned policy or a function, until it knows more: it hovers where it '
-        'may, else makes for the nearest open cell; 0: never (--guard-after)',
+        'may, else makes for the nearest incomplete cell; 0: never (--guard-after)',
         low=0,
         high=MAX_GUARD_AFTER,
     ),
@@ -80,6 +86,7 @@ PARAMETERS = (
         description='layout, paper or egocentric, in which each decision is told to learners on '
         '/uav_N/transition; empty: not at all, or with --policy topic that of the policy',
     ),
+    WORLD_INSTANCE,
 )
 
 
@@ -107,9 +114,8 @@ class AgentNode(ProcessNode):
         self._uav = arguments.id or self._value('uav')
         self._policy = arguments.policy or self._value('policy')
         self._allocator = arguments.bandwidth or self._value('bandwidth')
-        self._guard_after = arguments.guard_after
-        if self._guard_after is None:
-            self._guard_after = self._value('guard_after')
+        given = arguments.guard_after
+        self._guard_after = self._value('guard_after') if given is None else given
         if not self._uav:
             raise NodeError('the id of the UAV is missing: --id N, from 1')
         _check_choices(self._policy, self._allocator)

@@ -73,6 +73,6 @@ class TransitionBuilder:
         """Room for an observation; it is written anew for each decision."""
         if layout not in self._encoded:
             briefing = self._briefing
-            size = observation_size(layout, briefing.cells_per_side, briefing.n_uavs)
+            size = observation_size(layout, len(briefing.is_open), briefing.n_uavs)
             self._encoded[layout] = new_row(size, 0.0)
         return self._encoded[layout]

@@ -10,7 +10,8 @@ from typing import Any
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.subscription import Subscription
 from uav_collect.lockstep.flown_scenario import FlownScenario
-from uav_collect.nodes.identity import identity_of, NO_WORLD, silent_world
+from uav_collect.nodes.identity import identity_of, NO_WORLD, other_world, silent_world
+from uav_collect.nodes.parameters import world_instance_of
 from uav_collect.nodes.process import ProcessNode
 from uav_collect.nodes.topics import subscription, Topic
 from uav_collect.nodes.vouching import Vouching
@@ -25,13 +26,18 @@ class WorldChoice:
         """Subscribe to the scenarios of worlds.
 
         Args:
-            node: the agent.
+            node: that chooses; by its parameter `world_instance`, if it has that and it is given,
+                only the world with that instance may be chosen.
             topic: on which worlds publish their scenarios.
             fly_for: gets the scenario of a world that is chosen.
+
+        Raises:
+            NodeError: the parameter is no UUID.
         """
         self._node = node
         self._topic = topic
         self._fly_for = fly_for
+        self._wanted = world_instance_of(node)
         self._world = NO_WORLD
         self._flown = FlownScenario()
         self._vouching = Vouching(node)
@@ -50,6 +56,11 @@ class WorldChoice:
         """The world's; empty before the first one. It stays when the world is gone."""
         return self._world.instance
 
+    @property
+    def is_there(self) -> bool:
+        """Whether there is a world, as far as is known."""
+        return math.isfinite(self._world.started_s)
+
     def tick(self) -> None:
         """Look whether the world is still there, if that is in doubt; call it often."""
         if time.monotonic() < self._look_at_s:
@@ -62,7 +73,9 @@ class WorldChoice:
 
     def _on_scenario(self, msg: Any) -> None:
         world, before = identity_of(msg), self._world
-        if world.gives_way_to(before):
+        if self._wanted not in ('', world.instance):
+            self._node.warn('other world', other_world(msg))
+        elif world.gives_way_to(before):
             self._look_within(_GIVES_WAY_S)
         elif self._flown.is_news(world.instance, msg.fingerprint) or world != before:
             answered = partial(self._on_answer, msg)

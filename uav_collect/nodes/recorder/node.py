@@ -30,8 +30,16 @@ from uav_collect.errors import BagError, NodeError, RecordingError, UnreadableEr
 from uav_collect.ingest.from_messages import converter_for
 from uav_collect.limits import FAILED, MAX_UAVS, RECORDED, UNUSABLE
 from uav_collect.lockstep.seals import Checker
-from uav_collect.nodes.parameters import add_world_option, declare, help_text, Parameter
+from uav_collect.nodes.parameters import (
+    add_world_option,
+    declare,
+    help_text,
+    Parameter,
+    WORLD_INSTANCE,
+    world_instance_of,
+)
 from uav_collect.nodes.process import parse_arguments, ProcessNode, run_node
+from uav_collect.nodes.recorder.own_world import OwnWorld
 from uav_collect.nodes.recorder.status import StatusPublisher
 from uav_collect.nodes.sealing import warn_of
 from uav_collect.nodes.topics import (
@@ -103,6 +111,7 @@ PARAMETERS = (
         low=1_000,
         high=1_000_000,
     ),
+    WORLD_INSTANCE,
 )
 
 
@@ -133,7 +142,11 @@ class RecorderNode(ProcessNode):
         self._listeners: dict[str, Subscription] = {}  # by topic
         self._n_unreadable: Counter[str] = Counter()  # messages by topic
         self._n_unsealed: Counter[str] = Counter()  # the same
-        for topic in filter(self._is_wanted, names.recorded()):
+        self._n_foreign: Counter[str] = Counter()  # the same, of other worlds
+        instance = world_instance_of(self)
+        self._own = OwnWorld(instance, types.fields) if instance else None
+        # Samples do not say whose they are: once the own world is there, it is the only one.
+        for topic in [names.scenario] if instance else filter(self._is_wanted, names.recorded()):
             self._record(topic)
         self._status = StatusPublisher(self, names.recorder, self._bag.folder)
         # Wall time, whatever the simulated clock does.
@@ -155,6 +168,8 @@ class RecorderNode(ProcessNode):
         for topic, n_messages in self._n_unreadable.items():
             self._bag.remark(f'left out of {topic}', f'{n_messages} messages that are none')
             self.get_logger().warning(f'left out {n_messages} messages of {topic}: they are none')
+        for topic, n_messages in self._n_foreign.items():
+            self._bag.remark(f'left out as foreign of {topic}', f'{n_messages} of other worlds')
         for topic, n_messages in self._n_unsealed.items():
             self._bag.remark(f'refused on {topic}', f'{n_messages} messages without a valid seal')
         lacks = self._lacks()
@@ -196,6 +211,8 @@ class RecorderNode(ProcessNode):
         take: Taker | None = self._completeness.taker(topic.name)
         if topic == self._names.scenario:
             take = self._take_scenario
+        if self._own is not None:
+            self._own.add_topic(topic)
         stamps = StampReader(topic.type_name, self._types.fields)
         on_message = partial(self._on_message, stored, stamps, take, checker(self, topic))
         if topic == self._names.clock:
@@ -230,6 +247,10 @@ class RecorderNode(ProcessNode):
             warn_of(self, f'{stored.topic}: a message', why)
             return
         try:
+            if self._own is not None and not self._own.has_sent(stored.topic, message):
+                self._n_foreign[stored.topic] += 1
+                self.warn('other world', f'{stored.topic}: left out what is of another world')
+                return
             taken = None if take is None else take(message)
         except UnreadableError as error:
             self._n_unreadable[stored.topic] += 1
@@ -254,6 +275,9 @@ class RecorderNode(ProcessNode):
         self._worlds[world_instance] = scenario_fingerprint
         if len(self._worlds) > _MOST_WORLDS:
             del self._worlds[next(iter(self._worlds))]
+        for topic in filter(self._is_wanted, self._names.recorded()):
+            if topic.name not in self._listeners:
+                self._record(topic)
         n_uavs = min(n_uavs, MAX_UAVS)
         self._n_uavs = max(self._n_uavs, n_uavs)
         for uav in range(1, n_uavs + 1):
@@ -270,8 +294,10 @@ class RecorderNode(ProcessNode):
     def _look(self) -> None:
         """Say what is not heard; stop when the last mission has ended and all of it is here."""
         awaited = filter(self._is_wanted, self._names.awaited(range(1, self._n_uavs + 1)))
-        silent = [it.name for it in awaited if not self._listeners[it.name].get_publisher_count()]
-        self._status.publish(self._worlds, silent)
+        if self._own is None or self._worlds:  # other worlds do not wait for it
+            listeners = [self._listeners[it.name] for it in awaited]
+            silent = [it.topic_name for it in listeners if not it.get_publisher_count()]
+            self._status.publish(self._worlds, silent)
         now_s = time.monotonic()
         since_end_s, quiet_s = now_s - self._ended_s, now_s - self._heard_s
         if since_end_s < _QUIET_S or (quiet_s < _QUIET_S and since_end_s < _WAIT_S):

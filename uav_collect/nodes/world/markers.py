@@ -12,8 +12,10 @@ from typing import Any
 
 from geometry_msgs.msg import Point, Pose, Vector3
 from nav_msgs.msg import MapMetaData, OccupancyGrid
+import numpy as np
 from std_msgs.msg import ColorRGBA, Header
 from uav_collect.missions.simulation import Event, Simulation
+from uav_collect.scenario.area import open_cells
 from uav_collect.scenario.site import Site
 from uav_collect.uav import action_codes, actions
 from uav_collect.uav.messages import Decision
@@ -26,6 +28,7 @@ FRAME = 'map'
 COMPLETE = 0  # on the map of at least one UAV
 DATA_SEEN = 100  # not so, but a UAV saw data wait there
 UNKNOWN = -1
+CLOSED = 50  # no UAV may fly there
 
 _GREY = ColorRGBA(r=0.55, g=0.55, b=0.55, a=0.5)
 _WHITE = ColorRGBA(r=1.0, g=1.0, b=1.0, a=1.0)
@@ -69,6 +72,7 @@ class MissionMarkers:
         """Build what all missions have in common."""
         scenario = site.scenario
         self._area = scenario.area
+        self._closed: list[int] = np.flatnonzero(open_cells(scenario.area) == 0).tolist()
         self._cell_of_sensor: list[int] = site.cell.tolist()
         self._sensor_points = [_point(x_m, y_m, 0.0) for x_m, y_m in site.position_m.tolist()]
         self._colours = [_colour(uav) for uav in range(scenario.n_uavs)]
@@ -116,7 +120,7 @@ class MissionMarkers:
         flying = [
             self._homes,
             self._hover_points(),
-            *self._paths(places),
+            *self._paths(places, time_s),
             self._radio_links(places, time_s),
             self._uavs(places),
             *self._labels(places, time_s),
@@ -136,8 +140,8 @@ class MissionMarkers:
             stamp: now, as a ROS time.
 
         Returns:
-            By cell COMPLETE, DATA_SEEN or UNKNOWN. A cell stays DATA_SEEN while it is served: it
-            is complete when the UAV knows that nothing is left.
+            By cell COMPLETE, DATA_SEEN, UNKNOWN or CLOSED. A cell stays DATA_SEEN while it is
+            served: it is complete when the UAV knows that nothing is left.
         """
         self._update_tracks()
         maps = [self._simulation.known_complete(uav) for uav in range(len(self._tracks))]
@@ -145,9 +149,14 @@ class MissionMarkers:
         for cell in self._cells_seen & self._cells_with_data:
             if values[cell] == UNKNOWN:
                 values[cell] = DATA_SEEN
-        side = self._area.cells_per_side
+        area = self._area
+        for cell in self._closed:
+            values[cell] = CLOSED
         info = MapMetaData(
-            map_load_time=stamp, resolution=self._area.cell_size_m, width=side, height=side
+            map_load_time=stamp,
+            resolution=area.cell_size_m,
+            width=area.n_columns,
+            height=area.n_rows,
         )
         header = Header(frame_id=FRAME, stamp=stamp)
         return OccupancyGrid(header=header, info=info, data=array('b', values))
@@ -227,11 +236,13 @@ class MissionMarkers:
         _fill(marker, points, colours)
         return marker
 
-    def _paths(self, places: list[Any]) -> list[Any]:
-        paths = []
+    def _paths(self, places: list[Any], time_s: float) -> list[Any]:
+        paths, above_m = [], self._area.altitude_m
         for uav, track in enumerate(self._tracks):
             path = self._marker('paths', Marker.LINE_STRIP, _PATH, self._colours[uav], uav + 1)
-            _fill(path, [*track.corners, places[uav]] if track.corners else [])
+            turns = self._simulation.turns(uav, time_s)
+            turned = [_point(*place_m, above_m) for _, place_m in turns]
+            _fill(path, [*track.corners, *turned, places[uav]] if track.corners else [])
             paths.append(path)
         return paths
 
@@ -267,12 +278,13 @@ class MissionMarkers:
         return max(track.energy_j - used_j, self._simulation.energy_left_j(uav))
 
     def _grid_lines(self) -> list[Any]:
-        side_m = self._area.side_m
-        lines = []
-        for border in range(self._area.cells_per_side + 1):
-            at_m = border * self._area.cell_size_m
-            lines += [_point(at_m, 0.0, 0.0), _point(at_m, side_m, 0.0)]
-            lines += [_point(0.0, at_m, 0.0), _point(side_m, at_m, 0.0)]
+        area, lines = self._area, []
+        for border in range(area.n_columns + 1):
+            at_m = border * area.cell_size_m
+            lines += [_point(at_m, 0.0, 0.0), _point(at_m, area.height_m, 0.0)]
+        for border in range(area.n_rows + 1):
+            at_m = border * area.cell_size_m
+            lines += [_point(0.0, at_m, 0.0), _point(area.width_m, at_m, 0.0)]
         return lines
 
     def _marker(

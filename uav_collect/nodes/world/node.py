@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from functools import partial
 import time
 from typing import Any
-import uuid
 
 from builtin_interfaces.msg import Time
 from rclpy.clock import Clock, ClockType
@@ -33,11 +32,12 @@ from uav_collect.nodes.world.publishers import ViewerPublisher, WorldPublishers
 from uav_collect.nodes.world.recorders import WorldRecorders
 from uav_collect.nodes.world.rivals import RivalWatch
 from uav_collect.nodes.world.settings import PARAMETERS, read_settings
+from uav_collect.planning.reach import take_off_lines
 from uav_collect.recording.mission_folder import MissionFolder
 from uav_collect.scenario.load import fingerprint, load
 from uav_collect.scenario.site import build_site, Site
 from uav_collect.uav.actions import check_can_start
-from uav_collect.uav.briefing import brief
+from uav_collect.uav.briefing import briefing_of
 from uav_collect.uav.policy import TOPIC
 from uav_collect_msgs.msg import Mission
 from uav_collect_msgs.srv import Join, Vouch
@@ -66,14 +66,14 @@ class WorldNode(ProcessNode):
         try:
             scenario = load(settings.scenario)
             self.site: Site = build_site(scenario)
-            briefing = brief(scenario)
+            briefing = briefing_of(self.site)
             check_can_start(scenario, briefing)
             self._folder = MissionFolder(settings.output_dir)
         except ConfigError as error:
             raise NodeError(str(error)) from error
         except OSError as error:
             raise NodeError(f'output_dir: {error}') from error
-        self._identity = WorldIdentity(started_s=time.time(), instance=str(uuid.uuid4()))
+        self._identity = WorldIdentity(started_s=time.time(), instance=settings.world_instance)
         self.roster = Roster(scenario.n_uavs)
         self._policies = PolicyStore(briefing)
         first_seed = settings.seed if settings.missions else None
@@ -125,9 +125,8 @@ class WorldNode(ProcessNode):
         lost = self._folder.keep_scenario(scenario.to_yaml(), self._fingerprint)
         self._diagnostics.warn_if_lost(lost)
         self._pubs.publish_scenario(scenario_msg(self._identity, site, self._vouch_service))
-        self.get_logger().info(
-            f'scenario {scenario.name}: {scenario.n_uavs} UAVs, {site.n_sensors} sensors'
-        )
+        for line in take_off_lines(site):
+            self.get_logger().info(line)
 
     def _subscribe_to_agent(self, uav: int, own: topics.UavTopics) -> None:
         watch = SubscriptionEventCallbacks(
@@ -237,7 +236,7 @@ class WorldNode(ProcessNode):
         self.site = site
         self.roster.change_fleet(site.scenario.n_uavs)
         self._gathering_since_s = time.monotonic()
-        for refusal in self._policies.recheck(brief(site.scenario)):
+        for refusal in self._policies.recheck(briefing_of(site)):
             self._diagnostics.warn('policy refused', refusal)
         self._present_scenario()
 

@@ -1,10 +1,11 @@
 """What users set of the world node."""
 
 from dataclasses import dataclass
+import uuid
 
 from rclpy.node import Node
 from uav_collect.limits import MAX_SEED
-from uav_collect.nodes.parameters import declare, Parameter, values_of
+from uav_collect.nodes.parameters import declare, Parameter, values_of, world_instance_of
 
 PARAMETERS = (
     Parameter(
@@ -75,6 +76,12 @@ PARAMETERS = (
         high=3600.0,
     ),
     Parameter(
+        name='world_instance',
+        default='',
+        description='UUID of this process, for nodes that take only its missions; a process each; '
+        'empty: drawn',
+    ),
+    Parameter(
         name='output_dir',
         default='',
         description='folder for the mission logs and the resolved scenario; empty: none',
@@ -118,6 +125,7 @@ class WorldSettings:
     decision_timeout_s: float
     recorders: int
     recorder_timeout_s: float
+    world_instance: str
     output_dir: str
     viewer_rate_hz: float
     picture_period_s: float
@@ -125,6 +133,11 @@ class WorldSettings:
 
 
 def read_settings(node: Node) -> WorldSettings:
-    """Declare the parameters and read them, as they are at the start."""
+    """Declare the parameters and read them, as they are at the start; draw an instance not given.
+
+    Raises:
+        NodeError: the instance is no UUID.
+    """
     declare(node, PARAMETERS)
-    return WorldSettings(**values_of(node, PARAMETERS))
+    instance = world_instance_of(node) or str(uuid.uuid4())
+    return WorldSettings(**{**values_of(node, PARAMETERS), 'world_instance': instance})

@@ -1,0 +1,117 @@
+"""How kernels run in a process that flies a small job, and what it says of that."""
+
+import os
+from pathlib import Path
+import subprocess
+import sys
+
+import pytest
+from uav_collect.kernels.compile import sources_digest
+
+ASK = """
+from uav_collect.commands.small_jobs import choose_kernels
+choose_kernels({n_missions}, 100)
+from uav_collect.kernels.compile import kernels_are_compiled
+print(kernels_are_compiled())
+"""
+SAID = 'flying with interpreted kernels, as none are compiled yet: the first larger job'
+
+
+def asked(cache: Path, n_missions: int, before: str = '', switch: str = '') -> tuple[str, str]:
+    """What a process prints, whether its kernels are compiled, and says."""
+    environment = {**os.environ, 'XDG_CACHE_HOME': str(cache), 'UAV_COLLECT_KERNELS': switch}
+    script = before + ASK.format(n_missions=n_missions)
+    done = subprocess.run(
+        [sys.executable, '-c', script], env=environment, capture_output=True, text=True, check=True
+    )
+    return done.stdout.strip(), done.stderr.strip()
+
+
+def test_a_small_job_flies_interpreted_and_says_so(tmp_path: Path) -> None:
+    compiled, said = asked(tmp_path, 1_000)
+    assert compiled == 'False'
+    assert said.startswith(SAID)
+    assert len(said.splitlines()) == 1
+
+
+def test_a_larger_job_compiles(tmp_path: Path) -> None:
+    assert asked(tmp_path, 1_001) == ('True', '')
+
+
+@pytest.mark.parametrize('switch', ['compiled', 'interpreted'])
+def test_what_the_environment_asks_for_stands(tmp_path: Path, switch: str) -> None:
+    assert asked(tmp_path, 10, switch=switch) == (str(switch == 'compiled'), '')
+
+
+def test_kernels_that_are_compiled_are_used(tmp_path: Path) -> None:
+    folder = tmp_path / 'uav_collect' / sources_digest() / 'missions_1'
+    folder.mkdir(parents=True)
+    (folder / 'batch_kernels.fly_batch-180.py311.nbi').touch()
+    assert asked(tmp_path, 10) == ('True', '')
+
+
+def test_kernels_that_were_imported_stay_as_they_are(tmp_path: Path) -> None:
+    before = 'import uav_collect.missions.batch_kernels\n'
+    assert asked(tmp_path, 10, before) == ('True', '')
+
+
+def test_nothing_of_evaluate_and_size_imports_kernels_before_it_is_settled(tmp_path: Path) -> None:
+    script = """
+import sys
+import uav_collect.commands.small_jobs as small_jobs
+from uav_collect.__main__ import main
+class Settled(Exception): pass
+def settle(n_missions, n_cells):
+    raise Settled(n_missions, n_cells, 'uav_collect.kernels.arrays' in sys.modules)
+small_jobs.choose_kernels = settle
+for arguments in (
+    ['evaluate', '--policy', 'hert', 'sweep'],
+    ['evaluate', '--bound', '--bandwidth', 'equal', 'exact'],
+    ['size', '--uavs', '1', '2'],
+):
+    try:
+        main([*arguments, '--missions', '7'])
+    except Settled as settled:
+        print(*settled.args)
+"""
+    done = subprocess.run(
+        [sys.executable, '-c', script], capture_output=True, text=True, check=True, cwd=tmp_path
+    )
+    assert done.stdout.splitlines() == ['14 100 False', '294 100 False', '126 100 False']
+
+
+@pytest.mark.parametrize('known', ['sensors', 'none'])
+def test_to_load_closed_cells_leaves_open_how_kernels_run(tmp_path: Path, known: str) -> None:
+    changed = {
+        'area.no_fly': [[[2600.0, 100.0], [2700.0, 100.0], [2700.0, 200.0]]],
+        'demand.known_empty': known,
+    }
+    before = f"""
+import sys
+from uav_collect.scenario.load import load
+load('lillgrund', {changed})
+print('numba' in sys.modules)
+"""
+    assert asked(tmp_path, 10, before)[0].split() == ['False', 'False']
+
+
+def test_kernels_are_all_compiled_where_loading_a_scenario_took_some(tmp_path: Path) -> None:
+    before = 'import uav_collect.kernels.keyed_random\n'
+    assert asked(tmp_path, 10, before) == ('True', '')
+
+
+def test_a_small_job_over_closed_cells_flies_with_nothing_compiled(tmp_path: Path) -> None:
+    scenario = tmp_path / 'closed.yaml'
+    scenario.write_text(
+        'extends: paper_10x10\narea:\n  no_fly: [[[110, 110], [120, 110], [120, 120]]]\n'
+    )
+    environment = {k: v for k, v in os.environ.items() if k != 'UAV_COLLECT_KERNELS'}
+    environment |= {'XDG_CACHE_HOME': str(tmp_path)}
+    arguments = ['evaluate', '--scenario', str(scenario), '--policy', 'sweep', '--missions', '1']
+    done = subprocess.run(
+        [sys.executable, '-m', 'uav_collect', *arguments],
+        env=environment,
+        capture_output=True,
+        text=True,
+    )
+    assert (done.returncode, done.stderr.startswith(SAID)) == (0, True), done.stderr

@@ -1,0 +1,3 @@
+// Shows a mission that is over.
+
+window.film = new Player(JSON.parse(byId('footage').textContent));
