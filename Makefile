@@ -6,7 +6,7 @@
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup mission train train-fleet curves figures test test-ubuntu fuzz chaos soak golden check format bench clean distclean
+.PHONY: help setup field mission train train-fleet curves figures test test-ubuntu fuzz chaos soak golden check format bench clean distclean
 
 VENV := .venv
 PYTHON ?=
@@ -42,6 +42,14 @@ MISSION_OPTIONS = \
   $(if $(POLICY),--policy '$(POLICY)') \
   $(if $(SEED),--seed '$(SEED)') \
   $(if $(BANDWIDTH),--bandwidth '$(BANDWIDTH)') \
+  $(if $(UAVS),--uavs '$(UAVS)') \
+  $(ARGS)
+
+#<LIST       the loggers: CSV, TSV, xlsx, GeoJSON or KML
+#<UAVS       how many fly (2)
+#<ARGS       any further arguments of the command, see ARGS=--help
+FIELD_OPTIONS = \
+  $(if $(LIST),'$(LIST)') \
   $(if $(UAVS),--uavs '$(UAVS)') \
   $(ARGS)
 
@@ -96,6 +104,8 @@ help:  ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-11s %s\n", $$1, $$2 }' Makefile
 	@echo 'Variables of make mission, with their defaults:'
 	@sed -n 's/^#:/  /p' Makefile
+	@echo 'Of make field:'
+	@sed -n 's/^#</  /p' Makefile
 	@echo 'Of make train:'
 	@sed -n 's/^#>/  /p' Makefile
 	@echo 'Of make train-fleet:'
@@ -109,6 +119,9 @@ help:  ## this list
 
 setup: $(BUILT)  ## everything that missions need, in .venv, build and install (2 minutes once)
 	@echo 'set-up: ready; "make mission" flies, README.md shows how to reach the executables'
+
+field: $(INSTALLED)  ## make a scenario of a list of loggers, with a map, as LIST=loggers.csv UAVS=3
+	@$(VENV)/bin/python -m uav_collect field $(FIELD_OPTIONS)
 
 mission: $(BUILT)  ## fly a mission over ROS 2 and show it, as SCENARIO=lillgrund POLICY=hert SEED=7
 	@. install/setup.sh && $(VENV)/bin/python -m uav_collect mission $(MISSION_OPTIONS)

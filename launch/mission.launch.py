@@ -1,4 +1,4 @@
-"""Flies a mission: the world, one agent per UAV of its scenario, the recorder, RViz on request.
+"""Flies a mission: the world, one agent per UAV, the recorder; a page or RViz on request.
 
 ros2 launch uav_collect mission.launch.py scenario:=lillgrund policy:=hert seed:=7 rviz:=true
 
@@ -7,6 +7,7 @@ launch` then returns 1. Wrong arguments are refused before anything starts.
 """
 
 from pathlib import Path
+import uuid
 
 from launch.actions import (
     DeclareLaunchArgument,
@@ -49,6 +50,7 @@ _OF_AGENTS = {
 _OTHERS = {
     'output_dir': ('', 'folder for bag and mission logs; empty: a bag named by the time, no logs'),
     'rviz': ('false', 'true: show the mission in RViz'),
+    'view': ('false', 'true: show the mission in a browser; the viewer says where'),
 }
 
 
@@ -82,17 +84,20 @@ def _start(context: LaunchContext) -> list:
     if arguments.flag('rviz'):
         arguments.package('rviz', 'rviz2')
     arguments.check()
-    world_node = _node('world_sim', {**of_world, 'output_dir': output_dir, 'recorders': 1})
+    own = {'world_instance': str(uuid.uuid4())}  # who else is in the ROS domain counts for nobody
+    where = {'output_dir': output_dir, 'recorders': 1}
+    world_node = _node('world_sim', {**of_world, **where, **own})
     end = EmitEvent(event=Shutdown(reason='the world has ended'))
     return [
         RegisterEventHandler(OnProcessExit(on_exit=ending_with(world_node, end))),
-        _node('recorder', {'output_dir': bag}),
+        _node('recorder', {'output_dir': bag, **own}),
         world_node,
         *(
-            _node('uav_agent', of_agents, arguments=['--id', str(number)])
+            _node('uav_agent', {**of_agents, **own}, arguments=['--id', str(number)])
             for number in range(1, scenario.n_uavs + 1)
         ),
         *([_rviz()] if arguments.flag('rviz') else []),
+        *([_node('viewer', own)] if arguments.flag('view') else []),
     ]
 
 

@@ -2,10 +2,14 @@
 
 from collections.abc import Iterator
 import importlib.util
+import os
 from pathlib import Path
 
 from processes import executable, own_domain, Processes, ros_environment
 import pytest
+
+# Or the first small job of a process would settle how kernels run in all tests after it.
+os.environ.setdefault('UAV_COLLECT_KERNELS', 'compiled')
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -34,7 +34,7 @@ def test_what_grows_after_a_warm_up_shows_in_its_slope() -> None:
     soak = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(soak)
     warming = [(0.0, 90e3), (10.0, 99e3)]  # what happens first does not count
-    growing = [(10.0 * number, 100e3 + 3.0 * number) for number in range(4, 11)]
+    growing = [(10.0 * number, 100e3 + 3.0 * number) for number in range(5, 11)]
     taken = [
         soak.Sample(at_s=at_s, n_missions=int(at_s), resident_kb=kb, n_files=20)
         for at_s, kb in (*warming, *growing)
@@ -50,4 +50,5 @@ def test_a_soak_says_of_every_node_by_how_much_it_grows(processes: Processes) ->
     for node in ('recorder', 'trainer', 'uav_1', 'world'):
         soak.wait_for(rf'{node} │ +[0-9.]+ │ +[0-9.]+ │ +-?[0-9.]+ │ +-?[0-9.]+ │')
     soak.wait_for(r'missions lost: 0 of \d+')
+    soak.wait_for('all nodes grow until their histories are full')
     assert processes.survivors() == []

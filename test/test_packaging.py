@@ -24,7 +24,7 @@ from tools.structure import Sources
 ROOT = Path(__file__).parent.parent
 EXECUTABLES = (
     *('world_sim', 'uav_agent', 'recorder', 'mission', 'evaluate', 'report', 'verify', 'doctor'),
-    *('train', 'curves', 'bound', 'figures', 'trainer', 'train_fleet'),
+    *('train', 'curves', 'bound', 'figures', 'trainer', 'train_fleet', 'field', 'size'),
 )
 INTERFACES = sorted(
     path for path in (ROOT / 'msg_defs').glob('*/*') if path.suffix in ('.msg', '.srv', '.action')
@@ -38,7 +38,7 @@ STANDARD = {*sys.stdlib_module_names}
 # Nodes are called otherwise than their modules, as commands are not.
 NODES = {
     **{'world_sim': 'world', 'uav_agent': 'agent', 'recorder': 'recorder', 'trainer': 'trainer'},
-    'control': 'control',
+    **{'control': 'control', 'viewer': 'viewer'},
 }
 
 UNITS = {
@@ -62,6 +62,8 @@ WALLS = {
     'PettingZoo': Wall({'gymnasium', 'pettingzoo'}, ('pettingzoo_env.py',)),
     'Ray': Wall({'ray'}, ('studies/jobs/cluster.py',)),
     'Matplotlib': Wall({'matplotlib'}, ('analysis/plotting.py',)),
+    'Pillow': Wall({'PIL'}, ('film/animation.py',)),
+    'websockets': Wall({'websockets'}, ('film/server.py',)),
 }
 # Rooms that never import others, though they would not import upward if they did.
 APART = {

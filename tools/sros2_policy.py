@@ -92,8 +92,11 @@ def _fleet_roles(n_uavs: int, namespace: str) -> list[Role]:
             namespace=namespace or '/',
             node='viewer',
             subscribes=_names(
-                it for it in fleet_topics(n_uavs, namespace) if not has_seal(it.message)
+                it
+                for it in fleet_topics(n_uavs, namespace)
+                if not has_seal(it.message) or it in (world.scenario, world.mission, world.epoch)
             ),
+            asks=(world.control_service, f'{world.vouch_prefix}*', _pace_service(world)),
         ),
     ]
 
@@ -121,6 +124,11 @@ def _world_role(world: WorldTopics, uavs: Iterable[int]) -> Role:
 def _steered(world: WorldTopics) -> tuple[str, ...]:
     """The services by which people steer a world."""
     return world.control_service, world.inject_service
+
+
+def _pace_service(world: WorldTopics) -> str:
+    """The service by which the parameters of a world are set, its pace among them."""
+    return f'{world.namespace}/world_sim/set_parameters'
 
 
 def _agent_role(world: WorldTopics, uav: int) -> Role:

@@ -23,8 +23,9 @@ NAME = PACKAGE.name
 # Rooms from the ground up: each imports only from those before it. `__init__` is the public face.
 ORDER = (
     *('errors', 'files', 'limits', 'revision', 'kernels', 'config', 'physics', 'scenario', 'uav'),
-    *('recording', 'world', 'lockstep', 'missions', 'planning', 'ingest', 'analysis', 'training'),
-    *('pettingzoo_env', 'api', '__init__', 'learning', 'nodes', 'studies', 'commands', '__main__'),
+    *('recording', 'world', 'lockstep', 'missions', 'planning', 'ingest', 'analysis', 'fields'),
+    *('training', 'handover', 'pettingzoo_env', 'api', '__init__', 'film', 'learning', 'nodes'),
+    *('studies', 'commands', '__main__'),
 )
 MAX_ROOT_MODULES = 8
 MAX_FLOORS = 13

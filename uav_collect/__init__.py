@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from uav_collect.scenario.model import Scenario
     from uav_collect.scenario.site import build_site
     from uav_collect.uav.action_codes import BACKWARD, FORWARD, HOME, HOVER, LEFT, RIGHT
-    from uav_collect.uav.heuristics import step_towards
+    from uav_collect.uav.moves import step_towards
     from uav_collect.uav.observation import Layout
     from uav_collect.uav.user_policy import Situation
     from uav_collect.world.reward import Reward
@@ -77,7 +77,7 @@ _NAMES_OF = {
     'scenario.model': ('Scenario',),
     'scenario.site': ('build_site',),
     'uav.action_codes': ('BACKWARD', 'FORWARD', 'HOME', 'HOVER', 'LEFT', 'RIGHT'),
-    'uav.heuristics': ('step_towards',),
+    'uav.moves': ('step_towards',),
     'uav.observation': ('Layout',),
     'uav.user_policy': ('Situation',),
     'world.reward': ('Reward',),

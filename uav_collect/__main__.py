@@ -18,14 +18,17 @@ from uav_collect.limits import FAILED, INTERRUPTED, UNUSABLE
 
 # One line each, here: help must not load what flies missions.
 SUMMARIES = {
+    'field': 'make a scenario of a list of loggers: cells, base and fleet, with a map',
     'mission': 'fly one mission over ROS 2, every UAV a process of its own, and record it',
     'evaluate': 'fly many missions in this process; mean figures with 95 % intervals',
+    'size': 'say how many UAVs and how much battery a site takes',
     'train': 'learn a policy for a scenario, from missions flown in this process',
     'train-fleet': 'let a fleet learn over ROS 2 while it flies, every node a process',
     'curves': 'draw the learning curves of trainings, mean and deviation over seeds',
     'bound': 'plan missions whose demand is known: what time and energy they take at least',
     'figures': "draw the figures of the paper's evaluation, from what it takes to what it says",
     'report': 'tables and pictures of missions that were flown, from their log or bag',
+    'export': 'hand flights on to ground stations, maps of the Earth and tables',
     'verify': 'fly recorded missions again, and prove their recordings byte for byte',
     'doctor': 'say whether a mission can fly on this machine, and what it would run on',
 }
@@ -64,6 +67,11 @@ def _misuse(arguments: Sequence[str]) -> NoReturn:
     raise RuntimeError('a known command was not dispatched')
 
 
+def field() -> int:
+    """Make a scenario of a list of loggers."""
+    return _run('field', sys.argv[1:], prog='field')
+
+
 def mission() -> int:
     """Fly one mission over ROS 2."""
     return _run('mission', sys.argv[1:], prog='mission')
@@ -72,6 +80,11 @@ def mission() -> int:
 def evaluate() -> int:
     """Fly many missions in this process."""
     return _run('evaluate', sys.argv[1:], prog='evaluate')
+
+
+def size() -> int:
+    """Say how many UAVs and how much battery a site takes."""
+    return _run('size', sys.argv[1:], prog='size')
 
 
 def train() -> int:
@@ -162,10 +175,14 @@ def _drop_output() -> None:
 def command_named(name: str) -> Command:
     """The command of a name in `SUMMARIES`."""
     match name:
+        case 'field':
+            from uav_collect.commands.field import add_arguments, run
         case 'mission':
             from uav_collect.commands.mission import add_arguments, run
         case 'evaluate':
             from uav_collect.commands.evaluate import add_arguments, run
+        case 'size':
+            from uav_collect.commands.size import add_arguments, run
         case 'train':
             from uav_collect.commands.train import add_arguments, run
         case 'train-fleet':
@@ -178,6 +195,8 @@ def command_named(name: str) -> Command:
             from uav_collect.commands.figures import add_arguments, run
         case 'report':
             from uav_collect.commands.report import add_arguments, run
+        case 'export':
+            from uav_collect.commands.export import add_arguments, run
         case 'verify':
             from uav_collect.commands.verify import add_arguments, run
         case 'doctor':

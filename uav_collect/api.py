@@ -11,10 +11,12 @@ from io import BytesIO, StringIO
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rich.console import RenderableType
 from uav_collect import files
 from uav_collect.analysis.console import plain_console
 from uav_collect.analysis.metrics import mission_metrics, MissionMetrics
+from uav_collect.analysis.readings import is_left, mission_readings, Reading
 from uav_collect.analysis.statistics import (
     Estimate,
     estimates,
@@ -60,6 +62,17 @@ class FlownMission:
         """What the mission achieved, and each UAV's part."""
         return mission_metrics(self.log)
 
+    @cached_property
+    def readings(self) -> tuple[Reading, ...]:
+        """Which sensor was read when, by whom and at which rate, in the order of the hovers."""
+        return mission_readings(self.log, self.site, self.demand_bit)
+
+    @cached_property
+    def unread(self) -> tuple[str, ...]:
+        """The ids of the sensors whose data were left behind."""
+        left = np.flatnonzero(is_left(self.log, self.site, self.demand_bit)).tolist()
+        return tuple(self.site.sensor_ids[sensor] for sensor in left)
+
     def draw(self, file: str | Path) -> None:
         """Draw who flew where into a PNG file; the same mission gives the same bytes.
 
@@ -73,7 +86,8 @@ class FlownMission:
         files.write_result(Path(file), drawn.getvalue())
 
     def __str__(self) -> str:
-        return _text(mission_tables(self.log.header, self.metrics, self.n_radio_messages))
+        n_messages, left = self.n_radio_messages, self.unread
+        return _text(mission_tables(self.log.header, self.metrics, n_messages, left=left))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -96,7 +110,7 @@ class Evaluation:
 
     def __str__(self) -> str:
         rows = {policy: [*row.values()] for policy, row in self.estimates.items()}
-        return f'{self.title}\n{_text(evaluation_table(self.metrics, rows))}'
+        return f'{self.title}\n{_text(evaluation_table(self.metrics, rows, _COLUMNS))}'
 
 
 def flown_mission(log: MissionLog, site: Site) -> FlownMission:

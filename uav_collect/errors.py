@@ -8,13 +8,14 @@ UavCollectError
   x MissionLogError         a mission log that cannot be read
   x BagError                a bag that cannot be read
   x UnreadableError         bytes that are no message
-  x RefusedError            a message that cannot be learned from
+  x RefusedError            a message that cannot be used
   + TrainingRunError        a run folder that cannot be used as asked
     x CheckpointError       a checkpoint that a training cannot go on from
   x DivergedError           a training whose loss or weights are no numbers any more
   x InterruptedRunError     a training that was stopped, and saved
   x StoreError              a store of results that holds something else than it should
   x ClusterError            a Ray cluster that cannot be joined
+  x FilmError               a film that cannot be made
   x FleetError              processes of a mission that cannot start, or failed
   x NodeError               a node that cannot start
   x MissingPackageError     Python packages that are missing or too old
@@ -112,7 +113,7 @@ class UnreadableError(UavCollectError, ValueError):
 
 
 class RefusedError(UavCollectError, ValueError):
-    """A message that cannot be learned from: which, what of it, its value, what it must be."""
+    """A message that cannot be used: which, what of it, its value, what it must be."""
 
 
 class TrainingRunError(UavCollectError, ValueError):
@@ -137,6 +138,10 @@ class StoreError(UavCollectError, ValueError):
 
 class ClusterError(UavCollectError, RuntimeError):
     """A Ray cluster that cannot be joined: where, and why."""
+
+
+class FilmError(UavCollectError):
+    """A film cannot be made: one line that says why, and what would help."""
 
 
 class FleetError(UavCollectError, RuntimeError):

@@ -71,7 +71,7 @@ def check_writable(path: Path) -> None:
         OSError: naming the file.
     """
     with naming(path):
-        if not _is_stream(path):
+        if not is_stream(path):
             with _partial(path):
                 pass
         elif path.is_fifo():  # to close it would be the end for its reader
@@ -137,7 +137,7 @@ def write_result(path: Path, content: bytes | memoryview) -> None:
         OSError: naming the file, which nobody reads, say.
     """
     with naming(path):
-        if not _is_stream(path):
+        if not is_stream(path):
             write_parts_atomically(path, [content])
             return
         waiting = _waiting_pipes.pop(path, None)
@@ -189,7 +189,7 @@ def blank_if_nan(number: float) -> float | str:
     return '' if math.isnan(number) else number
 
 
-def _is_stream(path: Path) -> bool:
+def is_stream(path: Path) -> bool:
     """Whether what is there can be written, but not replaced."""
     about = _about(path)
     if about is None or stat.S_ISDIR(about.st_mode):

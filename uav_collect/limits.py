@@ -13,8 +13,13 @@ NAME_ALLOWED = f'1 to {MAX_NAME} letters, digits, _, - and ., the first a letter
 _NAME = re.compile(f'[A-Za-z0-9][A-Za-z0-9_.-]{{0,{MAX_NAME - 1}}}')
 
 MAX_SENSORS = 20_000
+MAX_CORNERS = 1_000  # of a polygon
+MAX_NO_FLY = 100  # zones of an area
+MAX_SENSOR_ID = 64  # characters
+MIN_DATA_MBIT = 1e-6  # of a sensor: one bit; or 0
+MAX_DATA_MBIT = 10_000.0
 MAX_UAVS = 64  # the UAVs that one has heard travel as bits of a 64-bit word
-MAX_CELLS_PER_SIDE = 64
+MAX_CELLS_PER_SIDE = 64  # rows, and columns
 EGOCENTRIC_MAX_UAVS = 6  # UAVs that the egocentric observation tells apart
 MAX_SEED = 2**62  # mission seeds count up from here and stay inside 63 bits
 MAX_DECISIONS = 10**12  # of a training
@@ -30,6 +35,8 @@ RECORDED = ('all', 'learning')  # topics that a recorder keeps: all, or those le
 
 # How bandwidth may be shared; the first two are known to kernels, by their place here.
 ALLOCATOR_NAMES = ('exact', 'equal', 'cvxpy')
+
+HANDOVER_KINDS = ('plan', 'kml', 'geojson', 'csv', 'mavlink')  # of files that `export` writes
 
 
 def is_name(text: str) -> bool:

@@ -214,14 +214,16 @@ def check_scenario(path: Path) -> None:
 def check_derived(scenario: Scenario, site: Site, briefing: Briefing) -> None:
     """All that follows from a scenario before anything flies is finite, and has its sign."""
     for name, value in briefing._asdict().items():
-        if name != 'contact_range_m':
+        if name not in ('contact_range_m', 'home_via'):
             assert np.isfinite(value).all(), name
             assert (np.asarray(value) >= 0).all(), name
     for name in ('cell_size_m', 'speed_mps', 'flight_power_w', 'hover_power_w', 'bandwidth_hz'):
         assert (np.asarray(getattr(briefing, name)) > 0).all(), name
     for unit in range(briefing.n_uavs):
         assert 0 < move_duration_s(briefing, unit) < math.inf
-        for x_m, y_m in ((0.0, 0.0), (scenario.area.side_m, scenario.area.side_m)):
+        for cell in (0, scenario.n_cells - 1):
+            x_m = (cell % briefing.n_columns + 0.5) * briefing.cell_size_m
+            y_m = (cell // briefing.n_columns + 0.5) * briefing.cell_size_m
             assert 0 <= home_energy_j(briefing, unit, x_m, y_m) < math.inf
     assert np.isfinite(site.position_m).all()
     assert (site.cell >= 0).all()

@@ -16,14 +16,17 @@ from uav_collect.__main__ import command_named
 
 # What no command can do anything with, and so does nothing else.
 IMPOSSIBLE = {
+    'field': ['no_such_list.csv'],
     'mission': ['--scenario=no.yaml'],
     'evaluate': ['--scenario=no.yaml'],
     'train': ['--scenario=no.yaml'],
     'train-fleet': ['--scenario=no.yaml'],
+    'size': ['--scenario=no.yaml'],
     'bound': ['--scenario=no.yaml'],
     'figures': ['--only=no-such-study'],
     'curves': ['no_such_run'],
     'report': ['no_such_log'],
+    'export': ['no_such_log', '--to=csv'],
     'verify': ['no_such_bag'],
 }
 TEXTS = st.text(st.characters(exclude_categories=['Cs'], exclude_characters='\x00/'), max_size=12)

@@ -217,7 +217,7 @@ def test_a_policy_that_is_published_is_taken_whole_or_refused_in_one_line(
 
 @cache
 def flown_policy() -> Any:  # noqa: ANN401
-    side = SCENARIO.area.cells_per_side
+    side = SCENARIO.area.n_rows
     return random_policy(policy_header(Layout.EGOCENTRIC, side, SCENARIO.n_uavs), seed=1)
 
 

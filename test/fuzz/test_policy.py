@@ -357,7 +357,7 @@ def check_meaning(policy: FrozenPolicy, content: bytes) -> None:
     ):
         assert 1 <= side <= 64
         assert 1 <= n_uavs <= 64
-        assert observation_size(of.layout, side, n_uavs) == of.observation_size
+        assert observation_size(of.layout, side * side, n_uavs) == of.observation_size
     by_place = sorted(head, key=lambda name: head[name]['data_offsets'])
     weights = b''.join(policy.weights[name].tobytes() for name in by_place)
     assert weights == content[8 + head_byte :]

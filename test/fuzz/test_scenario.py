@@ -31,15 +31,27 @@ _FAULTS = [
     {'uav': 2, 'kind': 'silent', 'at_s': 10.0},
 ]
 _REFERENCE = {'lat_deg': 55.0, 'lon_deg': 12.8, 'position_m': [100.0, 100.0]}
-_PLACES = ('position_m', 'x_m', 'y_m', 'cell.', 'cells_per_side')
+_PLACES = (
+    'position_m', 'x_m', 'y_m', 'cell.', 'cells_per_side', 'rows', 'columns', 'boundary', 'no_fly',
+)  # fmt: skip
 _SPAN = re.compile(r'from ([-+.e\d]+) to ([-+.e\d]+)')
+
+
+_OUTLINES: dict[str, object] = {
+    'area__boundary': [[0, 0], [250, 0], [250, 120], [100, 150], [0, 150]],
+    'area__no_fly': [[[60, 60], [140, 60], [140, 90]]],
+}
 
 
 def _documents() -> list[dict[str, Any]]:
     alone = uav(5.0, energy_budget_kj=9.0)
-    scenarios = (tiny(*FLEET), tiny(alone, sensors=((1, 2, 1),), area__cells_per_side=1))
-    whole, single = (json.loads(json.dumps(it.as_mapping())) for it in scenarios)
-    for unit in (*whole['fleet']['uavs'], *single['fleet']['uavs']):
+    scenarios = (
+        tiny(*FLEET),
+        tiny(alone, sensors=((1, 2, 1),), area__cells_per_side=1),
+        tiny(*FLEET, sensors=((1, 2, 1),), area__rows=3, area__columns=5, **_OUTLINES),
+    )
+    whole, single, odd = (json.loads(json.dumps(it.as_mapping())) for it in scenarios)
+    for unit in (*whole['fleet']['uavs'], *single['fleet']['uavs'], *odd['fleet']['uavs']):
         unit |= {'start': {'cell': [0, 0]}, 'home': {'cell': [0, 0]}}
     return [
         whole,
@@ -47,6 +59,7 @@ def _documents() -> list[dict[str, Any]]:
         whole | {'radio': whole['radio'] | _RADIO},
         whole | {'faults': _FAULTS, 'area': whole['area'] | {'reference': _REFERENCE}},
         single,
+        odd,
     ]
 
 

@@ -1,4 +1,4 @@
-"""Sensor files of any kind are refused in plain lines, or their sites are flown over."""
+"""Lists of sensors of any kind are refused in plain lines, or their sites are flown over."""
 
 from collections.abc import Iterator
 import json
@@ -8,6 +8,7 @@ import tempfile
 from fuzzing import fuzzed, memory_folder
 from hypothesis import strategies as st
 from hypothesis.strategies import DrawFn
+from map_files import maps
 import pytest
 from scenario_texts import broken, check_scenario, FLEET, yaml_of
 from tiny_world import tiny
@@ -24,11 +25,12 @@ _CELLS = (
     'nan', '-inf', 'inf', '1,5', '"1,5"', '"', '"a""b"', '1;2', '1\t2', '90', '-90', '89', '180',
     '-180.1', '100000', '900000', '1e7', '6154543', 'one', '\u0661', '\u2212', '55\u00b0',
     'x' * 70, '1' * 400, 'a\nb', '"a\nb"', '\x00', '\x1b[2J', '[/b]', 'north gate', '2024-01-01',
-    '#', "'",
+    '#', "'", '55.0, 12.8', '"55.0, 12.8"', 'POINT (12.8 55)', '55\u00b030\'N', '1.234,5', '16s',
 )  # fmt: skip
 _COLUMNS = (
     'sensor_id', 'id', 'x_m', 'y_m', 'lat', 'lon', 'easting_m', 'northing_m', 'data_mbit', 'note',
     '', ' lat ', 'LAT', 'lng', '"lat"', 'x_m\u00b2', 'z' * 300,
+    'geo_point_2d', 'WKT', 'UTM zone', 'x', 'y', 'Rechtswert', 'Breite',
 )  # fmt: skip
 _ENDS = ('\n', '\r\n', '\r', '\n\n', ',\n', ';\n')
 _HEADS = ('',) * 30 + ('\ufeff', '\n', '# sensors\n', 'sep=;\n', '\x00')
@@ -38,6 +40,13 @@ _SETTINGS = (
     'file: s.csv, origin: [1e7, -1e7]', 'file: s.csv, origin: [.nan, 0]', 'file: s.csv',
     'file: ../s.csv, origin: auto', 'file: ., origin: auto', 'file: "", origin: auto',
     'file: [s.csv], origin: auto', 'file: s.csv, origin: auto, columns: 5',
+    'file: s.csv, origin: auto, columns: {id: note, lat: y_m}',
+    'file: s.csv, origin: auto, crs: "EPSG:25833"', 'file: s.csv, origin: auto, crs: UTM 33N',
+    'file: s.csv, origin: [361400, 6154500], crs: UTM 33N', 'file: s.csv, origin: auto, crs: x',
+    'file: s.csv, origin: auto, crs: "EPSG:4258"', 'file: s.csv, origin: auto, doubles: first',
+    'file: s.csv, origin: auto, doubles: last, blanks: skip',
+    'file: s.csv, origin: auto, doubles: keep, blanks: refuse',
+    'file: s.csv, origin: auto, doubles: 1',
 )  # fmt: skip
 _ENCODINGS = ('utf-8',) * 30 + ('utf-16', 'latin-1', 'utf-8-sig', 'cp1252')
 
@@ -105,11 +114,24 @@ def check_site(folder: Path, content: bytes, settings: str, cell_share: str) -> 
 
 
 @fuzzed(
+    share=0.75,
     content=tables(),
     settings=st.sampled_from(_SETTINGS[:2] * 8 + _SETTINGS),
     cell_share=st.sampled_from(['all', '0.5', '1']),
 )
 def test_a_sensor_file_is_refused_in_plain_lines_or_flown_over(
+    folder: Path, content: bytes, settings: str, cell_share: str
+) -> None:
+    check_site(folder, content, settings, cell_share)
+
+
+@fuzzed(
+    share=0.25,
+    content=maps(),
+    settings=st.sampled_from(_SETTINGS[:2] * 16 + _SETTINGS),
+    cell_share=st.sampled_from(['all', '0.5', '1']),
+)
+def test_a_map_or_workbook_of_sensors_is_refused_in_plain_lines_or_flown_over(
     folder: Path, content: bytes, settings: str, cell_share: str
 ) -> None:
     check_site(folder, content, settings, cell_share)

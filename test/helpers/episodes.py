@@ -63,7 +63,7 @@ def hand_episode(
         end_s: when it ends; None: cut off at its last decision, whose action is not known.
         seed: of what its UAVs see.
     """
-    n_cells = briefing.cells_per_side * briefing.cells_per_side
+    n_cells = len(briefing.is_open)
     records, rng = new_records(len(decisions), briefing), np.random.default_rng(seed)
     for table in (records.complete, records.true_complete, records.seen):
         table[...] = rng.integers(256, size=table.shape)

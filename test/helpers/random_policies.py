@@ -33,7 +33,7 @@ def header(
     """The header of a policy for one area and fleet, or with other values."""
     made = PolicyHeader(
         layout=layout,
-        observation_size=observation_size(layout, side, n_uavs),
+        observation_size=observation_size(layout, side * side, n_uavs),
         hidden_size=16,
         cells_per_side_min=side,
         cells_per_side_max=side,

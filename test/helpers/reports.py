@@ -35,6 +35,7 @@ from uav_collect.uav.agent import Agent, allocator_named
 from uav_collect.uav.belief import Belief
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.exploration import explore
+from uav_collect.uav.learned_on import learned_on
 from uav_collect.uav.observation import encode, Layout, observation_size
 from uav_collect.uav.policy_network import best_actions, FrozenPolicy, LearnedPolicy
 from uav_collect.uav.view import LocalView
@@ -59,8 +60,14 @@ class MissionSetup:
         """What flies."""
         if self.flown is not None:
             return self.flown
-        side, n_uavs = self.scenario.area.cells_per_side, self.scenario.n_uavs
-        return random_policy(policy_header(self.layout, side, n_uavs), seed=1)
+        area, n_uavs = self.scenario.area, self.scenario.n_uavs
+        header = replace(
+            policy_header(self.layout, area.n_rows, n_uavs),
+            observation_size=observation_size(self.layout, area.n_cells, n_uavs),
+            cells_per_side_max=max(area.n_rows, area.n_columns),
+            learned_on=(learned_on(self.scenario),),
+        )
+        return random_policy(header, seed=1)
 
     def joiner(self, **values: object) -> MissionJoiner:
         """What joins the reports of its missions."""
@@ -175,7 +182,7 @@ class ReportingFlight:
     def _transition(self, event: Event, action: int) -> TransitionReport:
         agent, briefing, view = self._agents[event.uav], self._briefing, event.view
         layout, belief = self._setup.layout, agent.belief
-        size = observation_size(layout, briefing.cells_per_side, briefing.n_uavs)
+        size = observation_size(layout, len(briefing.is_open), briefing.n_uavs)
         encoded = new_row(size, 0.0)
         encode(layout, briefing, event.uav, belief, view, encoded)
         return TransitionReport(

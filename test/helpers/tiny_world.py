@@ -76,7 +76,7 @@ def tiny(
         'name': 'tiny',
         'area.cells_per_side': 4,
         'sensors': {'kind': 'listed', 'entries': entries},
-        'demand': {'cell_share': 'all', 'data_mbit': 'csv'},
+        'demand': {'cell_share': 'all', 'data_mbit': 'csv', 'known_empty': 'none'},
         'radio.los_b': 10.0,
         'radio.rician_a1': 1000.0,
         'radio.rician_a2': 20.0,

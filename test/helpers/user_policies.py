@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from uav_collect.uav.action_codes import HOME, HOVER, LEFT
 from uav_collect.uav.briefing import Briefing
-from uav_collect.uav.heuristics import step_towards
+from uav_collect.uav.moves import step_towards
 from uav_collect.uav.user_policy import Situation
 
 NUMBER = 7
@@ -14,7 +14,7 @@ NUMBER = 7
 
 def nearest(situation: Situation) -> int:
     """Collects what is below, else makes for the nearest cell that it does not know."""
-    here, side = situation.view.cell, situation.briefing.cells_per_side
+    here, side = situation.view.cell, situation.briefing.n_columns
     if situation.legal[HOVER]:
         return HOVER
     unknown = np.flatnonzero(situation.belief.complete == 0)

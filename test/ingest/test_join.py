@@ -41,6 +41,16 @@ ROUGH: dict[str, object] = {
     ],
 }
 
+# No square, a closed cell in the way, and nobody has to look where no sensor is.
+FIELD: dict[str, object] = {
+    'area__rows': 4,
+    'area__columns': 6,
+    'area__boundary': [[0.0, 0.0], [300.0, 0.0], [300.0, 90.0], [200.0, 200.0], [0.0, 200.0]],
+    'area__no_fly': [[[60.0, 60.0], [90.0, 60.0], [90.0, 90.0]]],
+    'demand__known_empty': 'sensors',
+    'radio__contact_range_m': 60.0,
+}
+
 
 def mission_setup(**values: object) -> MissionSetup:
     return MissionSetup(**{'scenario': tiny(*FLEET), **values})  # type: ignore[arg-type]
@@ -72,6 +82,8 @@ def needed(reports: Sequence[FleetReport]) -> int:
         setup_of_odd_lengths(),
         replace(setup_of_odd_lengths(), reward=Reward.PAPER, discount_per_s=0.993),
         mission_setup(scenario=tiny(*FLEET, **ROUGH)),
+        mission_setup(scenario=tiny(*FLEET, **FIELD)),
+        mission_setup(scenario=tiny(*FLEET, **FIELD), layout=Layout.PAPER),
     ],
 )
 def test_missions_joined_from_messages_are_the_rollouts_to_the_byte(flown: MissionSetup) -> None:

@@ -18,7 +18,8 @@ def drawn_mixer(n_uavs: int, generator: torch.Generator, pooling: str = 'sum') -
     mixer = Mixer(
         n_uavs=n_uavs,
         n_uav_scalars=4,
-        cells_per_side=4,
+        n_rows=4,
+        n_columns=4,
         pool_side=3,
         pooling=pooling,
         embedding_size=3,
@@ -123,12 +124,12 @@ def test_pooling_sums_the_cells_of_each_window_those_at_the_edge_too(pool_side: 
         for row in range(0, n_windows * pool_side, pool_side)
         for column in range(0, n_windows * pool_side, pool_side)
     ]
-    pooled = complete.flatten() @ pooling_windows(10, pool_side)
+    pooled = complete.flatten() @ pooling_windows(10, 10, pool_side)
     torch.testing.assert_close(pooled, torch.stack(expected))
 
 
 def test_the_state_of_the_paper_is_four_numbers_a_uav_and_their_pooled_maps() -> None:
-    side = brief(tiny()).cells_per_side
+    side = brief(tiny()).n_rows
     mixer = drawn_mixer(2, torch.Generator())
     n_windows = (-(-side // 3)) ** 2
     state = drawn_state(mixer, 5, 2, torch.Generator())

@@ -99,7 +99,7 @@ def test_a_message_that_no_radio_sends_is_named(
     field: str, value: object, problem: str, seen: tuple[Briefing, list[Any]]
 ) -> None:
     briefing, _ = seen
-    n_bytes = (briefing.cells_per_side**2 + 7) // 8
+    n_bytes = (len(briefing.is_open) + 7) // 8
     msg = SimpleNamespace(sender=2, complete=bytes(n_bytes), x_m=1.0, y_m=1.0, time_s=0.0)
     assert radio_problem(msg, briefing, 0) is None
     setattr(msg, field, value)

@@ -31,6 +31,9 @@ _MAX_DIGITS = 10  # of an index
 
 _OVERRIDE = Source(label='override', folder=Path())
 
+# Ways to say one thing, each by the keys that it takes.
+Ways = tuple[frozenset[str], ...]
+
 
 @dataclass(frozen=True)
 class _Origin:
@@ -48,6 +51,7 @@ class Document:
     top: Source
     origin: _Origin | None = None  # None: all came from the top
     aliases: dict[Keys, Keys] = field(default_factory=dict)  # by path, the path it was written at
+    ways: tuple[Ways, ...] = ()  # to say one thing: the topmost layer's way counts
 
     def at(self, keys: Keys) -> Any:  # noqa: ANN401 - any YAML
         """The value at a path; None where there is none."""
@@ -106,12 +110,13 @@ def parse_value(text: str) -> object:
     return value
 
 
-def read(path: Path, library: Iterable[Path]) -> Document:
+def read(path: Path, library: Iterable[Path], ways: tuple[Ways, ...] = ()) -> Document:
     """Read a file and, below it, the files it extends.
 
     Args:
         path: the YAML file.
         library: folders with files that `extends` may call by name alone.
+        ways: to say one thing; of a file and those below it, the topmost way that is used counts.
 
     Raises:
         ConfigError: a file is missing or unreadable, is not a YAML mapping, or extends itself.
@@ -120,8 +125,8 @@ def read(path: Path, library: Iterable[Path]) -> Document:
     merged: Any = {}
     origin = _Origin(layers[0][0])
     for source, values in reversed(layers):
-        merged, origin = _merged(merged, origin, values, (), source)
-    return Document(values=merged, origin=origin, top=layers[0][0])
+        merged, origin = _merged(merged, origin, values, (), source, ways)
+    return Document(values=merged, origin=origin, top=layers[0][0], ways=ways)
 
 
 def _layers(path: Path, library: tuple[Path, ...]) -> Iterator[tuple[Source, dict[Any, Any]]]:
@@ -170,18 +175,20 @@ def load(
     *,
     field: str,
     overrides: Mapping[str, object] | None = None,
+    ways: tuple[Ways, ...] = (),
 ) -> Document:
     """Read a file by its name in folders or by its path, with what it extends.
 
     Args:
         field: what is read, for messages.
         overrides: values by dotted path, which count more than the file's.
+        ways: to say one thing, see `read`.
 
     Raises:
         ConfigError: there is no such file, or it cannot be used.
     """
     path = find(str(name_or_path), folders, field=field)
-    document = read(path, folders)
+    document = read(path, folders, ways)
     # A name belongs to one file; what extends it is something else.
     has_name = 'name' in document.values and document.source(('name',)) is document.top
     if has_name or 'name' in (overrides or {}):
@@ -207,7 +214,7 @@ def override(document: Document, overrides: Mapping[str, object]) -> Document:
     origin = document.origin or _Origin(document.top)
     for path, value in overrides.items():
         keys = _keys_of(path)
-        values = _replaced(values, keys, value, path)
+        values = _replaced(values, keys, value, path, document.ways)
         # A list of numbers is one value: with one of them replaced, it is no longer the file's.
         is_of_list = isinstance(keys[-1], int) and not isinstance(value, dict)
         origin = _with_override(origin, keys[:-1] if is_of_list else keys)
@@ -231,10 +238,25 @@ def _with_override(origin: _Origin, keys: Keys) -> _Origin:
     return replace(origin, below={**origin.below, first: _with_override(below, tuple(rest))})
 
 
-def merged_mapping(base: Mapping[Any, Any], top: Mapping[Any, Any]) -> dict[Any, Any]:
-    """The base with the entries of the top laid over it, level by level."""
-    merged, _ = _merged(dict(base), _Origin(_OVERRIDE), dict(top), (), _OVERRIDE)
+def merged_mapping(
+    base: Mapping[Any, Any], top: Mapping[Any, Any], ways: tuple[Ways, ...] = ()
+) -> dict[Any, Any]:
+    """The base with the entries of the top laid over it, level by level; ways as in `read`."""
+    merged, _ = _merged(dict(base), _Origin(_OVERRIDE), dict(top), (), _OVERRIDE, ways)
     return dict(merged)
+
+
+def without_other_ways(
+    base: Mapping[Any, Any], said: Iterable[Any], ways: tuple[Ways, ...]
+) -> dict[Any, Any]:
+    """The base without what says in another way what some keys of a layer above say."""
+    left, said = dict(base), {*said}
+    for group in ways:
+        of_group: frozenset[str] = frozenset().union(*group)
+        if said & of_group:
+            kept = frozenset().union(*(way for way in group if said & of_group <= way))
+            left = {key: value for key, value in left.items() if key not in of_group - kept}
+    return left
 
 
 def is_file(path: Path) -> bool:
@@ -266,15 +288,21 @@ def _prefixes(keys: Keys) -> Iterator[Keys]:
 
 
 def _merged(
-    base: object, origin: _Origin, top: object, keys: Keys, source: Source
+    base: object,
+    origin: _Origin,
+    top: object,
+    keys: Keys,
+    source: Source,
+    ways: tuple[Ways, ...],
 ) -> tuple[Any, _Origin]:
     """The base with the top laid over it, and where each came from."""
     if not (isinstance(base, dict) and isinstance(top, dict)) or _is_one_value(keys, base, top):
         return top, _Origin(source)
-    merged, below = dict(base), dict(origin.below)
+    merged, below = without_other_ways(base, top, ways), dict(origin.below)
     for key, value in top.items():
+        origin_below = below.get(key, _Origin(origin.source))
         merged[key], below[key] = _merged(
-            base.get(key), below.get(key, _Origin(origin.source)), value, (*keys, key), source
+            base.get(key), origin_below, value, (*keys, key), source, ways
         )
     return merged, replace(origin, below=below)
 
@@ -282,20 +310,28 @@ def _merged(
 def _is_one_value(keys: Keys, base: dict[Any, Any], top: dict[Any, Any]) -> bool:
     # A place or another kind of thing replaces what it stands over: half of each would be neither.
     kind = base.get('kind')
-    return keys[-1:] in {('start',), ('home',)} or top.get('kind', kind) != kind
+    is_whole = keys[-1:] in {('start',), ('home',)} or 'like' in top
+    return is_whole or top.get('kind', kind) != kind
 
 
-def _replaced(values: Any, keys: Keys, value: object, path: str) -> Any:  # noqa: ANN401 - any YAML
+def _replaced(
+    values: Any,  # noqa: ANN401 - any YAML
+    keys: Keys,
+    value: object,
+    path: str,
+    ways: tuple[Ways, ...],
+) -> Any:  # noqa: ANN401
     if not keys:
         return value
     first, *rest = keys
     if isinstance(values, dict):
-        return {**values, first: _replaced(values.get(first, {}), tuple(rest), value, path)}
+        below = _replaced(values.get(first, {}), tuple(rest), value, path, ways)
+        return {**without_other_ways(values, (first,), ways), first: below}
     if not _contains(values, first):
         what = f'has no place: {shown(first)} is not in {shown(values)}'
         raise ConfigError(f'override: {shown_path(path)} {what}')
     entries = list(values)
-    entries[int(first)] = _replaced(values[first], tuple(rest), value, path)
+    entries[int(first)] = _replaced(values[first], tuple(rest), value, path, ways)
     return entries
 
 

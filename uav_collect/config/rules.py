@@ -6,6 +6,7 @@ its own words. The standard library does it all, for distributions differ in the
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, fields, MISSING
+from itertools import pairwise
 import math
 from types import NoneType
 from typing import (
@@ -142,6 +143,36 @@ def either(rule: Rule, word: str) -> Rule:
     return Rule(
         f'{rule.allowed}, or {word}', lambda value: value if value == word else rule.parse(value)
     )
+
+
+def words(*allowed: str) -> Rule:
+    """One of some words."""
+
+    def parse(value: object) -> object:
+        if value not in allowed:
+            raise ValueError
+        return value
+
+    return Rule(' or '.join(allowed), parse)
+
+
+def polygon(low: float, high: float, most_corners: int) -> Rule:
+    """A list of three points [x, y] or more that do not lie on one line, from low to high [m]."""
+
+    def parse(value: object) -> object:
+        if not isinstance(value, list | tuple) or not 3 <= len(value) <= most_corners:
+            raise ValueError
+        corner = pair(number(low, high), '')
+        corners = tuple(corner.parse(each) for each in value)
+        (x_m, y_m), *others = corners
+        ways = [(east_m - x_m, north_m - y_m) for east_m, north_m in others]
+        # Those along each other lie on one line with the first corner; so do all, by turns.
+        if all(a[0] * b[1] == a[1] * b[0] for a, b in pairwise(way for way in ways if any(way))):
+            raise ValueError
+        return corners
+
+    span = f'of numbers from {low:.10g} to {high:.10g} m'
+    return Rule(f'a list of 3 to {most_corners} points [x, y] {span}, not all on one line', parse)
 
 
 def or_zero(rule: Rule) -> Rule:

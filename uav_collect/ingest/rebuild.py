@@ -29,17 +29,16 @@ from uav_collect.missions.experience import (
 )
 from uav_collect.scenario.site import Site
 from uav_collect.uav.action_codes import HOME, NONE
-from uav_collect.uav.briefing import brief, Briefing
+from uav_collect.uav.briefing import Briefing, briefing_of
 from uav_collect.uav.observation import Layout, observation_size
 from uav_collect.world.dynamics import (
     ACTIVE,
     end_s,
     Mission,
     mission_of,
-    new_missions,
-    restart_mission,
     start_leg,
 )
+from uav_collect.world.mission_start import new_missions, restart_mission
 from uav_collect.world.reward import (
     earn,
     earn_interval,
@@ -105,7 +104,7 @@ class EpisodeBuilder:
             )
         self._layout, self._reward = layout, reward
         self._first_sensor = site.first_sensor.tolist()
-        self._briefing = brief(scenario)
+        self._briefing = briefing_of(site)
         self._sensor_field = lay_out(site)
         self._terms = reward_terms(site.with_discount(discount_per_s))
         self._mission = mission_of(new_missions(self._briefing, self._sensor_field, [0]), 0)
@@ -114,14 +113,14 @@ class EpisodeBuilder:
 
     def warm_up(self) -> None:
         """Let kernels be compiled, which takes a minute once."""
-        side, n_uavs = self._briefing.cells_per_side, self._briefing.n_uavs
-        size = observation_size(self._layout, side, n_uavs)
+        n_cells = len(self._briefing.is_open)
+        size = observation_size(self._layout, n_cells, self._briefing.n_uavs)
         records = new_records(0, self._briefing)
         none = np.zeros(0, dtype=np.int64)
         nothing = np.zeros((0, size), dtype=np.float32)
-        demand_bit = np.zeros((1, side * side))
+        demand_bit = np.zeros((1, n_cells))
         observations(int(self._layout), self._briefing, records, demand_bit, none, none, nothing)
-        never, known = np.zeros(0), np.zeros((0, side * side), dtype=np.uint8)
+        never, known = np.zeros(0), np.zeros((0, n_cells), dtype=np.uint8)
         events = _Events(none, none, never, never, never, never, never, never, known)
         self._write_rewards(events, records, is_whole=False)
 
@@ -166,7 +165,7 @@ class EpisodeBuilder:
 
     def _write_rewards(self, events: _Events, records: Records, *, is_whole: bool) -> None:
         """Write what each decision earned until the next one, and how long that took."""
-        self._union[:] = 0
+        self._union[:] = self._briefing.known_complete
         restart_mission(self._briefing, self._sensor_field, self._mission)
         _sum_rewards(
             int(self._reward),
@@ -261,11 +260,11 @@ def _write_world(
     first = np.packbits(demand_bit <= 0.0, bitorder='little')
     after = _stacked((it.true_complete for it in events), np.uint8, n_events)
     records.true_complete[:] = np.concatenate([first[None], after[:-1]])[at]
-    side_m = briefing.cells_per_side * briefing.cell_size_m
+    sizes_m = (briefing.n_columns * briefing.cell_size_m, briefing.n_rows * briefing.cell_size_m)
     uav = np.array([event.uav for event in events])
-    for place, name in enumerate(('uav_x_m', 'uav_y_m')):
+    for place, (name, size_m) in enumerate(zip(('uav_x_m', 'uav_y_m'), sizes_m, strict=True)):
         fleet_m = _stacked((getattr(it, name) for it in events), FLOAT64, n_events)
-        records.fleet[:, place::N_UAV_SCALARS] = fleet_m[at] / side_m
+        records.fleet[:, place::N_UAV_SCALARS] = fleet_m[at] / size_m
     left_j = _stacked((it.uav_energy_left_j for it in events), FLOAT64, n_events)
     left_j[np.arange(n_events), uav] = [event.energy_left_j for event in events]
     records.fleet[:, 2::N_UAV_SCALARS] = left_j[at] / np.asarray(briefing.energy_budget_j)
@@ -313,7 +312,7 @@ def _sum_rewards(
     Args:
         mission: at its start; its legs are flown.
         earnings: scratch, of one mission.
-        union: of the maps before the first event, (C,): zeros; written.
+        union: of the maps before the first event, (C,); written.
         reward_out: written, one for each decision; where a mission is cut off, not for the last.
         duration_out: the same.
     """

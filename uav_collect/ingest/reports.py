@@ -209,7 +209,7 @@ def report_spec(site: Site, layout: Layout) -> ReportSpec:
         n_uavs=scenario.n_uavs,
         n_cells=scenario.n_cells,
         n_sensors=site.n_sensors,
-        observation_size=observation_size(layout, scenario.area.cells_per_side, scenario.n_uavs),
+        observation_size=observation_size(layout, scenario.n_cells, scenario.n_uavs),
     )
 
 

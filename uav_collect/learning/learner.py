@@ -32,7 +32,7 @@ class Networks(nn.Module):
     ) -> None:
         super().__init__()
         first = briefings[0]
-        size = observation_size(config.layout, first.cells_per_side, first.n_uavs)
+        size = observation_size(config.layout, len(first.is_open), first.n_uavs)
         self.agent = Drqn(size, config.network.hidden_size)
         self.mixers = nn.ModuleList()
         if algorithm is not Algorithm.AIQL:
@@ -47,7 +47,8 @@ def _mixer(config: TrainingConfig, briefing: Briefing) -> Mixer:
     return Mixer(
         n_uavs=briefing.n_uavs,
         n_uav_scalars=N_UAV_SCALARS,
-        cells_per_side=briefing.cells_per_side,
+        n_rows=briefing.n_rows,
+        n_columns=briefing.n_columns,
         pool_side=config.mixer.pool_side,
         pooling=config.mixer.pooling,
         embedding_size=config.mixer.embedding_size,

@@ -80,7 +80,7 @@ def make_minibatch(
     entry, next_entry = order[entry_next != _UNKNOWN], entry_next[entry_next != _UNKNOWN]
     follows = np.append(entry[1:], NO_DECISION)
     reward, discount = _returns(records, mission, entry, next_entry, discount_per_s)
-    size = observation_size(layout, briefing.cells_per_side, briefing.n_uavs)
+    size = observation_size(layout, len(briefing.is_open), briefing.n_uavs)
     observation = np.empty((len(row), size), dtype=np.float32)
     demand_bit = np.stack([episode.demand_bit for episode in episodes])
     observations(int(layout), briefing, records, demand_bit, mission, row, observation)
@@ -210,7 +210,7 @@ def _bits(packed: Any) -> NDArray[np.uint8]:  # noqa: ANN401 - a column of recor
 
 
 def _maps(records: Records, briefing: Briefing) -> NDArray[np.uint8]:
-    n_cells = briefing.cells_per_side * briefing.cells_per_side
+    n_cells = briefing.n_rows * briefing.n_columns
     known = records.complete.reshape(len(records.uav), briefing.n_uavs, -1)
     packed = np.concatenate([known, records.true_complete[:, None]], axis=1)
     return np.unpackbits(packed, axis=-1, count=n_cells, bitorder='little')

@@ -17,7 +17,8 @@ class Mixer(nn.Module):
         *,
         n_uavs: int,
         n_uav_scalars: int,
-        cells_per_side: int,
+        n_rows: int,
+        n_columns: int,
         pool_side: int,
         pooling: str,
         embedding_size: int,
@@ -34,7 +35,7 @@ class Mixer(nn.Module):
         super().__init__()
         self._windows: Tensor
         self._embedding_size, self._n_uavs = embedding_size, n_uavs
-        windows = pooling_windows(cells_per_side, pool_side)
+        windows = pooling_windows(n_rows, n_columns, pool_side)
         if pooling == 'mean':
             windows /= pool_side * pool_side
         self.register_buffer('_windows', windows, persistent=False)
@@ -85,13 +86,13 @@ def _hypernetwork(state_size: int, hypernetwork_size: int, n_weights: int) -> nn
     )
 
 
-def pooling_windows(cells_per_side: int, pool_side: int) -> Tensor:
+def pooling_windows(n_rows: int, n_columns: int, pool_side: int) -> Tensor:
     """Which cells each pooling window sums; those at the far edges may reach outside.
 
     Returns:
         Zeros and ones, shape (C, windows).
     """
-    n_windows = math.ceil(cells_per_side / pool_side)
-    place = torch.arange(cells_per_side) // pool_side
-    window = (place[:, None] * n_windows + place[None, :]).flatten()
-    return nn.functional.one_hot(window, n_windows * n_windows).float()
+    high, wide = math.ceil(n_rows / pool_side), math.ceil(n_columns / pool_side)
+    row, column = torch.arange(n_rows) // pool_side, torch.arange(n_columns) // pool_side
+    window = (row[:, None] * wide + column[None, :]).flatten()
+    return nn.functional.one_hot(window, high * wide).float()

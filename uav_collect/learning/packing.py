@@ -32,7 +32,7 @@ def unpacked(saved: SavedPart, briefing: Briefing) -> list[Episode]:
     Raises:
         CheckpointError: what, and the row, that no mission can hold.
     """
-    n_cells = briefing.cells_per_side * briefing.cells_per_side
+    n_cells = briefing.n_rows * briefing.n_columns
     n_decisions = saved.array('n_decisions', np.int64, [None])
     n_missions = len(n_decisions)
     seed = saved.array('mission_seed', np.int64, [n_missions])
@@ -69,7 +69,7 @@ def _wrong_rows(
     records: Records, mission: Ints, is_whole: Bools, briefing: Briefing
 ) -> Iterable[tuple[str, Bools]]:
     """By column, which of its rows an update could not take."""
-    n_cells = briefing.cells_per_side * briefing.cells_per_side
+    n_cells = briefing.n_rows * briefing.n_columns
     is_first = np.diff(mission, prepend=-1) > 0
     is_last = np.append(is_first[1:], True)[: len(mission)]
     yield 'uav', (records.uav < 0) | (records.uav >= briefing.n_uavs)

@@ -14,7 +14,7 @@ from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site, Site
 from uav_collect.training.config import TrainingConfig
-from uav_collect.uav.briefing import brief, Briefing
+from uav_collect.uav.briefing import Briefing, briefing_of
 from uav_collect.uav.observation import observation_size
 from uav_collect.uav.policy_network import LearnedPolicy
 
@@ -75,7 +75,8 @@ def make_tasks(
     replay_size = config.replay.decisions // len(scenarios)
     tasks = []
     for index, scenario in enumerate(scenarios):
-        site, briefing = build_site(scenario), brief(scenario)
+        site = build_site(scenario)
+        briefing = briefing_of(site)
         if sources is None:
             learned = site.with_discount(config.reward.discount_per_s)
             source: EpisodeSource = Collector(learned, config, algorithm, seed, device)
@@ -88,7 +89,7 @@ def make_tasks(
 
 def _check_same_size(scenarios: Sequence[Scenario], config: TrainingConfig) -> None:
     sizes = {
-        observation_size(config.layout, scenario.area.cells_per_side, scenario.n_uavs)
+        observation_size(config.layout, scenario.n_cells, scenario.n_uavs)
         for scenario in scenarios
     }
     if len(sizes) > 1:

@@ -313,13 +313,14 @@ class Trainer:
         self, validation: ValidationResult | None, weights: policy_network.Weights
     ) -> PolicyHeader:
         config, first = self.config, self.scenarios[0]
-        sides = [scenario.area.cells_per_side for scenario in self.scenarios]
+        areas = [scenario.area for scenario in self.scenarios]
+        sides = [side for area in areas for side in (area.n_rows, area.n_columns)]
         fleets = [scenario.n_uavs for scenario in self.scenarios]
         n_updates = self._learner.n_updates if validation is None else validation.n_updates
         run = f'{first.name}_n{fleets[0]}_{self.algorithm}_{config.name}_s{self.seed}'
         return PolicyHeader(
             layout=config.layout,
-            observation_size=observation_size(config.layout, sides[0], fleets[0]),
+            observation_size=observation_size(config.layout, areas[0].n_cells, fleets[0]),
             hidden_size=config.network.hidden_size,
             cells_per_side_min=min(sides),
             cells_per_side_max=max(sides),
@@ -334,7 +335,7 @@ class Trainer:
             updates=n_updates,
             version=f'{run}@{n_updates}-{weights_digest(weights)[:8]}',
             git_revision=git_revision(),
-            validation=_header_validation(validation, config.validation.missions * len(sides)),
+            validation=_header_validation(validation, config.validation.missions * len(areas)),
             learned_on=tuple(map(learned_on, self.scenarios)),
         )
 

@@ -309,8 +309,8 @@ _MAKERS: Mapping[str, _Make] = {
 
 
 def _cells(config: FieldConfig) -> str:
-    side = field_of(config).area.cells_per_side
-    return f'{side}x{side} cells'
+    area = field_of(config).area
+    return f'{area.n_rows}x{area.n_columns} cells'
 
 
 def _range_name(range_m: float) -> str:

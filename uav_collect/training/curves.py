@@ -14,8 +14,9 @@ from typing import BinaryIO
 
 import numpy as np
 from uav_collect import files
+from uav_collect.analysis.area_picture import GRID
 from uav_collect.analysis.plotting import Axes, EngFormatter, Figure, FigureCanvasAgg
-from uav_collect.analysis.trajectories import COLOURS, DPI, GRID
+from uav_collect.analysis.trajectories import COLOURS, DPI
 from uav_collect.errors import TrainingRunError
 from uav_collect.kernels.arrays import Floats
 from uav_collect.training.run_record import (

@@ -112,7 +112,7 @@ def disk_bytes(jobs: Iterable[Job], n_slots: int) -> tuple[int, int]:
 
 def _training_bytes(job: TrainingJob) -> tuple[int, int]:
     scenario, config = from_yaml(job.scenario), job_config(job)
-    size = observation_size(config.layout, scenario.area.cells_per_side, scenario.n_uavs)
+    size = observation_size(config.layout, scenario.n_cells, scenario.n_uavs)
     shapes = weight_shapes(size, config.network.hidden_size).values()
     weights_bytes = 4 * sum(shape[0] * (shape[1] if len(shape) > 1 else 1) for shape in shapes)
     # Adam keeps two numbers for each weight, the target network another; the replay is the rest.

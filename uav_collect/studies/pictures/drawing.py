@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import io
 import textwrap
 
+from uav_collect.analysis.area_picture import GRID
 from uav_collect.analysis.plotting import Axes, Figure, FigureCanvasAgg
-from uav_collect.analysis.trajectories import COLOURS, DPI, GRID
+from uav_collect.analysis.trajectories import COLOURS, DPI
 from uav_collect.studies.study import AIQL, AQMIX, HERT, PLAN, QMIX, SWEEP
 from uav_collect.training.curves import REFERENCE_STYLES
 from uav_collect.uav.policy import STRONG

@@ -2,8 +2,9 @@
 
 import numpy as np
 from uav_collect import files
+from uav_collect.analysis.area_picture import draw_closed, GREY
 from uav_collect.analysis.metrics import mission_metrics
-from uav_collect.analysis.trajectories import draw_mission, GREY
+from uav_collect.analysis.trajectories import draw_mission
 from uav_collect.recording.mission_folder import log_name
 from uav_collect.recording.mission_log import from_jsonl, MissionLog
 from uav_collect.scenario.site import build_site
@@ -39,8 +40,10 @@ def draw_topology(study: TopologyStudy) -> Drawing:
     )  # fmt: skip
     figure.colorbar(dots, ax=axes, label='data [Mbit]')
     area = study.scenario.area
-    limits_m, ticks_m = (0.0, area.side_m), np.arange(area.cells_per_side + 1) * area.cell_size_m
-    axes.set(xlim=limits_m, ylim=limits_m, aspect='equal', xticks=ticks_m, yticks=ticks_m)
+    draw_closed(axes, area)
+    axes.set(xlim=(0.0, area.width_m), ylim=(0.0, area.height_m), aspect='equal')
+    axes.set_xticks(np.arange(area.n_columns + 1) * area.cell_size_m)
+    axes.set_yticks(np.arange(area.n_rows + 1) * area.cell_size_m)
     label_axes(axes, 'east [m]', 'north', 'm')
     axes.legend(
         loc='upper center', bbox_to_anchor=(0.5, -0.12), frameon=False, fontsize=8, ncols=2
