@@ -178,13 +178,23 @@ def test_a_policy_is_published_once_the_run_can_be_gone_on_with(
 def test_two_worlds_make_the_experience_of_one_trainer(
     processes: Processes, tmp_path: Path
 ) -> None:
+    # One fleet may have flown hundreds of missions when the other takes off.
     folder = tmp_path / 'run'
-    trainer = start_trainer(processes, folder, worlds='[a, b]')
+    trainer = start_trainer(
+        processes, folder, worlds='[a, b]', decisions=10**6, checkpoint_period_s=0.2
+    )
     for place, name in enumerate('ab'):
-        start_fleet(fleet_of(processes, tmp_path, name), seed=1000 * place)
+        start_fleet(fleet_of(processes, tmp_path, name), seed=place * 10**6)
+    wait_for_updates(folder, 1)
+    wait_until(lambda: worlds_learned_from(folder) == {0, 1}, TRAINED_S)
+    trainer.send(signal.SIGINT)
     assert trainer.wait_for_exit(TRAINED_S) == 0
+
+
+def worlds_learned_from(folder: Path) -> set[int]:
+    """The worlds, a million seeds each, whose missions a training has saved."""
     episodes, _ = replayed(folder)
-    assert {one.mission_seed // 1000 for one in episodes} == {0, 1}
+    return {one.mission_seed // 10**6 for one in episodes}
 
 
 def test_what_agents_encode_otherwise_is_refused_and_named(
