@@ -71,6 +71,15 @@ def long_kernel(function: _Kernel) -> _Kernel:
     return _compiled(function, counts=False, nogil=True)
 
 
+def float_kernel(function: _Kernel) -> _Kernel:
+    """Mark a kernel over float32 tables that has no interpreted double, and may take milliseconds.
+
+    A product and the sum it goes into are rounded once: what these compute is not compared to the
+    bit with anything but themselves.
+    """
+    return _compiled(function, counts=False, nogil=True, fastmath={'contract'})
+
+
 def allocating_kernel(function: _Kernel) -> _Kernel:
     """Mark a kernel that makes lists, or that is handed some."""
     return _compiled(function, counts=True)
@@ -172,10 +181,10 @@ def _is_cached(kernel: Callable[..., object]) -> bool:
     return any(cache_folder().rglob(name))
 
 
-def _compiled(function: _Kernel, *, counts: bool, nogil: bool = False) -> _Kernel:
+def _compiled(function: _Kernel, *, counts: bool, **more: Any) -> _Kernel:  # noqa: ANN401
     if not kernels_are_compiled():
         return function
-    options = {'cache': True, '_nrt': counts, 'nogil': nogil, **_OPTIONS}
+    options = {'cache': True, '_nrt': counts, **more, **_OPTIONS}
     compiled: Any = _numba().njit(**options)(function)
     _keep_if_possible(compiled._cache)
     compiled.compile = turn.kept()(compiled.compile)

@@ -13,6 +13,7 @@ from uav_collect.kernels.stops import watchdog
 from uav_collect.learning.checkpoint import read_checkpoint, STATE_FILE, write_checkpoint
 from uav_collect.learning.learner import Learner
 from uav_collect.learning.minibatch import Algorithm
+from uav_collect.learning.recurrence import compile_steps
 from uav_collect.learning.saved import SavedPart
 from uav_collect.learning.task import EpisodeSource, make_tasks
 from uav_collect.revision import git_revision
@@ -94,7 +95,8 @@ class Trainer:
         return sum(task.replay.n_bytes for task in self._tasks)
 
     def warm_up(self) -> None:
-        """Let the kernels of validation be compiled, which takes a minute once."""
+        """Let the kernels of validation and updates be compiled, which takes a minute once."""
+        compile_steps()
         policy = LearnedPolicy('new', self._freeze(None))
         for task in self._tasks:
             task.validate(policy, [VALIDATION_SEED])
