@@ -21,6 +21,7 @@ MAX_DATA_MBIT = 10_000.0
 MAX_UAVS = 64  # the UAVs that one has heard travel as bits of a 64-bit word
 MAX_CELLS_PER_SIDE = 64  # rows, and columns
 EGOCENTRIC_MAX_UAVS = 6  # UAVs that the egocentric observation tells apart
+RELATIVE_MAX_UAVS = 16  # UAVs of a fleet that the relative observation is for
 MAX_SEED = 2**62  # mission seeds count up from here and stay inside 63 bits
 MAX_DECISIONS = 10**12  # of a training
 MAX_LAYER_SIZE = 4096  # of a network that learns

@@ -12,7 +12,7 @@ from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.uav.action_codes import NONE
 from uav_collect.uav.policy_file import policy_bytes
-from uav_collect.uav.policy_network import best_actions, flown_version, FrozenPolicy
+from uav_collect.uav.policy_network import flown_version, FrozenPolicy
 
 HOVER_SHARE = 0.6
 
@@ -34,7 +34,8 @@ def explored_logs(
     while len(waiting := np.flatnonzero(decisions.uav != NONE)):
         rows = waiting * n_uavs + decisions.uav[waiting]
         values, hidden[rows] = frozen.step(decisions.observation[waiting], hidden[rows])
-        chosen[waiting] = best_actions(values, decisions.legal[waiting])
+        of = decisions.legal[waiting], decisions.frame[waiting], decisions.advice[waiting]
+        chosen[waiting] = frozen.actions(values, *of)
         explored = env.explore(epsilon, HOVER_SHARE)
         decisions = env.step(np.where(explored == NONE, chosen, explored))
     name = flown_version(frozen.header.version, epsilon)

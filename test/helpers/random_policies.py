@@ -1,10 +1,14 @@
 """Learned policies for tests: random weights, which fly far and wide but always the same way."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from uav_collect.kernels.arrays import Row
+from uav_collect.uav.belief import Belief
+from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.observation import Layout, observation_size
+from uav_collect.uav.policy import Policy
 from uav_collect.uav.policy_file import load_policy, save_policy, WEIGHTS_FORMAT
 from uav_collect.uav.policy_network import (
     FrozenPolicy,
@@ -14,6 +18,7 @@ from uav_collect.uav.policy_network import (
     Weights,
 )
 from uav_collect.uav.tensor_file import read_head, tensor_file
+from uav_collect.uav.view import LocalView
 
 VALIDATION = Validation(
     efficiency_kbit_per_j=1.25,
@@ -25,6 +30,27 @@ VALIDATION = Validation(
     missions=100,
     bandwidth='equal',
 )
+
+
+@dataclass
+class Behind:
+    """A policy behind the protocol alone, so that it is flown agent by agent."""
+
+    policy: Policy
+
+    @property
+    def name(self) -> str:
+        return self.policy.name
+
+    @property
+    def version(self) -> str:
+        return self.policy.version
+
+    def begin(self, briefing: Briefing, uav: int) -> None:
+        self.policy.begin(briefing, uav)
+
+    def choose(self, belief: Belief, view: LocalView, legal: Row[int]) -> int:
+        return self.policy.choose(belief, view, legal)
 
 
 def header(

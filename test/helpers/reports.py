@@ -23,7 +23,7 @@ from uav_collect.ingest.reports import (
     report_spec,
     TransitionReport,
 )
-from uav_collect.kernels.arrays import new_row, Row
+from uav_collect.kernels.arrays import Row
 from uav_collect.missions.experience import Episode
 from uav_collect.missions.simulation import Event, FAULT_DECISION, Simulation
 from uav_collect.missions.vector_env import VectorEnv, VectorEnvConfig
@@ -36,8 +36,8 @@ from uav_collect.uav.belief import Belief
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.exploration import explore
 from uav_collect.uav.learned_on import learned_on
-from uav_collect.uav.observation import encode, Layout, observation_size
-from uav_collect.uav.policy_network import best_actions, FrozenPolicy, LearnedPolicy
+from uav_collect.uav.observation import Layout, observation_size, Observer
+from uav_collect.uav.policy_network import FrozenPolicy, LearnedPolicy
 from uav_collect.uav.view import LocalView
 from uav_collect.world.reward import Reward
 
@@ -95,7 +95,8 @@ class MissionSetup:
             rows = flying * n_uavs + decisions.uav[flying]
             values, hidden[rows] = policy.step(decisions.observation[flying], hidden[rows])
             chosen = np.zeros(len(seeds), dtype=np.int64)
-            chosen[flying] = best_actions(values, decisions.legal[flying])
+            of = decisions.legal[flying], decisions.frame[flying], decisions.advice[flying]
+            chosen[flying] = policy.actions(values, *of)
             explored = env.explore(self.epsilon, self.hover_share)
             decisions = env.step(np.where(explored == NONE, chosen, explored))
             is_over = (decisions.uav == NONE) | (env.n_recorded > self.max_decisions)
@@ -120,9 +121,10 @@ class _Explorer(LearnedPolicy):
 
     def choose(self, belief: Belief, view: LocalView, legal: Row[int]) -> int:
         chosen = super().choose(belief, view, legal)
-        explored = explore(
-            self.mission_seed, self.uav, self.decision, self.epsilon, self.hover_share, legal
-        )
+        if chosen == HOME:
+            return HOME
+        key = self.mission_seed, self.uav, self.decision
+        explored = explore(*key, self.epsilon, self.hover_share, 0.0, NONE, legal)
         self.decision += 1
         return chosen if explored == NONE else explored
 
@@ -182,9 +184,8 @@ class ReportingFlight:
     def _transition(self, event: Event, action: int) -> TransitionReport:
         agent, briefing, view = self._agents[event.uav], self._briefing, event.view
         layout, belief = self._setup.layout, agent.belief
-        size = observation_size(layout, len(briefing.is_open), briefing.n_uavs)
-        encoded = new_row(size, 0.0)
-        encode(layout, briefing, event.uav, belief, view, encoded)
+        observer = Observer(layout, briefing, event.uav)
+        encoded = observer.observe(belief, view, agent.legal)
         return TransitionReport(
             mission_id=self._id,
             event=event.index,

@@ -9,6 +9,7 @@ from random_policies import header, random_policy
 from uav_collect.kernels.arrays import row_of
 from uav_collect.lockstep.published_policy import PolicyStore, TopicPolicy
 from uav_collect.scenario.load import load
+from uav_collect.uav.action_codes import NONE
 from uav_collect.uav.briefing import brief, Briefing
 from uav_collect.uav.exploration import explore
 from uav_collect.uav.policy_network import ExploringPolicy, LearnedPolicy
@@ -152,6 +153,6 @@ def test_exploration_follows_the_mission_seed_the_uav_and_its_decisions(
     for _ in range(2):
         policy.begin(briefing, 1)
         chosen = [policy.choose(None, None, legal) for _ in range(50)]  # type: ignore[arg-type]
-        random = [explore(5, 1, it, 0.5, HOVER_SHARE, legal) for it in range(50)]
+        random = [explore(5, 1, it, 0.5, HOVER_SHARE, 0.0, NONE, legal) for it in range(50)]
         assert chosen == [4 if action < 0 else action for action in random]
     assert len(set(chosen)) > 2

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from tiny_world import tiny, TOTAL_BIT, uav
 from uav_collect.errors import AllocationError, ConfigError
-from uav_collect.kernels.arrays import Floats, Ints, new_row, Row
+from uav_collect.kernels.arrays import Floats, Ints, Row
 from uav_collect.missions.rollout import fly
 from uav_collect.missions.vector_env import AwaitedDecisions, VectorEnv, VectorEnvConfig
 from uav_collect.recording.mission_log import MissionLog
@@ -20,7 +20,7 @@ from uav_collect.scenario.site import build_site
 from uav_collect.uav.action_codes import BACKWARD, FORWARD, HOME, HOVER, N_ACTIONS, NONE, RIGHT
 from uav_collect.uav.belief import Belief
 from uav_collect.uav.briefing import Briefing
-from uav_collect.uav.observation import encode, Layout, observation_size
+from uav_collect.uav.observation import Layout, observation_size, Observer
 from uav_collect.uav.policy import Policy, policy_named
 from uav_collect.uav.view import LocalView
 
@@ -69,11 +69,9 @@ class Noted:
         self.briefing, self.uav = briefing, uav
 
     def choose(self, belief: Belief, view: LocalView, legal: Row[int]) -> int:
-        briefing = self.briefing
-        size = observation_size(Layout.EGOCENTRIC, len(briefing.is_open), briefing.n_uavs)
-        out = new_row(size, 0.0)
-        encode(Layout.EGOCENTRIC, briefing, self.uav, belief, view, out)
-        self.notes.append((np.array(out), [mark == 1 for mark in legal]))
+        observer = Observer(Layout.EGOCENTRIC, self.briefing, self.uav)
+        observed = np.array(observer.observe(belief, view, legal))
+        self.notes.append((observed, [mark == 1 for mark in legal]))
         return self.rule.choose(belief, view, legal)
 
 

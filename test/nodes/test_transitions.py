@@ -7,10 +7,9 @@ from fleets import Fleet, listener, Pilots, scenario_of
 import numpy as np
 from processes import Processes
 import pytest
-from uav_collect.kernels.arrays import new_row
 from uav_collect.scenario.load import fingerprint
 from uav_collect.scenario.model import Scenario
-from uav_collect.uav.observation import encode, Layout, observation_size
+from uav_collect.uav.observation import Layout, Observer
 
 pytest.importorskip('rclpy')
 pytest.importorskip('uav_collect_msgs')
@@ -31,8 +30,7 @@ def in_process(scenario: Scenario) -> list[list[tuple[Any, ...]]]:
     while (event := pilots.simulation.next_event()) is not None:
         decision = pilots.decide(event)
         agent, layout = pilots.agents[event.uav], LAYOUTS[event.uav]
-        out = new_row(observation_size(layout, len(briefing.is_open), briefing.n_uavs), 0.0)
-        encode(layout, briefing, event.uav, agent.belief, event.view, out)
+        out = Observer(layout, briefing, event.uav).observe(agent.belief, event.view, agent.legal)
         encoded = np.asarray(out, dtype=np.float32).tolist()
         legal = [bool(flag) for flag in agent.legal]
         taken[event.uav].append((event.index, event.decision, encoded, legal, decision.action))

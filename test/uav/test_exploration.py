@@ -17,7 +17,10 @@ N_DRAWS = 4000
 def drawn(epsilon: float, hover_share: float, legal: tuple[int, ...], seed: int = 0) -> list[int]:
     """The actions of many decisions of one UAV."""
     row = row_of(legal)
-    return [explore(seed, 1, decision, epsilon, hover_share, row) for decision in range(N_DRAWS)]
+    return [
+        explore(seed, 1, decision, epsilon, hover_share, 0.0, NONE, row)
+        for decision in range(N_DRAWS)
+    ]
 
 
 def share(actions: list[int], action: int) -> float:
@@ -72,7 +75,7 @@ def test_other_missions_uavs_and_decisions_explore_otherwise() -> None:
     legal = row_of((1, 1, 1, 1, 1))
     keys = [(seed, uav_index) for seed in (0, 1, 2**61) for uav_index in range(3)]
     lists = {
-        tuple(explore(seed, uav_index, it, 1.0, -1.0, legal) for it in range(40))
+        tuple(explore(seed, uav_index, it, 1.0, -1.0, 0.0, NONE, legal) for it in range(40))
         for seed, uav_index in keys
     }
     assert len(lists) == len(keys)

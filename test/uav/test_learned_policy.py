@@ -1,7 +1,6 @@
 """Learned policies in flight: alone, in batches, and as users name them."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 import hashlib
 from itertools import pairwise, product
@@ -9,11 +8,11 @@ from pathlib import Path
 
 from interpreted import interpreted
 import pytest
-from random_policies import header, random_policy, saved
+from random_policies import Behind, header, random_policy, saved
 from tiny_world import tiny
 from uav_collect.analysis.metrics import check_log, mission_metrics
 from uav_collect.errors import in_one_line, PolicyMismatchError
-from uav_collect.kernels.arrays import Row, row_of
+from uav_collect.kernels.arrays import row_of
 from uav_collect.missions.rollout import fly
 from uav_collect.missions.simulation import Simulation
 from uav_collect.scenario.load import load
@@ -21,37 +20,15 @@ from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.uav import policy as policy_module
 from uav_collect.uav.agent import Agent, allocator_named
-from uav_collect.uav.belief import Belief, belief_of, new_beliefs
-from uav_collect.uav.briefing import brief, Briefing
+from uav_collect.uav.belief import belief_of, new_beliefs
+from uav_collect.uav.briefing import brief
 from uav_collect.uav.observation import Layout
 from uav_collect.uav.policy import frozen_policy, Policy, policy_for, policy_named, STRONG
 from uav_collect.uav.policy_file import load_policy
 from uav_collect.uav.policy_network import FrozenPolicy, LearnedPolicy
-from uav_collect.uav.view import LocalView
 
 SPEEDS_MPS = (5.0, 10.0, 7.5)
 SEEDS = [3, 1, 4, 3]
-
-
-@dataclass
-class Behind:
-    """A policy behind the protocol alone, so that it is flown agent by agent."""
-
-    policy: Policy
-
-    @property
-    def name(self) -> str:
-        return self.policy.name
-
-    @property
-    def version(self) -> str:
-        return self.policy.version
-
-    def begin(self, briefing: Briefing, uav: int) -> None:
-        self.policy.begin(briefing, uav)
-
-    def choose(self, belief: Belief, view: LocalView, legal: Row[int]) -> int:
-        return self.policy.choose(belief, view, legal)
 
 
 def scenario_of(n_uavs: int, **overrides: object) -> Scenario:

@@ -10,7 +10,7 @@ from uav_collect.uav.action_codes import FORWARD, HOVER, N_ACTIONS, RIGHT
 from uav_collect.uav.agent import reason_to_go_home
 from uav_collect.uav.belief import Belief, belief_of, hear, merge, new_beliefs
 from uav_collect.uav.briefing import brief
-from uav_collect.uav.observation import encode, Layout, observation_bound, observation_size
+from uav_collect.uav.observation import Layout, observation_bound, observation_size, Observer
 from uav_collect.uav.view import LocalView
 
 # Parts of the egocentric layout.
@@ -28,10 +28,11 @@ EGOCENTRIC_SIZE = PEERS + N_PEERS * PER_PEER + N_ACTIONS + 6
 def encoded(
     layout: Layout, scenario: Scenario, unit: int, belief: Belief, view: LocalView
 ) -> Floats:
-    size = observation_size(layout, scenario.n_cells, scenario.n_uavs)
-    out = new_row(size, math.nan)
-    encode(int(layout), brief(scenario), unit, belief, view, out)
-    numbers = np.array(out)
+    observer = Observer(layout, brief(scenario), unit)
+    for place in range(len(observer.observation)):
+        observer.observation[place] = math.nan
+    legal = row_of([1, 1, 1, 1, 1])
+    numbers = np.array(observer.observe(belief, view, legal))
     assert not np.isnan(numbers).any()  # everything is written
     return numbers
 
@@ -46,7 +47,7 @@ def observation(layout: Layout, scenario: Scenario, *actions: int) -> Floats:
 
 
 def test_a_layout_is_named_with_its_version() -> None:
-    assert [layout.label for layout in Layout] == ['paper/1', 'egocentric/2']
+    assert [layout.label for layout in Layout] == ['paper/1', 'egocentric/2', 'egocentric/3']
 
 
 @pytest.mark.parametrize(

@@ -119,7 +119,7 @@ class EpisodeBuilder:
         none = np.zeros(0, dtype=np.int64)
         nothing = np.zeros((0, size), dtype=np.float32)
         demand_bit = np.zeros((1, n_cells))
-        observations(int(self._layout), self._briefing, records, demand_bit, none, none, nothing)
+        observations(self._layout, self._briefing, records, demand_bit, none, none, nothing)
         never, known = np.zeros(0), np.zeros((0, n_cells), dtype=np.uint8)
         events = _Events(none, none, never, never, never, never, never, never, known)
         self._write_rewards(events, records, is_whole=False)
@@ -188,7 +188,7 @@ class EpisodeBuilder:
         rebuilt = np.empty(sent.shape, dtype=np.float32)
         rows = np.arange(len(decisions))
         observations(
-            int(self._layout),
+            self._layout,
             self._briefing,
             records,
             demand_bit[None],

@@ -20,6 +20,7 @@ from uav_collect.training.config import TrainingConfig
 from uav_collect.training.progress import RecentMissions
 from uav_collect.training.seeds import first_training_seed
 from uav_collect.uav.action_codes import NONE
+from uav_collect.uav.frames import COMPASS_ACTIONS
 
 
 class Collector:
@@ -117,13 +118,20 @@ class Collector:
     def _choose_actions(self, agent: Drqn, waiting: AwaitedDecisions, epsilon: float) -> Ints:
         uav = torch.from_numpy(waiting.uav).to(self._device)
         observation = torch.from_numpy(waiting.observation).to(self._device, torch.float32)
-        illegal = torch.from_numpy(~waiting.legal).to(self._device)
+        turned, bonus = COMPASS_ACTIONS[waiting.frame], self._config.advice_bonus
+        is_legal = np.take_along_axis(waiting.legal, turned, axis=1)
+        illegal = torch.from_numpy(~is_legal).to(self._device)
+        is_advised = torch.from_numpy(turned == waiting.advice[:, None]).to(self._device)
         with torch.no_grad():
             values, hidden = agent.step(observation, self._hidden[self._worlds, uav])
             self._hidden[self._worlds, uav] = hidden
+            if bonus > 0.0:
+                values = values + bonus * is_advised
             best = values.masked_fill_(illegal, -torch.inf).argmax(dim=1).cpu().numpy()
-        explored = self._env.explore(epsilon, self._config.exploration.hover_share)
-        return np.where(explored == NONE, best, explored)
+        exploration = self._config.exploration
+        explored = self._env.explore(epsilon, exploration.hover_share, self._config.advice_share)
+        chosen = turned[np.arange(len(best)), best]
+        return np.where(explored == NONE, chosen, explored)
 
     def _restart(self, world: int) -> Episode:
         episode = self._env.episode(world)

@@ -64,6 +64,7 @@ class _Tensors:
     step_sizes: list[int]
     observation: Tensor
     legal: Tensor
+    advice: Tensor
     row: Tensor
     action: Tensor
     latest: Tensor
@@ -203,6 +204,8 @@ class Learner:
         config = self._config.target
         values = self._values(self.target, tensors)
         selector = online if config.double_q else values
+        if self._config.advice_bonus > 0.0:  # it is chosen by in flight, too
+            selector = selector + self._config.advice_bonus * tensors.advice
         best = selector.masked_fill(~tensors.legal, -torch.inf).argmax(dim=1)
         best_value = values.gather(1, best[:, None]).squeeze(1)[tensors.row]
         deciding = best_value[tensors.latest.clamp(min=0)]
@@ -255,7 +258,7 @@ class Learner:
         fleet = self._tensor(minibatch.fleet)
         mixer = self.networks.mixer(task)
         as_they_are = (
-            *('observation', 'legal', 'row', 'action', 'latest', 'decides'),
+            *('observation', 'legal', 'advice', 'row', 'action', 'latest', 'decides'),
             *('entry', 'next_entry', 'is_chained'),
         )
         return _Tensors(

@@ -21,7 +21,8 @@ from uav_collect.kernels.compile import kernel
 from uav_collect.missions.experience import Episode, N_UAV_SCALARS, observations, Records
 from uav_collect.uav.action_codes import N_ACTIONS
 from uav_collect.uav.briefing import Briefing
-from uav_collect.uav.observation import Layout, observation_size
+from uav_collect.uav.frames import COMPASS_ACTIONS, FRAME_ACTIONS
+from uav_collect.uav.observation import advice_shown, frames, Layout, observation_size
 
 NO_DECISION = -1  # no decision
 
@@ -40,7 +41,8 @@ class Minibatch:
 
     observation: NDArray[np.float32]  # (R, observation_size), packed
     step_sizes: list[int]  # rows of each step
-    legal: Bools  # (R, N_ACTIONS), packed
+    legal: Bools  # (R, N_ACTIONS), packed; actions are those in the frames of the UAVs
+    advice: NDArray[np.float32]  # (R, N_ACTIONS), packed, one-hot; zeros where there is none
     row: Ints  # (E,) packed row of each decision
     action: Ints  # (E,)
     latest: Ints  # (E, U) the latest decision of each UAV, or NO_DECISION
@@ -83,15 +85,18 @@ def make_minibatch(
     size = observation_size(layout, len(briefing.is_open), briefing.n_uavs)
     observation = np.empty((len(row), size), dtype=np.float32)
     demand_bit = np.stack([episode.demand_bit for episode in episodes])
-    observations(int(layout), briefing, records, demand_bit, mission, row, observation)
+    observations(layout, briefing, records, demand_bit, mission, row, observation)
+    frame = frames(layout, briefing)[records.uav]
+    is_legal = _bits(records.legal)[:, :N_ACTIONS] == 1
     legal = np.empty((len(row), N_ACTIONS), dtype=bool)
-    legal[row] = _bits(records.legal)[:, :N_ACTIONS] == 1
+    legal[row] = np.take_along_axis(is_legal, COMPASS_ACTIONS[frame], axis=1)
     return Minibatch(
         observation=observation,
         step_sizes=step_sizes,
         legal=legal,
+        advice=advice_shown(layout, observation),
         row=row,
-        action=np.maximum(records.action, 0).astype(np.int64),
+        action=FRAME_ACTIONS[frame, np.maximum(records.action, 0)],
         latest=latest,
         decides=decides,
         fleet=records.fleet,

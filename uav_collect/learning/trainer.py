@@ -339,6 +339,7 @@ class Trainer:
             git_revision=git_revision(),
             validation=_header_validation(validation, config.validation.missions * len(areas)),
             learned_on=tuple(map(learned_on, self.scenarios)),
+            advice_bonus=config.advice_bonus,
         )
 
     def _progress(

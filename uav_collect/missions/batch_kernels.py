@@ -67,6 +67,7 @@ class Settings(NamedTuple):
     rule: int  # who decides; NONE: somebody outside is asked
     allocator: int
     layout: int = NONE  # of the observations that whoever is asked gets
+    adviser: int = NONE  # a rule whose advice whoever is asked gets, and which flies UAVs home
     reward: int = NONE
     is_synchronous: int = 0  # UAVs wait for each other and decide at the same instants
     is_logged: int = 0
@@ -82,6 +83,7 @@ class Waiting(NamedTuple):
     duration_s: Row[float]  # (W,) since the decision before
     reward: Row[float]  # (W,) the same
     legal: Row[Row[int]]  # (W, N_ACTIONS)
+    advice: Row[int]  # (W,) what the adviser would do, by the compass; NONE without one
     observation: Row[Row[float]]  # (W, observation_size)
     heard: Row[int]  # (W,) UAVs that the deciding one heard, as bits
     n_records: Row[int]  # (W,)
@@ -100,7 +102,7 @@ class Batch(NamedTuple):
     faults: Faults
     may_fail: int  # 1: there are some, or some have been injected
     beliefs: Beliefs  # by mission, then UAV: (W * U, ...)
-    shares: Shares  # what the rule that decides knows of the fleet's ways
+    shares: Shares  # what the rule that decides or advises knows of the fleet's ways
     moves: Moves  # scratch to find ways
     memory: Row[Row[int]]  # of the rules, the same
     watch: Row[Row[int]]  # of the guards, the same
@@ -149,7 +151,8 @@ def fly_on(batch: Batch, world: int) -> None:
     """Fly a mission on; each round of the loop is a UAV whose action ends, and what it does then.
 
     It hears the others, looks and is heard, shares its bandwidth, must go home or chooses, and
-    starts its next action. What all UAVs earned since the event before is added up first.
+    starts its next action. Where an adviser would fly home nobody else is asked. What all UAVs
+    earned since the event before is added up first.
     """
     settings, briefing, mission = batch.settings, batch.briefing, mission_of(batch.missions, world)
     batch.waiting.uav[world] = IN_FLIGHT
@@ -179,13 +182,15 @@ def fly_on(batch: Batch, world: int) -> None:
         hover_s = allocate(settings.allocator, briefing, view, batch.workspace)
         legal, action = batch.workspace.legal, HOME
         reason = reason_to_go_home(briefing, uav, belief.n_complete[0], view, hover_s, legal)
-        if reason == NONE and settings.rule == NONE:
-            _ask(batch, world, uav, view, heard)
-            return
         if reason == NONE:
-            reason = BY_POLICY
-            ways, memory = (batch.shares, batch.moves), batch.memory[place]
-            action = choose(settings.rule, briefing, *ways, uav, belief, view, legal, memory)
+            reason, action = BY_POLICY, NONE
+            rule = settings.adviser if settings.rule == NONE else settings.rule
+            if rule != NONE:
+                ways, memory = (batch.shares, batch.moves), batch.memory[place]
+                action = choose(rule, briefing, *ways, uav, belief, view, legal, memory)
+            if settings.rule == NONE and action != HOME:
+                _ask(batch, world, uav, view, heard, action)
+                return
         carry_out(batch, world, uav, view, action, reason, heard)
 
 
@@ -291,18 +296,19 @@ def end_interval(batch: Batch, world: int, stop_s: float) -> None:
 
 
 @kernel
-def _ask(batch: Batch, world: int, uav: int, view: LocalView, heard: int) -> None:
+def _ask(batch: Batch, world: int, uav: int, view: LocalView, heard: int, advice: int) -> None:
     """Let a mission wait for a UAV's decision, and record what it is decided on."""
     waiting, settings, briefing = batch.waiting, batch.settings, batch.briefing
     _settle(batch, world)
     waiting.uav[world] = uav
     waiting.heard[world] = heard
+    waiting.advice[world] = advice
     for action in range(N_ACTIONS):
         waiting.legal[world][action] = batch.workspace.legal[action]
     first = world * briefing.n_uavs
     if settings.layout != NONE:
-        belief = belief_of(batch.beliefs, first + uav)
-        encode(settings.layout, briefing, uav, belief, view, waiting.observation[world])
+        belief, out = belief_of(batch.beliefs, first + uav), waiting.observation[world]
+        encode(settings.layout, briefing, batch.shares, uav, belief, view, advice, out)
     if waiting.n_records[world] < settings.n_rows:
         row = world * settings.n_rows + waiting.n_records[world]
         mission, legal = mission_of(batch.missions, world), batch.workspace.legal

@@ -17,7 +17,10 @@ from uav_collect.uav import actions
 from uav_collect.uav.action_codes import N_ACTIONS, NONE
 from uav_collect.uav.belief import Belief, belief_of, Beliefs, new_beliefs
 from uav_collect.uav.briefing import Briefing
-from uav_collect.uav.observation import encode
+from uav_collect.uav.heuristics import choose, MEMORY_SIZE, shares_for
+from uav_collect.uav.moves import Moves, new_moves
+from uav_collect.uav.observation import encode, Layout
+from uav_collect.uav.sharing import Shares
 from uav_collect.uav.view import LocalView, VIEW_CELLS
 from uav_collect.world.dynamics import ACTIVE, Mission, place_at
 
@@ -177,10 +180,14 @@ class _Rebuilt(NamedTuple):
     region_bit: Row[float]
     no_sensor: Row[int]
     observation: Row[float]  # encoded in full precision, then rounded, as it was in flight
+    legal: Row[int]
+    shares: Shares  # of the layout's adviser
+    moves: Moves  # scratch of the same
+    memory: Row[int]  # the same; it has none
 
 
 def observations(
-    layout: int,
+    layout: Layout,
     briefing: Briefing,
     records: Records,
     demand_bit: Floats,
@@ -196,18 +203,24 @@ def observations(
         order: the row of `out` that each record goes to, shape (N,).
         out: written, shape (N, observation_size).
     """
+    adviser = layout.adviser
     rebuilt = _Rebuilt(
         beliefs=new_beliefs(briefing, 1),
         region_bit=new_row(VIEW_CELLS, 0.0),
         no_sensor=new_row(1, 0),
         observation=new_row(out.shape[1], 0.0),
+        legal=new_row(N_ACTIONS, 0),
+        shares=shares_for(adviser, briefing),
+        moves=new_moves(briefing),
+        memory=new_row(MEMORY_SIZE, 0),
     )
-    _rebuild(layout, briefing, records, demand_bit, mission, order, rebuilt, out)
+    _rebuild(int(layout), adviser, briefing, records, demand_bit, mission, order, rebuilt, out)
 
 
 @kernel
 def _rebuild(
     layout: int,
+    adviser: int,
     briefing: Briefing,
     records: Records,
     demand_bit: Floats,
@@ -219,9 +232,10 @@ def _rebuild(
     belief = belief_of(rebuilt.beliefs, 0)
     n_columns = briefing.n_columns
     for row in range(len(records.uav)):
-        uav = records.uav[row]
+        # As they are, numbers of a byte would overflow where kernels are interpreted.
+        uav = int(records.uav[row])
         _rebuild_belief(briefing, records, row, demand_bit[mission[row]], belief)
-        cell = records.cell[row]
+        cell = int(records.cell[row])
         for index in range(VIEW_CELLS):
             near = actions.neighbour(briefing, cell, index // 3 - 1, index % 3 - 1)
             rebuilt.region_bit[index] = belief.seen_bit[near] if near >= 0 else math.nan
@@ -231,7 +245,7 @@ def _rebuild(
             (cell // n_columns + 0.5) * briefing.cell_size_m,
             cell,
             records.energy_left_j[row],
-            records.previous_action[row],
+            int(records.previous_action[row]),
             rebuilt.region_bit,
             0,
             rebuilt.no_sensor,
@@ -239,7 +253,13 @@ def _rebuild(
             rebuilt.region_bit,
             rebuilt.region_bit,
         )
-        encode(layout, briefing, uav, belief, view, rebuilt.observation)
+        for action in range(N_ACTIONS):
+            rebuilt.legal[action] = int(records.legal[row] >> action & 1)
+        shares, advice = rebuilt.shares, NONE
+        if adviser != NONE:
+            ways, legal = (shares, rebuilt.moves), rebuilt.legal
+            advice = choose(adviser, briefing, *ways, uav, belief, view, legal, rebuilt.memory)
+        encode(layout, briefing, shares, uav, belief, view, advice, rebuilt.observation)
         target = out[order[row]]
         for index in range(len(rebuilt.observation)):
             target[index] = rebuilt.observation[index]
@@ -250,11 +270,11 @@ def _rebuild_belief(
     briefing: Briefing, records: Records, row: int, demand_bit: Row[float], belief: Belief
 ) -> None:
     n_bytes = len(records.seen[row])
-    first = records.uav[row] * n_bytes
+    first = int(records.uav[row]) * n_bytes
     n_complete = 0
     for cell in range(len(belief.complete)):
         byte, place = cell // _BYTE, cell % _BYTE
-        known = records.complete[row][first + byte] >> place & 1
+        known = int(records.complete[row][first + byte] >> place & 1)
         belief.complete[cell] = known
         n_complete += known
         has_seen = records.seen[row][byte] >> place & 1

@@ -8,7 +8,7 @@ from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from uav_collect.errors import PolicyMismatchError
-from uav_collect.kernels.arrays import new_row, Row
+from uav_collect.kernels.arrays import Row
 from uav_collect.missions.event_log import fault_fields, mission_header
 from uav_collect.missions.simulation import Event, FAILSAFE_VERSION, fly_agents, Simulation
 from uav_collect.recording.mission_log import (
@@ -24,7 +24,7 @@ from uav_collect.uav.action_codes import HOVER
 from uav_collect.uav.agent import Agent, allocator_named
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.messages import Decision, packed_map, packed_maps, RadioMessage
-from uav_collect.uav.observation import encode, Layout, observation_size
+from uav_collect.uav.observation import Layout, Observer
 from uav_collect.uav.policy import Policy
 from uav_collect.uav.view import LocalView
 
@@ -195,10 +195,7 @@ class _WatchedAgent(Agent):
         allocator = allocator_named(by.allocator)
         super().__init__(briefing, uav, by.policy, allocator, guard_after=by.guard_after)
         self._exchange = _Exchange()
-        self._rows: dict[Layout, Row[float]] = {
-            layout: new_row(observation_size(layout, len(briefing.is_open), briefing.n_uavs), 0.0)
-            for layout in layouts
-        }
+        self._observers = {layout: Observer(layout, briefing, uav) for layout in layouts}
 
     def hear(self, message: RadioMessage) -> None:
         super().hear(message)
@@ -213,7 +210,7 @@ class _WatchedAgent(Agent):
     def decide(self, view: LocalView) -> Decision:
         decision = super().decide(view)
         self._exchange.commands.append(_command(decision))
-        if self._rows:
+        if self._observers:
             self._exchange.transitions.append(self._transition(view, decision))
         return decision
 
@@ -244,10 +241,10 @@ class _WatchedAgent(Agent):
 
     def _transition(self, view: LocalView, decision: Decision) -> dict[str, object]:
         belief = self.belief
-        encoded = {}
-        for layout, row in self._rows.items():
-            encode(int(layout), self._briefing, self._uav, belief, view, row)
-            encoded[layout.label] = [*row]
+        encoded = {
+            layout.label: [*observer.observe(belief, view, self.legal)]
+            for layout, observer in self._observers.items()
+        }
         seen = [int(bit > 0.0) for bit in belief.seen_bit]
         return {
             'time_s': view.time_s,

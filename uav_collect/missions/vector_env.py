@@ -33,9 +33,9 @@ from uav_collect.uav.belief import belief_of
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.exploration import explore
 from uav_collect.uav.heuristics import Heuristic
-from uav_collect.uav.observation import Layout
+from uav_collect.uav.observation import frames, Layout
 from uav_collect.uav.policy import Policy
-from uav_collect.uav.policy_network import best_actions, FrozenPolicy
+from uav_collect.uav.policy_network import FrozenPolicy
 from uav_collect.world.dynamics import look, mission_of
 from uav_collect.world.faults import fault_records
 from uav_collect.world.reward import Reward
@@ -69,7 +69,9 @@ class AwaitedDecisions:
     uav: Ints  # (W,) index of the UAV that decides; NONE (-1) where the mission is over
     time_s: Floats  # (W,)
     observation: Floats  # (W, observation_size)
-    legal: Bools  # (W, N_ACTIONS)
+    legal: Bools  # (W, N_ACTIONS) by the compass
+    frame: Ints  # (W,) of the UAV, in which its observation shows places and actions
+    advice: Ints  # (W,) what the layout's adviser would do, by the compass; NONE without one
     reward: Floats  # (W,) since the decision before, discounted to it
     duration_s: Floats  # (W,) since the decision before
 
@@ -101,6 +103,8 @@ class VectorEnv:
         capacity = _FIRST_CAPACITY if config.is_logged else 1
         self._batch = new_batch(site, mission_seeds, _settings(config), capacity)
         check_can_start(site.scenario, self._batch.briefing)
+        layout = Layout.EGOCENTRIC if config.layout is None else config.layout
+        self._frames = frames(layout, self._batch.briefing)
         self._fly(new_row(len(mission_seeds), NONE))
 
     @property
@@ -117,6 +121,8 @@ class VectorEnv:
             time_s=np.asarray(waiting.time_s),
             observation=np.asarray(waiting.observation),
             legal=np.asarray(waiting.legal) == 1,
+            frame=self._frames[np.asarray(waiting.uav, dtype=np.int64)],
+            advice=np.asarray(waiting.advice),
             reward=np.asarray(waiting.reward),
             duration_s=np.asarray(waiting.duration_s),
         )
@@ -161,7 +167,8 @@ class VectorEnv:
             if between_decisions is not None:
                 between_decisions()
             values, hidden[rows] = policy.step(decisions.observation[waiting], hidden[rows])
-            chosen[waiting] = best_actions(values, decisions.legal[waiting])
+            of = decisions.legal[waiting], decisions.frame[waiting], decisions.advice[waiting]
+            chosen[waiting] = policy.actions(values, *of)
             self._answer(chosen)
             decisions = self.decisions
 
@@ -192,10 +199,10 @@ class VectorEnv:
             self._fly(answers)
             batch = self._batch
 
-    def explore(self, epsilon: float, hover_share: float) -> Ints:
+    def explore(self, epsilon: float, hover_share: float, advice_share: float = 0.0) -> Ints:
         """Random actions where UAVs explore, NONE elsewhere, (W,); see `exploration.explore`."""
         actions = new_row(len(self._batch.waiting.uav), NONE)
-        _explore(self._batch, epsilon, hover_share, actions)
+        _explore(self._batch, epsilon, hover_share, advice_share, actions)
         return np.asarray(actions)
 
     def restart(self, world: int, mission_seed: int) -> None:
@@ -344,15 +351,18 @@ class VectorEnv:
 
 
 @kernel
-def _explore(batch: Batch, epsilon: float, hover_share: float, actions: Row[int]) -> None:
+def _explore(
+    batch: Batch, epsilon: float, hover_share: float, advice_share: float, actions: Row[int]
+) -> None:
     """Write the random action of each mission's decision; NONE stays where nobody explores."""
     for world in range(len(actions)):
         uav = batch.waiting.uav[world]
         if uav != NONE:
             mission = mission_of(batch.missions, world)
             seed, decision = mission.seed[0], mission.n_decisions[uav]
-            legal = batch.waiting.legal[world]
-            actions[world] = explore(seed, uav, decision, epsilon, hover_share, legal)
+            shares = epsilon, hover_share, advice_share
+            advice, legal = batch.waiting.advice[world], batch.waiting.legal[world]
+            actions[world] = explore(seed, uav, decision, *shares, advice, legal)
 
 
 def _settings(config: VectorEnvConfig) -> Settings:
@@ -365,6 +375,7 @@ def _settings(config: VectorEnvConfig) -> Settings:
         rule=NONE if config.rule is None else int(config.rule),
         allocator=codes[config.allocator],
         layout=NONE if config.layout is None else int(config.layout),
+        adviser=NONE if config.layout is None else Layout(config.layout).adviser,
         reward=NONE if config.reward is None else int(config.reward),
         is_synchronous=int(config.is_synchronous),
         is_logged=int(config.is_logged),

@@ -11,7 +11,9 @@ from typing import Annotated, Literal
 from uav_collect.config import layers, yaml_text
 from uav_collect.config.installed import shared_folders
 from uav_collect.config.rules import name, number, Section, truth, validated, whole
+from uav_collect.errors import ConfigError
 from uav_collect.limits import MAX_LAYER_SIZE
+from uav_collect.uav.action_codes import NONE
 from uav_collect.uav.observation import Layout
 from uav_collect.world.reward import Reward
 
@@ -31,6 +33,8 @@ class NetworkSettings(Section):
     """Size of the agent network."""
 
     hidden_size: _Size
+    # Added to the value of what the sweep advises, where observations show that; absent: 0.
+    advice_bonus: Annotated[float | None, number(0, 1e9)] = None
 
 
 class MixerSettings(Section):
@@ -49,6 +53,8 @@ class ExplorationSettings(Section):
     epsilon_last: _Share
     decay_share: _Share
     hover_share: Annotated[float, number(-1, 1)]
+    # A UAV that explores follows the advice with this probability; absent: 0.
+    advice_share: Annotated[float | None, number(0, 1)] = None
 
 
 class TargetSettings(Section):
@@ -97,7 +103,7 @@ class TrainingConfig(Section):
     """All settings of a training."""
 
     name: Annotated[str, name()]
-    observation: Literal['paper', 'egocentric']
+    observation: Literal['paper', 'egocentric', 'relative']
     reward: RewardSettings
     network: NetworkSettings
     mixer: MixerSettings
@@ -112,6 +118,16 @@ class TrainingConfig(Section):
     def layout(self) -> Layout:
         """Layout of the observations."""
         return Layout[self.observation.upper()]
+
+    @property
+    def advice_bonus(self) -> float:
+        """What is added to the value of what the layout's adviser would do."""
+        return self.network.advice_bonus or 0.0
+
+    @property
+    def advice_share(self) -> float:
+        """Probability that a UAV which explores does what the layout's adviser would."""
+        return self.exploration.advice_share or 0.0
 
     @property
     def reward_kind(self) -> Reward:
@@ -159,7 +175,24 @@ def load_preset(
     """
     folders = shared_folders('training')
     document = layers.load(name_or_path, folders, field='preset', overrides=overrides)
-    return validated(TrainingConfig, document)
+    config = validated(TrainingConfig, document)
+    if config.layout.adviser == NONE:
+        _refuse_advice(config, document)
+    return config
+
+
+def _refuse_advice(config: TrainingConfig, document: layers.Document) -> None:
+    """Refuse settings of an advice that observations do not show."""
+    values = {
+        ('network', 'advice_bonus'): config.advice_bonus,
+        ('exploration', 'advice_share'): config.advice_share,
+    }
+    what = f'must be 0 where observation is {config.observation}, which shows no advice'
+    problems = [
+        document.problem(keys, f'is {value:g}: {what}') for keys, value in values.items() if value
+    ]
+    if problems:
+        raise ConfigError(*problems)
 
 
 def preset_names() -> tuple[str, ...]:

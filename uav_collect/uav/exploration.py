@@ -19,6 +19,8 @@ def explore(
     decision: int,
     epsilon: float,
     hover_share: float,
+    advice_share: float,
+    advice: int,
     legal: Row[int],
 ) -> int:
     """The random action of a decision, or NONE where the UAV does not explore.
@@ -27,11 +29,15 @@ def explore(
         epsilon: probability to explore.
         hover_share: probability that a UAV which explores hovers where it can; otherwise, and
             where it is negative always, all legal actions are alike.
+        advice_share: probability that a UAV which explores takes the advice instead.
+        advice: a legal action; NONE: there is none.
         legal: at least one, shape (N_ACTIONS,).
     """
-    whether, hover, which, _ = draw_words(mission_seed, EXPLORATION, uav, decision, 0)
+    whether, hover, which, advised = draw_words(mission_seed, EXPLORATION, uav, decision, 0)
     if whether >= epsilon * _WORDS:
         return NONE
+    if advice != NONE and advised < advice_share * _WORDS:
+        return advice
     if legal[HOVER] == 1 and hover < hover_share * _WORDS:
         return HOVER
     n_legal = 0

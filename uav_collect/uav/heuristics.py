@@ -105,6 +105,8 @@ def choose(
 ) -> int:
     """The action that a rule takes; HOME ends the UAV's mission.
 
+    The sweep has no memory: what it does follows from what the UAV knows now.
+
     Args:
         shares: what `shares_for` gives.
         moves: scratch.
@@ -122,6 +124,18 @@ def choose(
     if target < 0:
         return HOME if target == _LAND else HOVER
     return step(briefing, view.cell, target, legal, moves)
+
+
+@kernel
+def place_in_piece(shares: Shares, uav: int, cell: int) -> int:
+    """Places of the tour between where a UAV begins and a cell, in the UAV's direction."""
+    return shares.direction[uav] * (shares.place[cell] - shares.anchor[uav]) % shares.n_places
+
+
+@kernel
+def is_own_place(shares: Shares, uav: int, cell: int) -> bool:
+    """Whether a cell that needs a visit lies in a UAV's own piece of the tour."""
+    return place_in_piece(shares, uav, cell) < shares.n_own[uav]
 
 
 @kernel
@@ -189,8 +203,8 @@ def _next_of_sweep(
     target = _next_cell(briefing, shares, moves, uav, belief, view)
     if legal[HOVER] == 1:
         # On its way to a far piece it leaves to others what is theirs.
-        is_own = _offset(shares, uav, view.cell) < shares.n_own[uav]
-        if is_own or target < 0 or _offset(shares, uav, target) >= shares.n_own[uav]:
+        is_own = is_own_place(shares, uav, view.cell)
+        if is_own or target < 0 or not is_own_place(shares, uav, target):
             return _STAY
     if target < 0 and briefing.contact_range_m <= 0.0:
         return _LAND
@@ -228,7 +242,7 @@ def _next_cell(
             if belief.seen_bit[cell] <= 0.0:
                 # It is seen from the cells around it, and may hold nothing.
                 way += _UNSEEN_CELLS - (row != own_row) - (columns > 0)
-            offset = _offset(shares, uav, cell)
+            offset = place_in_piece(shares, uav, cell)
             is_far = offset >= shares.n_own[uav]
             rank = way + offset + (_OTHERS if is_far else 0)
             if nearest >= 0 and rank >= least:
@@ -249,12 +263,6 @@ def _reach(briefing: Briefing, shares: Shares, uav: int, belief: Belief, view: L
         return math.inf
     left_s = shares.planned_s - view.time_s
     return left_s * briefing.speed_mps[uav] / briefing.cell_size_m
-
-
-@kernel
-def _offset(shares: Shares, uav: int, cell: int) -> int:
-    """Places of the tour between where a UAV begins and a cell, in the UAV's direction."""
-    return shares.direction[uav] * (shares.place[cell] - shares.anchor[uav]) % shares.n_places
 
 
 @kernel

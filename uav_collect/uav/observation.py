@@ -1,4 +1,4 @@
-"""What a learned policy sees: the belief and the local view as one vector, in one of two layouts.
+"""What a learned policy sees: belief and local view as one vector, in one of three layouts.
 
 A layout's name carries its version: a frozen policy refuses any other.
 - `paper/1`: remaining energy, position, completion map, demand of the 3 x 3 region, the previous
@@ -7,18 +7,28 @@ A layout's name carries its version: a frozen policy refuses any other.
   and demand maps pooled more coarsely further out, walls, home, the fleet and where others were
   last heard. Its size depends neither on the area nor on the fleet, and lengths count in cells, so
   that one policy may fly several of both.
+- `egocentric/3`, see `relative_observation`: for any field and fleet, in a frame of the UAV's own,
+  with the advice of the sweep.
 """
 
 from enum import IntEnum
 import math
 
+import numpy as np
+from numpy.typing import NDArray
 from uav_collect.errors import ConfigError
-from uav_collect.kernels.arrays import Row
+from uav_collect.kernels.arrays import Ints, new_row, Row
 from uav_collect.kernels.compile import kernel
-from uav_collect.limits import EGOCENTRIC_MAX_UAVS
-from uav_collect.uav.action_codes import N_ACTIONS
+from uav_collect.limits import EGOCENTRIC_MAX_UAVS, MAX_UAVS, RELATIVE_MAX_UAVS
+from uav_collect.uav import relative_observation
+from uav_collect.uav.action_codes import N_ACTIONS, NONE
 from uav_collect.uav.belief import Belief, NEVER
 from uav_collect.uav.briefing import Briefing
+from uav_collect.uav.frames import frame_of, IDENTITY
+from uav_collect.uav.heuristics import choose, Heuristic, MEMORY_SIZE, shares_for
+from uav_collect.uav.moves import new_moves
+from uav_collect.uav.relative_observation import encode_relative
+from uav_collect.uav.sharing import Shares
 from uav_collect.uav.view import LocalView, VIEW_CELLS
 
 PATCH_SIDE = 9  # cells of the egocentric layout's fine patch
@@ -41,11 +51,30 @@ class Layout(IntEnum):
 
     PAPER = 0
     EGOCENTRIC = 1
+    RELATIVE = 2
 
     @property
     def label(self) -> str:
         """Name and version."""
-        return ('paper/1', 'egocentric/2')[self]
+        return ('paper/1', 'egocentric/2', 'egocentric/3')[self]
+
+    @property
+    def max_uavs(self) -> int:
+        """UAVs of a fleet that it has room for."""
+        return (MAX_UAVS, EGOCENTRIC_MAX_UAVS, RELATIVE_MAX_UAVS)[self]
+
+    @property
+    def adviser(self) -> int:
+        """The rule whose advice it shows, and by whose word a UAV flies home; NONE: none's."""
+        return int(Heuristic.SWEEP) if self == Layout.RELATIVE else NONE
+
+
+def frames(layout: Layout, briefing: Briefing) -> Ints:
+    """The frame of each UAV, in which a layout shows it places and actions, (U,)."""
+    uavs = range(briefing.n_uavs)
+    if layout != Layout.RELATIVE:
+        return np.full(briefing.n_uavs, IDENTITY)
+    return np.array([frame_of(briefing, uav) for uav in uavs])
 
 
 def observation_size(layout: Layout, n_cells: int, n_uavs: int) -> int:
@@ -56,11 +85,13 @@ def observation_size(layout: Layout, n_cells: int, n_uavs: int) -> int:
     """
     if layout == Layout.PAPER:
         return 3 + n_cells + VIEW_CELLS + N_ACTIONS + n_uavs
-    if n_uavs > EGOCENTRIC_MAX_UAVS:
+    if n_uavs > layout.max_uavs:
         raise ConfigError(
             f'fleet.uavs: {n_uavs} UAVs; observations {layout.label} have room for '
-            f'{EGOCENTRIC_MAX_UAVS}'
+            f'{layout.max_uavs}'
         )
+    if layout == Layout.RELATIVE:
+        return relative_observation.SIZE
     blocks = NEAR_BLOCKS_SIDE * NEAR_BLOCKS_SIDE + FAR_BLOCKS_SIDE * FAR_BLOCKS_SIDE
     peers = _N_PER_PEER * (EGOCENTRIC_MAX_UAVS - 1)
     maps = 3 * PATCH_SIDE * PATCH_SIDE + 2 * blocks
@@ -75,6 +106,8 @@ def observation_bound(layout: Layout, briefing: Briefing, most_bit: float) -> fl
     """
     if layout == Layout.PAPER:
         return math.ceil(max(1.0, most_bit / _DEMAND_SCALE_BIT))
+    if layout == Layout.RELATIVE:
+        return math.ceil(relative_observation.bound(briefing, most_bit))
     bounds = (
         max(briefing.n_rows, briefing.n_columns) / _LENGTH_SCALE_CELLS,
         briefing.n_rows * briefing.n_columns / _COUNT_SCALE_CELLS,
@@ -84,15 +117,79 @@ def observation_bound(layout: Layout, briefing: Briefing, most_bit: float) -> fl
     return math.ceil(max(1.0, *bounds))
 
 
+def advice_shown(layout: Layout, observation: NDArray[np.float32]) -> NDArray[np.float32]:
+    """The advice in observations (N, observation_size), one-hot by action in the UAVs' frames.
+
+    Returns:
+        Shape (N, N_ACTIONS); zeros where the layout shows none.
+    """
+    if layout.adviser == NONE:
+        return np.zeros((len(observation), N_ACTIONS), dtype=np.float32)
+    return observation[:, -N_ACTIONS:]
+
+
+class Observer:
+    """What one UAV sees, and what the layout's adviser would do.
+
+    It writes the observations of one UAV, one after the other, into the same row.
+    """
+
+    def __init__(self, layout: Layout, briefing: Briefing, uav: int) -> None:
+        """Get ready to look with a UAV, by index.
+
+        Raises:
+            ConfigError: the layout has no room for the fleet.
+        """
+        size = observation_size(layout, len(briefing.is_open), briefing.n_uavs)
+        self.frame = int(frames(layout, briefing)[uav])
+        self.observation: Row[float] = new_row(size, 0.0)  # the latest; not to be written
+        self._layout, self._briefing, self._uav = layout, briefing, uav
+        self._adviser = layout.adviser
+        self._shares = shares_for(self._adviser, briefing)
+        self._moves = new_moves(briefing)
+        self._memory: Row[int] = new_row(MEMORY_SIZE, 0)  # that a rule without memory leaves alone
+
+    def advice(self, belief: Belief, view: LocalView, legal: Row[int]) -> int:
+        """What the layout's adviser would do, by the compass, or HOME; NONE: it has no adviser."""
+        if self._adviser == NONE:
+            return NONE
+        ways = self._shares, self._moves
+        return choose(
+            self._adviser, self._briefing, *ways, self._uav, belief, view, legal, self._memory
+        )
+
+    def encode(self, belief: Belief, view: LocalView, advice: int) -> Row[float]:
+        """The observation; the same row each time."""
+        of = self._briefing, self._shares, self._uav
+        encode(int(self._layout), *of, belief, view, advice, self.observation)
+        return self.observation
+
+    def observe(self, belief: Belief, view: LocalView, legal: Row[int]) -> Row[float]:
+        """The observation of a decision among legal actions."""
+        return self.encode(belief, view, self.advice(belief, view, legal))
+
+
 @kernel
 def encode(
-    layout: int, briefing: Briefing, uav: int, belief: Belief, view: LocalView, out: Row[float]
+    layout: int,
+    briefing: Briefing,
+    shares: Shares,
+    uav: int,
+    belief: Belief,
+    view: LocalView,
+    advice: int,
+    out: Row[float],
 ) -> None:
     """Write the observation of the deciding UAV.
 
     Args:
+        shares: of the layout's adviser, if it has one.
+        advice: the same's, an action by the compass.
         out: written; numbers of the order of one, shape (observation_size,).
     """
+    if layout == Layout.RELATIVE:
+        encode_relative(briefing, shares, uav, belief, view, advice, out)
+        return
     if layout == Layout.PAPER:
         filled = _encode_paper(briefing, uav, belief, view, out)
         n_places = briefing.n_uavs

@@ -17,6 +17,7 @@ from uav_collect import files
 from uav_collect.config.rules import Rule
 from uav_collect.config.yaml_text import shown
 from uav_collect.errors import PolicyMismatchError
+from uav_collect.uav.action_codes import NONE
 from uav_collect.uav.learned_on import LearnedOn
 from uav_collect.uav.observation import Layout
 from uav_collect.uav.policy_network import check_shapes, FrozenPolicy, PolicyHeader, Validation
@@ -28,13 +29,15 @@ SUFFIX = '.safetensors'
 _MAX_DIGITS = 19  # of a number in a header: 63 bits
 _NO_DIGEST = '0' * 64
 
-_Value = Layout | Validation | tuple[LearnedOn, ...] | int | str  # of a header's field
+_Value = Layout | Validation | tuple[LearnedOn, ...] | int | float | str  # of a header's field
 
 
 def policy_bytes(policy: FrozenPolicy) -> bytes:
     """What a policy's file holds; the inverse is `policy_from_bytes`."""
     texts = {
-        field.name: _text(getattr(policy.header, field.name)) for field in fields(PolicyHeader)
+        field.name: _text(getattr(policy.header, field.name))
+        for field in fields(PolicyHeader)
+        if field.name != 'advice_bonus' or policy.header.layout.adviser != NONE
     }
     content = tensor_file(policy.weights, {**texts, 'format': FORMAT, 'digest': _NO_DIGEST})
     return content.replace(_said(_NO_DIGEST), _said(hashlib.sha256(content).hexdigest()), 1)
@@ -124,6 +127,11 @@ def _parsed(name: str, kind: object, text: str) -> Any:  # noqa: ANN401 - of tha
         if not (text.isascii() and text.isdecimal() and len(text) <= _MAX_DIGITS):
             raise PolicyMismatchError(f'{name} is {shown(text)}: must be a whole number')
         return int(text)
+    if kind is float:
+        try:
+            return float(text)
+        except ValueError:
+            raise PolicyMismatchError(f'{name} is {shown(text)}: must be a number') from None
     if kind is not str:
         return _record(name, kind, text)
     return text

@@ -20,24 +20,20 @@ from numpy.typing import NDArray
 from uav_collect.config.rules import number, text, whole
 from uav_collect.config.yaml_text import shown
 from uav_collect.errors import PolicyMismatchError
-from uav_collect.kernels.arrays import Bools, Floats, Ints, new_row, Row
-from uav_collect.limits import (
-    EGOCENTRIC_MAX_UAVS,
-    MAX_CELLS_PER_SIDE,
-    MAX_LAYER_SIZE,
-    MAX_SEED,
-    MAX_UAVS,
-)
-from uav_collect.uav.action_codes import N_ACTIONS, NONE
+from uav_collect.kernels.arrays import Bools, Floats, Ints, Row, row_of
+from uav_collect.limits import MAX_CELLS_PER_SIDE, MAX_LAYER_SIZE, MAX_SEED
+from uav_collect.uav.action_codes import HOME, N_ACTIONS, NONE
 from uav_collect.uav.belief import Belief
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.exploration import explore
+from uav_collect.uav.frames import COMPASS_ACTIONS
 from uav_collect.uav.learned_on import LearnedOn
-from uav_collect.uav.observation import encode, Layout, observation_size
+from uav_collect.uav.observation import Layout, observation_size, Observer
 from uav_collect.uav.view import LocalView
 
 _ALMOST_ALL = 0.99  # of the missions: from there on efficiency alone decides
 
+_MAX_BONUS = 1e12
 _MAX_TEXT = 4096  # characters of a text in a header; one may name many scenarios
 
 Weights = Mapping[str, NDArray[np.float32]]
@@ -97,6 +93,7 @@ class PolicyHeader:
     git_revision: str
     validation: Validation
     learned_on: tuple[LearnedOn, ...] = ()  # by scenario; none where the file does not say
+    advice_bonus: float = 0.0  # added to the value of what the layout's adviser would do
 
 
 class FrozenPolicy:
@@ -159,6 +156,26 @@ class FrozenPolicy:
         following = new + update * (hidden - new)
         return _product(following, self._head) + self._head_bias, following
 
+    def actions(self, values: Floats, legal: Bools, frame: Ints, advice: Ints) -> Ints:
+        """The legal action of the highest value in each row, the lowest of the frame's that tie.
+
+        Args:
+            values: of the actions in each UAV's frame, shape (N, A).
+            legal: by the compass, shape (N, A); a row without any gives any action.
+            frame: of the UAVs, shape (N,).
+            advice: by the compass, whose value is raised by the bonus, shape (N,); NONE: there is
+                none.
+
+        Returns:
+            Actions by the compass, shape (N,).
+        """
+        turned = COMPASS_ACTIONS[frame]
+        if self.header.advice_bonus > 0.0:
+            values = values + self.header.advice_bonus * (turned == advice[:, None])
+        best = best_actions(values, np.take_along_axis(legal, turned, axis=1))
+        chosen: Ints = turned[np.arange(len(best)), best]
+        return chosen
+
     def misfit(self, briefing: Briefing) -> str | None:
         """Why the policy cannot fly a fleet over an area; None if it can."""
         header = self.header
@@ -185,10 +202,9 @@ class LearnedPolicy:
 
     name: str
     frozen: FrozenPolicy
-    _briefing: Briefing | None = field(default=None, init=False)
-    _uav: int = field(default=0, init=False)
+    _observer: Observer | None = field(default=None, init=False)
     _hidden: Floats = field(default_factory=lambda: np.zeros((1, 0)), init=False)  # (1, H)
-    _observation: Row[float] = field(default_factory=lambda: new_row(0, 0.0), init=False)
+    _advice: int = field(default=NONE, init=False)
 
     @property
     def version(self) -> str:
@@ -198,7 +214,12 @@ class LearnedPolicy:
     @property
     def observation(self) -> Row[float]:
         """What it chose from last, encoded; not to be written."""
-        return self._observation
+        return row_of([]) if self._observer is None else self._observer.observation
+
+    @property
+    def advice(self) -> int:
+        """What its layout's adviser would have done last, by the compass; NONE: it has none."""
+        return self._advice
 
     def begin(self, briefing: Briefing, uav: int) -> None:
         """Forget the last mission and get ready to fly a UAV, by index.
@@ -209,20 +230,22 @@ class LearnedPolicy:
         misfit = self.frozen.misfit(briefing)
         if misfit is not None:
             raise PolicyMismatchError(f'policy {self.name}: {misfit}')
-        self._briefing = briefing
-        self._uav = uav
+        self._observer = Observer(self.frozen.header.layout, briefing, uav)
         self._hidden = self.frozen.new_hidden(1)
-        self._observation = new_row(self.frozen.header.observation_size, 0.0)
+        self._advice = NONE
 
     def choose(self, belief: Belief, view: LocalView, legal: Row[int]) -> int:
-        """The legal action of the highest value."""
-        if self._briefing is None:
+        """The legal action of the highest value, or HOME where its adviser would fly home."""
+        observer = self._observer
+        if observer is None:
             raise RuntimeError('a policy must begin a mission before it chooses')
-        layout = int(self.frozen.header.layout)
-        encode(layout, self._briefing, self._uav, belief, view, self._observation)
-        observed = np.array([self._observation], dtype=np.float64)
+        self._advice = observer.advice(belief, view, legal)
+        if self._advice == HOME:
+            return HOME
+        observed = np.array([observer.encode(belief, view, self._advice)], dtype=np.float64)
         values, self._hidden = self.frozen.step(observed, self._hidden)
-        return int(best_actions(values, np.array([legal]) == 1)[0])
+        frame, advice = np.array([observer.frame]), np.array([self._advice])
+        return int(self.frozen.actions(values, np.array([legal]) == 1, frame, advice)[0])
 
 
 @dataclass
@@ -233,6 +256,7 @@ class ExploringPolicy:
     epsilon: float  # probability to explore
     hover_share: float  # see `exploration.explore`
     mission_seed: int  # of the mission that is flown
+    advice_share: float = 0.0  # see `exploration.explore`
     _uav: int = field(default=0, init=False)
     _n_decisions: int = field(default=0, init=False)
 
@@ -257,12 +281,14 @@ class ExploringPolicy:
         self._n_decisions = 0
 
     def choose(self, belief: Belief, view: LocalView, legal: Row[int]) -> int:
-        """The random action of this decision, or else the legal one of the highest value."""
+        """The random action of this decision, or else what the learned policy chooses."""
         best = self.learned.choose(belief, view, legal)  # always: it remembers what it saw
-        decision = self._n_decisions
+        if best == HOME:
+            return HOME
+        key = self.mission_seed, self._uav, self._n_decisions
         self._n_decisions += 1
         explored = explore(
-            self.mission_seed, self._uav, decision, self.epsilon, self.hover_share, legal
+            *key, self.epsilon, self.hover_share, self.advice_share, self.learned.advice, legal
         )
         return best if explored == NONE else explored
 
@@ -354,7 +380,7 @@ def _check_texts(header: PolicyHeader) -> None:
 
 
 def _check_numbers(header: PolicyHeader) -> None:
-    most_uavs = EGOCENTRIC_MAX_UAVS if header.layout == Layout.EGOCENTRIC else MAX_UAVS
+    most_uavs = header.layout.max_uavs
     largest = header.cells_per_side_max
     for name, value, low, high in (
         ('hidden_size', header.hidden_size, 1, MAX_LAYER_SIZE),
@@ -365,6 +391,12 @@ def _check_numbers(header: PolicyHeader) -> None:
     ):
         if not low <= value <= high:
             raise PolicyMismatchError(f'{name} is {value}: must be {_span(low, max(low, high))}')
+    most_bonus = _MAX_BONUS if header.layout.adviser != NONE else 0.0
+    if not 0.0 <= header.advice_bonus <= most_bonus:
+        raise PolicyMismatchError(
+            f'advice_bonus is {header.advice_bonus:g}: must be from 0 to {most_bonus:g} for '
+            f'{header.layout.label}'
+        )
     squares = {(side, side) for side in (header.cells_per_side_min, header.cells_per_side_max)}
     areas = sorted(_areas_of_paper(header) or squares)
     for (rows, columns), n_uavs in product(areas, (header.n_uavs_min, header.n_uavs_max)):

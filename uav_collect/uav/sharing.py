@@ -77,7 +77,7 @@ def shares_of(briefing: Briefing) -> Shares:
     return _shares_of(briefing._replace(**rows))
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=128)
 def _shares_of(briefing: Briefing) -> Shares:
     tour, fleet, planned_s, pieces = shared_tour(briefing)
     slowest_first = _slowest_first(fleet)
@@ -104,7 +104,7 @@ def shared_tour(briefing: Briefing) -> SharedTour:
     return SharedTour(tour, fleet, planned_s, pieces)
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=128)
 def _ways(area: Area) -> tuple[list[int], Tour]:
     return order_of(area), tour_of(area)
 

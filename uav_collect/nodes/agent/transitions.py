@@ -2,14 +2,14 @@
 
 from typing import Any
 
-from uav_collect.kernels.arrays import new_row, Row
+from uav_collect.kernels.arrays import Row
 from uav_collect.lockstep.published_policy import TopicPolicy
 from uav_collect.nodes import convert
-from uav_collect.uav.action_codes import BY_POLICY
+from uav_collect.uav.action_codes import BY_POLICY, HOME
 from uav_collect.uav.agent import Agent
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.messages import Decision
-from uav_collect.uav.observation import encode, Layout, observation_size
+from uav_collect.uav.observation import Layout, Observer
 from uav_collect.uav.view import LocalView
 
 
@@ -28,7 +28,7 @@ class TransitionBuilder:
         self._briefing = briefing
         self._uav = uav
         self._scenario = scenario_fingerprint
-        self._encoded: dict[Layout, Row[float]] = {}
+        self._observers: dict[Layout, Observer] = {}
 
     def transition(
         self, observation: Any, view: LocalView, agent: Agent, decision: Decision
@@ -37,8 +37,7 @@ class TransitionBuilder:
         layout = self._layout_of(agent)
         encoded = self._chosen_from(layout, agent, decision)
         if encoded is None:
-            encoded = self._row(layout)
-            encode(layout, self._briefing, self._uav, agent.belief, view, encoded)
+            encoded = self._observer(layout).observe(agent.belief, view, agent.legal)
         return convert.transition_msg(
             observation,
             uav=self._uav,
@@ -62,17 +61,17 @@ class TransitionBuilder:
     def _chosen_from(self, layout: Layout, agent: Agent, decision: Decision) -> Row[float] | None:
         """The observation as the policy has encoded it, if it did: that takes a while."""
         policy = agent.policy
-        if decision.reason != BY_POLICY or not isinstance(policy, TopicPolicy):
+        if decision.reason != BY_POLICY or decision.action == HOME:  # that it may not have to see
+            return None
+        if not isinstance(policy, TopicPolicy):
             return None
         learned = None if policy.current is None else policy.current.learned
         if learned is None or learned.frozen.header.layout != layout:
             return None
         return learned.observation
 
-    def _row(self, layout: Layout) -> Row[float]:
-        """Room for an observation; it is written anew for each decision."""
-        if layout not in self._encoded:
-            briefing = self._briefing
-            size = observation_size(layout, len(briefing.is_open), briefing.n_uavs)
-            self._encoded[layout] = new_row(size, 0.0)
-        return self._encoded[layout]
+    def _observer(self, layout: Layout) -> Observer:
+        """What encodes observations in a layout; the same one for all decisions."""
+        if layout not in self._observers:
+            self._observers[layout] = Observer(layout, self._briefing, self._uav)
+        return self._observers[layout]
