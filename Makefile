@@ -31,8 +31,8 @@ BENCHES ?= $(sort $(wildcard bench/*.py))
 # The variables of mission and train; "make help" prints these lines. Only what is set is passed on:
 # the commands know their own defaults.
 #:SCENARIO   name in config/scenarios, or a YAML file (paper_10x10)
-#:POLICY     who decides on board: sweep, hert, a learned policy's file, or module:function (the
-#:           policy shipped for the scenario, else sweep)
+#:POLICY     who decides on board: sweep, hert, a learned policy's file, or module:function (best:
+#:           which of those does best in sampled missions of the scenario)
 #:SEED       mission seed: data and channels (0)
 #:BANDWIDTH  how a hover shares bandwidth: exact, equal or cvxpy (exact)
 #:UAVS       number of UAVs (as in the scenario)

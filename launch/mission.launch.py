@@ -20,10 +20,15 @@ from launch.events import Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
-from uav_collect.nodes.agent import node as agent
+from uav_collect.analysis.choice_file import keep_choice
+from uav_collect.commands.choice_process import ChoiceRequest, started_choice
+from uav_collect.kernels.patience import say
+from uav_collect.limits import BEST
+from uav_collect.nodes.agent import settings as agent
 from uav_collect.nodes.launching import ending_with, LaunchArguments, node_options, parameter_of
 from uav_collect.nodes.world import settings as world
 from uav_collect.scenario.load import load
+from uav_collect.scenario.model import Scenario
 from uav_collect.uav.agent import allocator_named
 from uav_collect.uav.policy import policy_for, TOPIC
 import yaml
@@ -42,7 +47,9 @@ _OF_WORLD = {
 }
 _OF_AGENTS = {
     'policy': 'what decides: hert, hert-equal, sweep, random, a learned policy or its file, '
-    'module:name or strong',
+    'module:name, strong or best',
+    'candidates': 'policies, separated by commas, among which best is chosen besides those '
+    'shipped for the scenario, sweep and hert',
     'bandwidth': 'how bandwidth is shared: exact, equal or cvxpy',
     'guard_after': 'decisions without news after which a guard takes over from a learned policy '
     'or a function; 0: never',
@@ -76,21 +83,25 @@ def _start(context: LaunchContext) -> list:
     output_dir = arguments['output_dir']
     bag = str(Path(output_dir) / 'bag') if output_dir else ''
     scenario = arguments.made('scenario', lambda: load(of_world['scenario']))
-    if scenario is not None and of_agents['policy'] != TOPIC:
+    is_best = of_agents['policy'] == BEST
+    if scenario is not None and of_agents['policy'] not in (BEST, TOPIC):
         arguments.made('policy', lambda: policy_for(of_agents['policy'], scenario))
+    if of_agents['candidates'] and not is_best:
+        arguments.refuse('candidates', f'must come with policy:={BEST}')
     arguments.made('bandwidth', lambda: allocator_named(of_agents['bandwidth']))
     if bag:
         arguments.new_folder('output_dir', Path(bag))
     if arguments.flag('rviz'):
         arguments.package('rviz', 'rviz2')
     arguments.check()
+    choice = _choice(scenario, of_agents, output_dir) if is_best else ''
     own = {'world_instance': str(uuid.uuid4())}  # who else is in the ROS domain counts for nobody
     where = {'output_dir': output_dir, 'recorders': 1}
     world_node = _node('world_sim', {**of_world, **where, **own})
     end = EmitEvent(event=Shutdown(reason='the world has ended'))
     return [
         RegisterEventHandler(OnProcessExit(on_exit=ending_with(world_node, end))),
-        _node('recorder', {'output_dir': bag, **own}),
+        _node('recorder', {'output_dir': bag, 'choice': choice, **own}),
         world_node,
         *(
             _node('uav_agent', {**of_agents, **own}, arguments=['--id', str(number)])
@@ -99,6 +110,24 @@ def _start(context: LaunchContext) -> list:
         *([_rviz()] if arguments.flag('rviz') else []),
         *([_node('viewer', own)] if arguments.flag('view') else []),
     ]
+
+
+def _choice(scenario: Scenario, of_agents: dict, output_dir: str) -> str:
+    """Let the best policy fly, chosen once for all agents; why that one, in a line."""
+    request = ChoiceRequest(
+        scenario=scenario.to_yaml(),
+        candidates=of_agents['candidates'],
+        allocator=of_agents['bandwidth'],
+        guard_after=of_agents['guard_after'],
+    )
+    with started_choice(request) as answer:
+        choice, left_out = answer()
+    of_agents |= {'policy': choice.policy, 'candidates': ''}
+    for line in (*left_out, str(choice)):
+        say(line)
+    if output_dir:
+        keep_choice(choice, Path(output_dir))
+    return choice.why
 
 
 def _rviz() -> Node:

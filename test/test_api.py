@@ -213,3 +213,21 @@ def test_what_is_wrong_is_said_in_one_line(call: partial[object], message: str) 
 def test_a_number_out_of_range_is_a_value_error(call: partial[object], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         call()
+
+
+def test_the_best_policy_is_found_among_what_is_shipped_and_what_is_given() -> None:
+    choice = uav_collect.choose_policy('paper_8x8', [go_home, 'random', 'hert'], missions=4)
+    names = ['paper_8x8_n2_aqmix', 'sweep', 'hert', 'go_home', 'random']
+    assert [it.policy for it in choice.tried] == names
+    assert choice.policy == 'paper_8x8_n2_aqmix'
+    assert str(choice).startswith('paper_8x8_n2_aqmix is the best of 5 in 4 sampled missions')
+    assert uav_collect.choose_policy('paper_8x8', go_home, missions=4).policy == choice.policy
+
+
+def test_a_choice_is_refused_what_cannot_be_flown() -> None:
+    with pytest.raises(ValueError, match='missions is 0'):
+        uav_collect.choose_policy('paper_8x8', missions=0)
+    with pytest.raises(UavCollectError, match='fair'):
+        uav_collect.choose_policy('paper_8x8', bandwidth='fair', missions=1)
+    with pytest.raises(UavCollectError, match='chosen before take-off'):
+        uav_collect.fly('paper_8x8', 'best')

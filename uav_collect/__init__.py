@@ -4,6 +4,7 @@ Missions:
 
 - `fly(scenario, policy)` flies one: a `FlownMission` with `log`, `metrics` and `draw(file)`.
 - `evaluate(scenario, policies, missions)` flies many: an `Evaluation` with means and intervals.
+- `choose_policy(scenario, candidates)` finds the best policy for one, by simulation: a `Choice`.
 - `bound(scenario)` plans one whose demand is known: what no flight gets beyond.
 - `load(name_or_path)` reads a `Scenario`; `build_site` draws its sensors.
 - `mission_metrics(log)` is what a mission achieved, from its log alone.
@@ -24,8 +25,9 @@ from typing import Any, TYPE_CHECKING
 from uav_collect.revision import VERSION
 
 if TYPE_CHECKING:
+    from uav_collect.analysis.choice import Choice
     from uav_collect.analysis.metrics import mission_metrics
-    from uav_collect.api import bound, evaluate, Evaluation, FlownMission, fly
+    from uav_collect.api import bound, choose_policy, evaluate, Evaluation, FlownMission, fly
     from uav_collect.errors import UavCollectError
     from uav_collect.missions.vector_env import VectorEnv, VectorEnvConfig
     from uav_collect.pettingzoo_env import env
@@ -45,6 +47,7 @@ __all__ = [
     'HOVER',
     'LEFT',
     'RIGHT',
+    'Choice',
     'Evaluation',
     'FlownMission',
     'Layout',
@@ -57,6 +60,7 @@ __all__ = [
     '__version__',
     'bound',
     'build_site',
+    'choose_policy',
     'env',
     'evaluate',
     'fly',
@@ -68,8 +72,9 @@ __all__ = [
 __version__ = VERSION
 
 _NAMES_OF = {
+    'analysis.choice': ('Choice',),
     'analysis.metrics': ('mission_metrics',),
-    'api': ('Evaluation', 'FlownMission', 'bound', 'evaluate', 'fly'),
+    'api': ('Evaluation', 'FlownMission', 'bound', 'choose_policy', 'evaluate', 'fly'),
     'errors': ('UavCollectError',),
     'missions.vector_env': ('VectorEnv', 'VectorEnvConfig'),
     'pettingzoo_env': ('env',),

@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 from rich.console import RenderableType
 from uav_collect import files
+from uav_collect.analysis.choice import Choice
+from uav_collect.analysis.choosing import Candidate, candidates_for, choose
 from uav_collect.analysis.console import plain_console
 from uav_collect.analysis.metrics import mission_metrics, MissionMetrics
 from uav_collect.analysis.readings import is_left, mission_readings, Reading
@@ -174,8 +176,7 @@ def evaluate(
     _check_range('seed', seed, 0, MAX_SEED - missions)
     _check_range('guard_after', guard_after, 0, MAX_GUARD_AFTER)
     site = build_site(_loaded(scenario))
-    given = [policies] if isinstance(policies, str) or callable(policies) else policies
-    contenders = _by_name(given, site.scenario)
+    contenders = _by_name(_listed(policies), site.scenario)
     seeds = mission_seeds(seed, missions)
     flown = {
         name: _metrics(site, seeds, it, bandwidth, guard_after) for name, it in contenders.items()
@@ -187,6 +188,41 @@ def evaluate(
         estimates={name: _by_measure(estimates(rows, seed)) for name, rows in flown.items()},
         seed=seed,
     )
+
+
+def choose_policy(
+    scenario: AnyScenario,
+    candidates: AnyPolicy | Sequence[AnyPolicy] = (),
+    *,
+    missions: int | None = None,
+    bandwidth: str = 'exact',
+    guard_after: int = GUARD_AFTER,
+) -> Choice:
+    """Find the best policy for a scenario: candidates fly the same sampled missions of it.
+
+    Args:
+        candidates: besides the policies that are shipped for the scenario, sweep and hert.
+        missions: that each flies; None: up to 200, fewer on large areas or by interpreted kernels.
+        bandwidth: how a hover shares it: exact, equal or cvxpy.
+        guard_after: as for `fly`.
+
+    Returns:
+        What each achieved. Its `policy` names the best; a function by its own name.
+
+    Raises:
+        UavCollectError: as for `fly`.
+        ValueError: the number of missions or the guard's patience is out of range.
+    """
+    if missions is not None:
+        _check_range('missions', missions, 1, MAX_SEED)
+    _check_range('guard_after', guard_after, 0, MAX_GUARD_AFTER)
+    allocator_named(bandwidth)  # raises where there is none
+    site = build_site(_loaded(scenario))
+    own = _by_name(_listed(candidates), site.scenario) if candidates else {}
+    found, _ = candidates_for(site.scenario)
+    known = {it.name for it in found}
+    found += [Candidate(name=name, policy=it) for name, it in own.items() if name not in known]
+    return choose(site, found, allocator=bandwidth, guard_after=guard_after, n_missions=missions)
 
 
 def bound(scenario: AnyScenario, *, seed: int = 0, bandwidth: str = 'exact') -> Bound:
@@ -209,6 +245,10 @@ def _loaded(scenario: AnyScenario) -> Scenario:
 
 def _policy(policy: AnyPolicy, scenario: Scenario) -> NamedPolicy:
     return policy_for(policy, scenario) if isinstance(policy, str) else policy_of(policy)
+
+
+def _listed(policies: AnyPolicy | Sequence[AnyPolicy]) -> Sequence[AnyPolicy]:
+    return [policies] if isinstance(policies, str) or callable(policies) else policies
 
 
 def _by_name(given: Sequence[AnyPolicy], scenario: Scenario) -> dict[str, NamedPolicy]:

@@ -28,6 +28,8 @@ MAX_LAYER_SIZE = 4096  # of a network that learns
 GUARD_AFTER = 12  # decisions without news after which a UAV's guard decides, unless users say else
 MAX_GUARD_AFTER = 10_000
 
+BEST = 'best'  # stands for the policy that does best in sampled missions of the scenario at hand
+
 ALGORITHMS = ('aqmix', 'qmix', 'aiql')  # of a training
 DEVICES = ('cpu', 'cuda')  # that updates are computed on
 FLEET_ALGORITHMS = ('aqmix', 'aiql')  # those whose UAVs do not wait for each other

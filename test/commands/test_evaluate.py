@@ -11,6 +11,7 @@ import pytest
 from random_policies import header as header_of_policy
 from random_policies import saved
 from uav_collect.__main__ import main
+from uav_collect.analysis.choosing import candidates_for, choose
 from uav_collect.analysis.metrics import mission_metrics
 from uav_collect.analysis.plan_shares import time_share
 from uav_collect.commands import terminal
@@ -284,7 +285,15 @@ def test_a_wrong_argument_is_named_in_one_line(
 def test_it_says_in_one_line_when_a_policy_flies_outside_what_it_learned_on(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    base = ['--scenario', 'paper_8x8', '--missions', '1', '--policy', 'strong', 'sweep']
+    base = [
+        '--scenario',
+        'paper_8x8',
+        '--missions',
+        '1',
+        '--policy',
+        'paper_8x8_n2_aqmix',
+        'sweep',
+    ]
     assert evaluate(*base) == 0
     assert 'outside' not in capsys.readouterr().err
     assert evaluate(*base, '--set', 'radio.contact_range_m=0') == 0
@@ -348,3 +357,21 @@ def test_evaluate_leaves_the_bound_out_unless_it_is_asked_for(
     assert main(['evaluate', *FEW, '--policy', 'hert', '--csv', str(file)]) == 0
     assert 'clairvoyant' not in capsys.readouterr().out
     assert 'time_share' not in file.read_text()
+
+
+def test_the_best_policy_is_chosen_and_shown_before_it_is_evaluated(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / 'figures.json'
+    words = [*FEW, '--policy', 'best', 'hert', '--candidates', 'random', '--json', str(path)]
+    assert evaluate(*words) == 0
+    scenario = load('paper_8x8')
+    choice = choose(build_site(scenario), candidates_for(scenario, ['random'])[0])
+    assert capsys.readouterr().out.startswith(f'{choice}\n')
+    written = json.loads(path.read_text())
+    assert [*written] == [choice.policy, 'hert'] == ['paper_8x8_n2_aqmix', 'hert']
+
+
+def test_candidates_are_for_the_best_policy_alone(capsys: pytest.CaptureFixture[str]) -> None:
+    assert evaluate(*FEW, '--policy', 'hert', '--candidates', 'random') == 2
+    assert '--candidates: must come with --policy best' in capsys.readouterr().err

@@ -15,15 +15,16 @@ from random_policies import header, saved
 from scripted_logs import fly, uav
 from scripted_logs import header as log_header
 from uav_collect.__main__ import main
+from uav_collect.analysis.choice_file import read_choice
 from uav_collect.commands import mission
-from uav_collect.errors import PolicyMismatchError
 from uav_collect.missions import rollout
 from uav_collect.recording.bag_reader import read_missions
-from uav_collect.recording.mission_log import MissionLog
-from uav_collect.scenario.load import load
+from uav_collect.recording.bag_storage import open_bag
+from uav_collect.recording.mission_log import MissionLog, read
+from uav_collect.recording.origin import CHOICE_KEY
+from uav_collect.scenario.load import fingerprint, load
 from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
-from uav_collect.uav import policy as policy_module
 
 TIGHT = 'fleet.default.energy_budget_kj=60'  # random weights fly until it is used up
 SEED = 2
@@ -124,14 +125,41 @@ def test_a_mission_needs_neither_a_home_nor_a_locale(processes: Processes, tmp_p
 
 
 @pytest.mark.ros
-def test_the_policy_shipped_for_the_scenario_flies_unless_another_is_named(
-    processes: Processes, scenario: Scenario, tmp_path: Path
+def test_the_best_policy_flies_unless_another_is_named_and_the_folder_says_why(
+    processes: Processes, scenario: Scenario, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run = tmp_path / 'run'
     flown = command(processes, '--output', str(run))
     assert flown.wait_for_exit() == 0
-    assert (run / f'mission_{SEED}.jsonl').read_bytes() == text(scenario, 'paper_10x10_n2_aqmix')
+    choice = read_choice(run)
+    assert choice is not None
+    assert [it.policy for it in choice.tried] == ['paper_10x10_n2_aqmix', 'sweep', 'hert']
+    assert (choice.policy, choice.fingerprint) == ('paper_10x10_n2_aqmix', fingerprint(scenario))
+    assert str(choice) in flown.output
+    assert (run / f'mission_{SEED}.jsonl').read_bytes() == text(scenario, choice.policy)
     assert policies_in(flown.output) == ['paper_10x10_n2_aqmix', 'hert', 'sweep', *PLANS]
+    with open_bag(run / 'bag') as bag:
+        assert bag.custom_data[CHOICE_KEY] == choice.why
+    assert main(['report', str(run)]) == 0
+    assert capsys.readouterr().out.startswith(f'{choice}\n')
+
+
+@pytest.mark.ros
+def test_a_candidate_of_the_user_s_flies_if_it_is_best(
+    processes: Processes, scenario: Scenario, tmp_path: Path
+) -> None:
+    run, small = tmp_path / 'run', tmp_path / 'small.yaml'
+    small.write_text('extends: paper_8x8\nname: small\n')  # no policy is shipped for it
+    names = ['--candidates', 'random,paper_8x8_n2_aqmix', '--policy', 'best']
+    words = ['-m', 'uav_collect', 'mission', '--scenario', str(small), *names]
+    flown = processes.run('mission', sys.executable, *words, '--output', str(run))
+    assert flown.wait_for_exit() == 0
+    choice = read_choice(run)
+    assert choice is not None
+    assert [it.policy for it in choice.tried] == ['sweep', 'hert', 'random', 'paper_8x8_n2_aqmix']
+    assert choice.policy == 'paper_8x8_n2_aqmix'
+    assert read(run / 'mission_0.jsonl').header.uavs[1].policy == choice.policy
+    assert (run / f'{choice.policy}.safetensors').is_file()
 
 
 @pytest.mark.ros
@@ -175,6 +203,23 @@ def test_a_mission_whose_recorder_dies_is_shown_by_its_log_and_the_status_tells(
 
 
 @pytest.mark.ros
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_choice_that_is_interrupted_leaves_nothing_behind(
+    number: signal.Signals, processes: Processes, tmp_path: Path
+) -> None:
+    run, helpers = tmp_path / 'run', Path(__file__).parents[1] / 'helpers'
+    where = {'PYTHONPATH': os.pathsep.join([str(helpers), os.environ.get('PYTHONPATH', '')])}
+    candidates = ['--candidates', 'user_policies:slow']
+    flown = command(processes, '--output', str(run), *candidates, **where)
+    flown.wait_for('waiting for candidates that fly sampled missions')
+    flown.send(number)
+    assert flown.wait_for_exit() == 130
+    assert 'Traceback' not in flown.output
+    assert processes.survivors() == []
+    assert not run.exists()
+
+
+@pytest.mark.ros
 def test_a_mission_that_is_viewed_keeps_its_page_until_ctrl_c(
     processes: Processes, tmp_path: Path
 ) -> None:
@@ -210,41 +255,41 @@ def test_a_mission_waits_for_a_recorder_that_comes_late(
 # Which policy
 
 
-def test_without_a_shipped_policy_that_fits_the_sweep_flies_and_a_line_says_why(
-    scenario: Scenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
-    monkeypatch.setattr(policy_module, 'shared_folders', lambda kind: (tmp_path,))
-    assert mission._checked_policy(None, scenario) == 'sweep'
-    shown = capsys.readouterr().err
-    assert shown.startswith('no learned policy is shipped for paper_10x10 with 2 UAVs')
-    assert shown.endswith('sweep flies\n')
-    saved(tmp_path, 'paper_10x10_n2_aqmix', header(n_uavs=3))
-    assert mission._checked_policy(None, scenario) == 'sweep'
-    assert 'paper_10x10_n2_aqmix: n_uavs is 2: must be 3' in capsys.readouterr().err
-    saved(tmp_path, 'paper_10x10_n2_aqmix', header())
-    assert mission._checked_policy(None, scenario) == 'strong'
-    assert capsys.readouterr().err == ''
-
-
-def test_a_named_policy_flies_or_nothing(
-    scenario: Scenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(policy_module, 'shared_folders', lambda kind: (tmp_path,))
-    assert mission._checked_policy('hert', scenario) == 'hert'
-    with pytest.raises(PolicyMismatchError, match='no learned policy is shipped'):
-        mission._checked_policy('strong', scenario)
-
-
 def test_a_policy_that_flies_outside_what_it_learned_on_is_said_to(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    for wanted in (None, 'strong', 'paper_10x10_n2_aqmix'):
-        mission._checked_policy(wanted, load('paper_10x10', {'demand.cell_share': 0.5}))
-        assert capsys.readouterr().err == (
-            'policy paper_10x10_n2_aqmix flies outside what it learned on: cells with data 0.5'
-            ' (learned: 0.3)\n'
-        )
+    mission._check_policy('paper_10x10_n2_aqmix', load('paper_10x10', {'demand.cell_share': 0.5}))
+    assert capsys.readouterr().err == (
+        'policy paper_10x10_n2_aqmix flies outside what it learned on: cells with data 0.5'
+        ' (learned: 0.3)\n'
+    )
+
+
+def test_a_policy_that_is_named_flies_or_nothing(tmp_path: Path) -> None:
+    words = ['--scenario', 'paper_20x20', '--policy', 'strong', '--output', str(tmp_path / 'run')]
+    assert main(['mission', *words]) == 2
+    assert not (tmp_path / 'run').exists()
+
+
+def test_candidates_without_a_choice_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ['--policy', 'sweep', '--candidates', 'random', '--output', str(tmp_path / 'run')]
+    assert main(['mission', *words]) == 2
+    assert capsys.readouterr().err == 'error: --candidates: must come with --policy best\n'
+    assert not (tmp_path / 'run').exists()
+
+
+@pytest.mark.parametrize('name', ['nope', 'lillgrund_n2_aqmix'])
+def test_a_candidate_that_cannot_fly_is_refused_before_anything_starts(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv('UAV_COLLECT_KERNELS', 'interpreted')
+    words = ['--scenario', 'paper_8x8', '--candidates', name, '--output', str(tmp_path / 'run')]
+    assert main(['mission', *words]) == 2
+    [line] = [it for it in capsys.readouterr().err.splitlines() if it.startswith('error: ')]
+    assert name in line
+    assert not (tmp_path / 'run').exists()
 
 
 # The comparison
@@ -290,7 +335,7 @@ def test_a_report_that_is_interrupted_says_what_makes_it_again(
     def interrupted(*_: object) -> int:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(mission.report, 'run', interrupted)
+    monkeypatch.setattr(mission.report, 'show_missions', interrupted)
     assert mission._report(tmp_path) == 130
     assert f'"report {tmp_path} --html" makes them again' in capsys.readouterr().err
 

@@ -1,6 +1,9 @@
 """What a user might write: policies that fly, remember, scribble and fail."""
 
 from collections.abc import Iterator
+import os
+import signal
+import time
 from typing import Any
 
 import numpy as np
@@ -94,3 +97,15 @@ class Speechless:
 
 def script() -> Iterator[int]:
     yield HOME
+
+
+def killed(situation: Situation) -> int:
+    """Its process is killed, as for want of memory."""
+    os.kill(os.getpid(), signal.SIGKILL)
+    return HOME
+
+
+def slow(situation: Situation) -> int:
+    """Takes its time."""
+    time.sleep(1.0)
+    return HOME

@@ -27,6 +27,8 @@ from launch_recorder import (
 )
 from processes import Processes, RunningProcess
 import pytest
+from tiny_world import tiny, uav
+from uav_collect.analysis.choice_file import read_choice
 from uav_collect.errors import ConfigError, FleetError
 from uav_collect.missions.simulation import Simulation
 from uav_collect.scenario.load import load
@@ -59,6 +61,7 @@ def test_the_launch_file_declares_its_arguments_with_the_defaults_of_the_nodes(
         'missions': '1',
         'real_time_factor': '0.0',
         'policy': 'sweep',
+        'candidates': '',
         'bandwidth': 'exact',
         'guard_after': '12',
         'output_dir': '',
@@ -127,6 +130,28 @@ def test_arguments_reach_the_nodes_that_they_are_for_in_their_type(description: 
         assert given(agent, 'policy') == ('hert', str)
         assert given(agent, 'bandwidth') == ('equal', str)
         assert given(agent, 'guard_after') == (0, int)
+
+
+def test_the_best_policy_is_chosen_once_and_named_to_all_agents(
+    description: Made, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv('UAV_COLLECT_KERNELS', 'interpreted')
+    small, run = tmp_path / 'small.yaml', tmp_path / 'run'
+    small.write_text(tiny(uav(), uav(10.0)).to_yaml())
+    wanted = {'policy': 'best', 'candidates': 'random,hert-equal', 'output_dir': str(run)}
+    made = started(description, scenario=str(small), **wanted)
+    of = {node.options['executable']: node for node in made if node.kind == 'Node'}
+    choice = read_choice(run)
+    assert choice is not None
+    assert [it.policy for it in choice.tried] == ['sweep', 'hert', 'random', 'hert-equal']
+    assert given(of['uav_agent'], 'policy') == (choice.policy, str)
+    assert given(of['uav_agent'], 'candidates') == ('', str)
+    assert given(of['recorder'], 'choice') == (choice.why, str)
+
+
+def test_candidates_without_a_choice_are_refused(description: Made) -> None:
+    with pytest.raises(ConfigError, match='candidates:=random: must come with policy:=best'):
+        started(description, candidates='random')
 
 
 def test_all_nodes_take_the_mission_of_the_world_that_is_started_with_them(
@@ -296,7 +321,7 @@ def test_launch_flies_a_mission_and_leaves_nothing_behind(
     ('node', 'module_name'),
     [
         ('world_sim', 'world.settings'),
-        ('uav_agent', 'agent.node'),
+        ('uav_agent', 'agent.settings'),
         ('recorder', 'recorder.node'),
         ('trainer', 'trainer.settings'),
     ],

@@ -68,7 +68,7 @@ def test_an_agent_says_when_its_policy_flies_outside_what_it_learned_on(
 ) -> None:
     scenario = scenario_of(2, radio__contact_range_m=100.0)
     fleet = Fleet(processes=processes, scenario=scenario, folder=tmp_path / 'run')
-    agent, _ = fleet.start_agents('strong')
+    agent, _ = fleet.start_agents('paper_10x10_n2_aqmix')
     world = fleet.start_world(decision_timeout_s=ENOUGH_S)
     agent.wait_for(r'outside what it learned on: contact range 100 m \(learned: 200 m\)')
     assert world.wait_for_exit() == 0

@@ -22,6 +22,7 @@ from uav_collect.uav import policy as policy_module
 from uav_collect.uav.agent import Agent, allocator_named
 from uav_collect.uav.belief import belief_of, new_beliefs
 from uav_collect.uav.briefing import brief
+from uav_collect.uav.learned_on import learned_on
 from uav_collect.uav.observation import Layout
 from uav_collect.uav.policy import frozen_policy, Policy, policy_for, policy_named, STRONG
 from uav_collect.uav.policy_file import load_policy
@@ -248,7 +249,9 @@ def test_strong_is_what_is_shipped_for_the_scenario_and_its_fleet(shipped: Path)
 
 def test_strong_says_what_there_is_when_there_is_none_for_the_scenario(shipped: Path) -> None:
     saved(shipped, 'lillgrund_n2_aqmix', header())  # of no use here
-    with pytest.raises(PolicyMismatchError, match=r'shipped for paper_10x10 with 2 UAVs$'):
+    with pytest.raises(
+        PolicyMismatchError, match=r'for paper_10x10 with 2 UAVs; --policy best flies'
+    ):
         policy_for(STRONG, scenario_of(2))
     saved(shipped, 'paper_10x10_n2_aqmix', header())
     words = 'no learned policy is shipped for paper_10x10 with 1 UAV .*there are paper_10x10_n2'
@@ -262,11 +265,51 @@ def test_strong_is_refused_where_the_area_was_changed(shipped: Path) -> None:
         policy_for(STRONG, scenario_of(2, **{'area.cells_per_side': 12}))
 
 
+def test_strong_is_refused_where_it_learned_on_other_scenarios(shipped: Path) -> None:
+    saved(shipped, 'paper_10x10_n2_aqmix', header(learned_on=(learned_on(scenario_of(2)),)))
+    assert policy_for(STRONG, scenario_of(2)).name == 'paper_10x10_n2_aqmix'
+    words = (
+        r'outside what it learned on: cells with data 0\.5 \(learned: 0\.3\);'
+        ' --policy paper_10x10_n2_aqmix flies it all the same; --policy best flies'
+    )
+    with pytest.raises(PolicyMismatchError, match=words):
+        policy_for(STRONG, scenario_of(2, **{'demand.cell_share': 0.5}))
+
+
+@pytest.mark.parametrize(
+    ('n_uavs', 'overrides', 'name'),
+    [
+        (2, {}, 'paper_10x10_n2_aqmix'),
+        (2, {'demand.cell_share': 0.5}, 'anywhere'),  # the specialist learned on .3
+        (2, {'name': 'elsewhere'}, 'anywhere'),  # there is no specialist
+    ],
+)
+def test_where_no_specialist_is_at_home_strong_is_what_learned_on_many_fields(
+    n_uavs: int, overrides: dict[str, object], name: str, shipped: Path
+) -> None:
+    saved(shipped, 'paper_10x10_n2_aqmix', header(learned_on=(learned_on(scenario_of(2)),)))
+    saved(shipped, 'anywhere', header())
+    assert policy_for(STRONG, scenario_of(n_uavs, **overrides)).name == name
+
+
+def test_a_specialist_that_is_broken_is_not_passed_over(shipped: Path) -> None:
+    file = saved(shipped, 'paper_10x10_n2_aqmix', header())
+    file.write_bytes(file.read_bytes()[:-1])
+    saved(shipped, 'anywhere', header())
+    with pytest.raises(PolicyMismatchError, match='paper_10x10_n2_aqmix'):
+        policy_for(STRONG, scenario_of(2))
+
+
+def test_the_best_policy_is_chosen_by_those_who_can(shipped: Path) -> None:
+    with pytest.raises(PolicyMismatchError, match='policy best is chosen before take-off'):
+        policy_for('best', scenario_of(2))
+
+
 def test_an_unknown_name_is_answered_with_those_that_there_are(shipped: Path) -> None:
     saved(shipped, 'careful', header())
-    words = "'best' is unknown; there are hert, hert-equal, sweep, random, careful, the path of"
+    words = "'finest' is unknown; there are hert, hert-equal, sweep, random, careful, the path of"
     with pytest.raises(PolicyMismatchError, match=words):
-        policy_named('best')
+        policy_named('finest')
 
 
 def test_weights_to_start_from_are_those_of_a_file_or_of_a_shipped_policy(shipped: Path) -> None:
@@ -286,7 +329,7 @@ def test_a_path_that_leads_nowhere_is_named(tmp_path: Path) -> None:
         policy_named(str(tmp_path / 'nowhere.safetensors'))
 
 
-@pytest.mark.parametrize('name', ['sweep', 'hert', 'strong'])
+@pytest.mark.parametrize('name', ['sweep', 'hert', 'strong', 'best'])
 def test_a_file_must_not_pass_for_another_policy(name: str, tmp_path: Path) -> None:
     with pytest.raises(PolicyMismatchError, match='rename it'):
         policy_named(str(saved(tmp_path, name, header())))

@@ -14,7 +14,7 @@ from uav_collect import files
 from uav_collect.commands import options, terminal
 from uav_collect.commands.small_jobs import choose_kernels
 from uav_collect.errors import PolicyMismatchError
-from uav_collect.limits import INTERRUPTED, UNUSABLE
+from uav_collect.limits import BEST, INTERRUPTED, UNUSABLE
 
 if TYPE_CHECKING:  # loaded when flying, so that --help answers at once
     from uav_collect.analysis.metrics import MissionMetrics
@@ -70,9 +70,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=['sweep'],
         metavar='NAME|FILE|MODULE:NAME',
         help='one or more of hert, hert-equal, sweep, random, shipped policies, .safetensors'
-        ' files, functions or classes as module:name, and strong, the policy shipped for the'
-        ' scenario (default: sweep)',
+        ' files, functions or classes as module:name, strong, the policy shipped for the'
+        ' scenario, and best, which of them does best in sampled missions of it (default: sweep)',
     )
+    options.add_candidates_option(parser)
     parser.add_argument(
         '--missions',
         type=options.whole_number(1, _MAX_MISSIONS),
@@ -98,6 +99,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Fly the missions and evaluate the policies; returns the exit status."""
+    options.check_candidates(arguments, arguments.policy)
     scenario = options.scenario_of(arguments)
     of_each = len(arguments.policy) + (_FLIGHTS_OF_A_PLAN if arguments.bound else 0)
     choose_kernels(arguments.missions * len(arguments.bandwidth) * of_each, scenario.n_cells)
@@ -128,7 +130,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _contenders(arguments: argparse.Namespace, scenario: 'Scenario') -> list[_Contender]:
     """Find what is wrong before a thousand missions are flown for nothing."""
-    from uav_collect.uav.policy import policy_for, remarks
+    from uav_collect.uav.policy import remarks
 
     for option, values in (('policy', arguments.policy), ('bandwidth', arguments.bandwidth)):
         if len(set(values)) < len(values):
@@ -136,7 +138,7 @@ def _contenders(arguments: argparse.Namespace, scenario: 'Scenario') -> list[_Co
     if arguments.compare and len(arguments.policy) == 1:
         raise PolicyMismatchError('--compare: name two policies or more with --policy')
     options.check_files(arguments)
-    policies = {given: policy_for(given, scenario) for given in arguments.policy}
+    policies = {given: _policy(given, arguments, scenario) for given in arguments.policy}
     for policy in policies.values():
         for line in remarks(policy, scenario):
             terminal.say(line)
@@ -147,6 +149,28 @@ def _contenders(arguments: argparse.Namespace, scenario: 'Scenario') -> list[_Co
         label = name if len(arguments.bandwidth) == 1 else f'{name}, {bandwidth}'
         contenders.append(_Contender(label=label, name=name, policy=policy, bandwidth=bandwidth))
     return contenders
+
+
+def _policy(name: str, arguments: argparse.Namespace, scenario: 'Scenario') -> 'NamedPolicy':
+    """A policy that is asked for; the best one is chosen first, in other missions, and shown."""
+    from uav_collect.analysis.choosing import candidates_for, choose
+    from uav_collect.analysis.console import plain_console
+    from uav_collect.scenario.site import build_site
+    from uav_collect.uav.policy import listed_names, policy_for
+
+    if name != BEST:
+        return policy_for(name, scenario)
+    candidates, left_out = candidates_for(scenario, listed_names(arguments.candidates))
+    for line in left_out:
+        terminal.say(line)
+    choice = choose(
+        build_site(scenario),
+        candidates,
+        allocator=arguments.bandwidth[0],
+        guard_after=arguments.guard_after,
+    )
+    plain_console().print(f'{choice}\n', soft_wrap=True)
+    return policy_for(choice.policy, scenario)
 
 
 def _fly(

@@ -11,16 +11,18 @@ from typing import TYPE_CHECKING
 import uuid
 
 from uav_collect.commands import options, report
+from uav_collect.commands.choice_process import ChoiceRequest, started_choice
 from uav_collect.commands.live_page import live_page
 from uav_collect.commands.ros_processes import Fleet, FleetProcess, ros_parameters, running_fleet
-from uav_collect.commands.terminal import say, say_reach
-from uav_collect.errors import FleetError, PolicyMismatchError
+from uav_collect.commands.terminal import interrupted_by_signals, say, say_reach
+from uav_collect.errors import FleetError
 from uav_collect.kernels.compile import interpret_kernels
 from uav_collect.kernels.patience import repeated_line, waiting_for
-from uav_collect.limits import FAILED, INTERRUPTED
+from uav_collect.limits import BEST, FAILED, INTERRUPTED
 from uav_collect.recording.mission_folder import log_name, SCENARIO_FILE
 
 if TYPE_CHECKING:  # loaded when flying, so that --help answers at once
+    from uav_collect.analysis.choice import Choice
     from uav_collect.scenario.model import Scenario
 
 _DESCRIPTION = """
@@ -31,7 +33,6 @@ trajectories, a film that a browser plays and what every process said.
 """
 _LOOK_S = 0.05
 _LINE_EVERY_S = 10.0
-_FALLBACK = 'sweep'  # flies where no learned policy is shipped
 _RULES = ('hert', 'sweep')  # that every mission is compared with
 _RECORDER = 'recorder'  # a mission does without it
 _GAP = 'not recorded: '  # before what a recorder names as missing
@@ -47,10 +48,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--policy',
         metavar='NAME|FILE|MODULE:NAME',
+        default=BEST,
         help='hert, hert-equal, sweep, random, a shipped policy, a .safetensors file, a function'
-        ' or class as module:name, or strong, the policy shipped for the scenario (default:'
-        ' strong, or sweep where none is shipped)',
+        ' or class as module:name, strong, the policy shipped for the scenario, or best, which'
+        ' of them does best in sampled missions of the scenario (default: %(default)s)',
     )
+    options.add_candidates_option(parser)
     options.add_seed_option(parser, 'seed of the mission')
     options.add_allocator_option(parser)
     options.add_guard_option(parser)
@@ -79,20 +82,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Fly the mission; returns the exit status."""
-    interpret_kernels()  # all of one mission in this process takes less than to load compiled ones
+    options.check_candidates(arguments, [arguments.policy])
     scenario = options.scenario_of(arguments)
-    policy = _checked_policy(arguments.policy, scenario)
+    choice = _choice(arguments, scenario) if arguments.policy == BEST else None
+    interpret_kernels()  # all of one mission in this process takes less than to load compiled ones
+    policy = arguments.policy if choice is None else choice.policy
+    _check_policy(policy, scenario)
     folder = _make_folder(arguments.output, scenario.name)
     _keep_policy(policy, scenario, folder)
+    why = '' if choice is None else _keep_choice(choice, folder)
     say(f'{scenario.name}, seed {arguments.seed}, {scenario.n_uavs} UAVs: {policy}')
     say_reach(scenario)
     own = {'world_instance': str(uuid.uuid4())}  # who else is in the ROS domain counts for nobody
     if not _is_viewed(arguments):
-        return _fly_and_show(folder, scenario, policy, own, arguments)
+        return _fly_and_show(folder, scenario, policy, why, own, arguments)
     flags = [*(['--control'] if arguments.control else []), *ros_parameters(**own)]
     try:
         with live_page(folder, scenario.n_uavs + 2, flags) as stay:
-            status = _fly_and_show(folder, scenario, policy, own, arguments)
+            status = _fly_and_show(folder, scenario, policy, why, own, arguments)
             if status != INTERRUPTED:
                 stay()
     except KeyboardInterrupt:
@@ -107,6 +114,7 @@ def _fly_and_show(
     folder: Path,
     scenario: 'Scenario',
     policy: str,
+    why: str,
     own: Mapping[str, str],
     arguments: argparse.Namespace,
 ) -> int:
@@ -114,7 +122,7 @@ def _fly_and_show(
     start_s = time.monotonic()
     try:
         with running_fleet(folder, scenario.n_uavs + 2) as fleet:
-            gap = _fly(fleet, folder, scenario, policy, own, arguments)
+            gap = _fly(fleet, folder, scenario, policy, why, own, arguments)
     except KeyboardInterrupt:
         say(f'interrupted; what was flown is in {folder}')
         return INTERRUPTED
@@ -135,32 +143,55 @@ def _report(folder: Path) -> int:
     """Show the mission that was flown, and leave its picture and film; the exit status."""
     shown = {'readings': False, 'csv': None, 'gif': None, 'mp4': None, 'html': True}
     try:
-        return report.run(argparse.Namespace(path=folder, pictures=None, **shown))
+        return report.show_missions(argparse.Namespace(path=folder, pictures=None, **shown))
     except KeyboardInterrupt:
         again = f'"report {folder} --html" makes them again'
         say(f'interrupted; the mission is recorded, its picture or its film is missing: {again}')
         return INTERRUPTED
 
 
-def _checked_policy(wanted: str | None, scenario: 'Scenario') -> str:
-    """The policy to name to the agents, known to fit.
+def _choice(arguments: argparse.Namespace, scenario: 'Scenario') -> 'Choice':
+    """Let candidates fly sampled missions, show what came of it; who is to fly.
 
     Raises:
-        PolicyMismatchError: the one that the user wants does not.
+        PolicyMismatchError: a candidate that the user names cannot fly.
     """
-    from uav_collect.uav.policy import policy_for, remarks, STRONG
+    request = ChoiceRequest(
+        scenario=scenario.to_yaml(),
+        candidates=arguments.candidates,
+        allocator=arguments.bandwidth,
+        guard_after=arguments.guard_after,
+    )
+    with interrupted_by_signals(), started_choice(request) as answer:
+        interpret_kernels()  # here, but not in that process
+        from uav_collect.analysis.console import plain_console
 
-    if wanted is not None:
-        for line in remarks(policy_for(wanted, scenario), scenario):
-            say(line)
-        return wanted
-    try:
-        for line in remarks(policy_for(STRONG, scenario), scenario):
-            say(line)
-    except PolicyMismatchError as error:
-        say(f'{error}: {_FALLBACK} flies')
-        return _FALLBACK
-    return STRONG
+        with waiting_for('candidates that fly sampled missions'):
+            choice, left_out = answer()
+    for line in left_out:
+        say(line)
+    plain_console().print(f'{choice}\n', soft_wrap=True)
+    return choice
+
+
+def _check_policy(name: str, scenario: 'Scenario') -> None:
+    """Say what whoever flies a policy should know of it.
+
+    Raises:
+        PolicyMismatchError: it does not fit.
+    """
+    from uav_collect.uav.policy import policy_for, remarks
+
+    for line in remarks(policy_for(name, scenario), scenario):
+        say(line)
+
+
+def _keep_choice(choice: 'Choice', folder: Path) -> str:
+    """Leave the choice in the run folder; why its policy flies."""
+    from uav_collect.analysis.choice_file import keep_choice
+
+    keep_choice(choice, folder)
+    return choice.why
 
 
 def _keep_policy(name: str, scenario: 'Scenario', folder: Path) -> None:
@@ -210,6 +241,7 @@ def _fly(
     folder: Path,
     scenario: 'Scenario',
     policy: str,
+    why: str,
     own: Mapping[str, str],
     arguments: argparse.Namespace,
 ) -> str:
@@ -219,7 +251,11 @@ def _fly(
     recorder = fleet.start(
         'recorder',
         _RECORDER,
-        ['--output', str(folder / 'bag'), *ros_parameters(stop_after_missions=1, **own)],
+        [
+            '--output',
+            str(folder / 'bag'),
+            *ros_parameters(stop_after_missions=1, choice=why, **own),
+        ],
         ends_last=True,
     )
     world = fleet.start(

@@ -12,6 +12,7 @@ from uav_collect import files
 from uav_collect.errors import ConfigError, TrainingRunError
 from uav_collect.limits import (
     ALLOCATOR_NAMES,
+    BEST,
     GUARD_AFTER,
     MAX_DECISIONS,
     MAX_GUARD_AFTER,
@@ -198,6 +199,30 @@ def add_allocator_option(
         help='how a hovering UAV shares its bandwidth: exact (shortest hover), equal (as much for'
         f' each sensor){by_solver} (default: {DEFAULT_ALLOCATOR})',
     )
+
+
+def add_candidates_option(parser: argparse.ArgumentParser) -> None:
+    """Add who may fly besides those whom `--policy best` knows; `check_candidates` looks at it."""
+    parser.add_argument(
+        '--candidates',
+        default='',
+        metavar='NAME,...',
+        help=f'with --policy {BEST}: policies, as --policy names them, among which the best is'
+        ' chosen, besides those that are shipped for the scenario, sweep and hert',
+    )
+
+
+def check_candidates(arguments: argparse.Namespace, policies: Sequence[str]) -> None:
+    """Refuse candidates of which none would be chosen.
+
+    Args:
+        policies: those that are asked for.
+
+    Raises:
+        ConfigError: the best of the candidates is not one of them.
+    """
+    if arguments.candidates and BEST not in policies:
+        raise ConfigError(f'--candidates: must come with --policy {BEST}')
 
 
 def add_guard_option(parser: argparse.ArgumentParser) -> None:

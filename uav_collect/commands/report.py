@@ -66,6 +66,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
+    """Report the missions at the path, and who was chosen to fly them; returns the exit status."""
+    from uav_collect.analysis.choice_file import read_choice
+    from uav_collect.analysis.console import plain_console
+
+    if (choice := read_choice(arguments.path)) is not None:
+        plain_console().print(f'{choice}\n', soft_wrap=True)
+    return show_missions(arguments)
+
+
+def show_missions(arguments: argparse.Namespace) -> int:
     """Report the missions at the path; returns the exit status."""
     is_read = arguments.html or arguments.readings or arguments.csv is not None
     if is_read and 'numba' not in sys.modules:

@@ -81,6 +81,10 @@ class LaunchArguments:
         except PackageNotFoundError:
             self._problem(name, f'the package {package} is not installed')
 
+    def refuse(self, name: str, what: str) -> None:
+        """Refuse an argument, and say what it must be."""
+        self._problem(name, what)
+
     def needed(self, name: str) -> None:
         """Refuse an argument that is empty."""
         if not self._texts[name]:

@@ -10,6 +10,7 @@ from uav_collect.revision import git_revision, package_versions
 
 ORIGIN_FILE = 'origin.json'  # of a run folder
 ORIGIN_KEY = 'origin'  # of the remarks in a bag's metadata
+CHOICE_KEY = 'choice'  # the same: why its policy flies, where one was chosen
 _MOST_BYTE = 1 << 20
 _FLOWN_BY = ('uav_collect', 'python', 'numpy')
 _POLICIES = 'policies'

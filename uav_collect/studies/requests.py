@@ -8,7 +8,7 @@ from uav_collect.studies.jobs.jobs import digest_of, FlightsJob, Job, PlansJob, 
 from uav_collect.studies.scale import ScaleConfig
 from uav_collect.studies.study import LEARNED, MissionSet, PLAN, RULES, TrainedPolicies
 from uav_collect.training.config import load_preset
-from uav_collect.uav.policy import policy_for, STRONG
+from uav_collect.uav.policy import policy_for, specialist_name, STRONG
 
 
 @dataclass
@@ -76,7 +76,8 @@ class Requests:
         """
         if label != STRONG:
             return self.fly_rule(label, scenario)
-        shipped = policy_for(STRONG, scenario)
+        # Whatever a study changes, the policy that is shipped for the scenario flies.
+        shipped = policy_for(specialist_name(scenario), scenario)
         return self._tested(f'{shipped.name} {shipped.version}', (), scenario, 'exact')
 
     def plan(self, scenario: Scenario, bandwidth: str = 'exact') -> MissionSet:

@@ -8,6 +8,7 @@ from uav_collect.config.installed import shared_folders
 from uav_collect.config.yaml_text import shown
 from uav_collect.errors import PolicyMismatchError
 from uav_collect.kernels.arrays import Row
+from uav_collect.limits import BEST
 from uav_collect.scenario.model import Scenario
 from uav_collect.uav.action_codes import NONE
 from uav_collect.uav.belief import Belief
@@ -20,6 +21,7 @@ from uav_collect.uav.user_policy import is_user_policy_name, user_policy, UserPo
 from uav_collect.uav.view import LocalView
 
 STRONG = 'strong'  # stands for the learned policy that is shipped for the scenario at hand
+ANYWHERE = 'anywhere'  # the shipped policy that learned on many fields, where there is one
 TOPIC = 'topic'  # stands for what a trainer publishes, for agents over ROS
 
 
@@ -55,6 +57,11 @@ def policy_named(name: str) -> NamedPolicy:
         PolicyMismatchError: there is none of that name, or its file or module is broken.
     """
     match name:
+        case 'best':
+            raise PolicyMismatchError(
+                f'policy {BEST} is chosen before take-off: mission, evaluate, uav_agent and'
+                ' mission.launch.py do so, and choose_policy in Python'
+            )
         case 'hert':
             return RulePolicy(Heuristic.HERT)
         case 'hert-equal':
@@ -75,19 +82,24 @@ def policy_named(name: str) -> NamedPolicy:
     return _learned(file)
 
 
+def listed_names(text: str) -> list[str]:
+    """The policies that a user names in one text, separated by commas; none if it is empty."""
+    return [name for each in text.split(',') if (name := each.strip())]
+
+
 def policy_for(name: str, scenario: Scenario) -> NamedPolicy:
     """The policy that a user names, checked to fit a scenario.
 
     Args:
-        name: as for `policy_named`, or STRONG for the one that is shipped for the scenario's name
-            and number of UAVs.
+        name: as for `policy_named`, or STRONG for the one that is shipped for the scenario, if it
+            learned on the like of it, else ANYWHERE, if that is shipped.
 
     Raises:
         PolicyMismatchError: there is none of that name, it is broken, or it does not fit.
     """
-    policy = policy_named(_strong_name(scenario) if name == STRONG else name)
-    policy.begin(brief(scenario), 0)
-    return policy
+    if name == STRONG:
+        return _strong(scenario)
+    return _fitting(policy_named(name), scenario)
 
 
 def remarks(policy: Policy, scenario: Scenario) -> list[str]:
@@ -144,7 +156,12 @@ def shipped_policies() -> tuple[str, ...]:
     return tuple(sorted({file.stem for file in files}))
 
 
-def _strong_name(scenario: Scenario) -> str:
+def specialist_name(scenario: Scenario) -> str:
+    """The name of the policy that is shipped for a scenario's name and number of UAVs.
+
+    Raises:
+        PolicyMismatchError: there is none.
+    """
     # The one place that knows how shipped policies are named.
     name = f'{scenario.name}_n{scenario.n_uavs}_aqmix'
     if name not in shipped_policies():
@@ -157,6 +174,36 @@ def _strong_name(scenario: Scenario) -> str:
     return name
 
 
+def _strong(scenario: Scenario) -> NamedPolicy:
+    """The specialist of a scenario where it has learned on the like of it, else ANYWHERE."""
+    try:
+        name = specialist_name(scenario)
+    except PolicyMismatchError as error:
+        return _anywhere(scenario, str(error))
+    specialist = policy_named(name)  # raises where its file is broken
+    try:
+        _fitting(specialist, scenario)
+    except PolicyMismatchError as error:
+        return _anywhere(scenario, str(error))
+    strange = unfamiliar(specialist, scenario)
+    if strange is not None:
+        return _anywhere(scenario, f'{strange}; --policy {name} flies it all the same')
+    return specialist
+
+
+def _anywhere(scenario: Scenario, why: str) -> NamedPolicy:
+    """The policy that flies where no specialist does, for a reason."""
+    if ANYWHERE not in shipped_policies():
+        hint = f'--policy {BEST} flies the best of what there is'
+        raise PolicyMismatchError(f'{why}; {hint}')
+    return _fitting(policy_named(ANYWHERE), scenario)
+
+
+def _fitting(policy: NamedPolicy, scenario: Scenario) -> NamedPolicy:
+    policy.begin(brief(scenario), 0)
+    return policy
+
+
 def _file_of(name: str) -> Path | None:
     """The file of a learned policy that a user names; None if no shipped one is called so."""
     if name.endswith(SUFFIX) or os.sep in name:
@@ -166,7 +213,7 @@ def _file_of(name: str) -> Path | None:
 
 
 def _learned(file: Path) -> LearnedPolicy:
-    if file.stem in (STRONG, TOPIC, *(heuristic.label for heuristic in Heuristic)):
+    if file.stem in (STRONG, BEST, TOPIC, *(heuristic.label for heuristic in Heuristic)):
         raise PolicyMismatchError(f'{file}: must not be called as another policy is: rename it')
     frozen = load_policy(file)
     # The same in every locale, and for files whose names are of another.

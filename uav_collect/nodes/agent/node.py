@@ -11,22 +11,17 @@ from typing import Any
 import uuid
 
 from rclpy.clock import Clock, ClockType
-from uav_collect.config.arguments import Parser
 from uav_collect.errors import ConfigError, NodeError, PolicyMismatchError
-from uav_collect.limits import ALLOCATOR_NAMES, GUARD_AFTER, MAX_GUARD_AFTER, MAX_UAVS, UNUSABLE
+from uav_collect.limits import UNUSABLE
 from uav_collect.lockstep.checks import observation_problem, radio_problem
 from uav_collect.lockstep.inbox import Inbox
 from uav_collect.lockstep.published_policy import PolicyStore, TopicPolicy
 from uav_collect.nodes import convert, topics
+from uav_collect.nodes.agent.policy_choice import check_choices, PolicyChoice
+from uav_collect.nodes.agent.settings import argument_parser, PARAMETERS
 from uav_collect.nodes.agent.transitions import TransitionBuilder
 from uav_collect.nodes.agent.world_choice import WorldChoice
-from uav_collect.nodes.parameters import (
-    add_world_option,
-    declare,
-    help_text,
-    Parameter,
-    WORLD_INSTANCE,
-)
+from uav_collect.nodes.parameters import declare
 from uav_collect.nodes.process import parse_arguments, ProcessNode, run_node
 from uav_collect.nodes.sealing import SealedClient
 from uav_collect.nodes.topics import publisher, subscription
@@ -37,57 +32,13 @@ from uav_collect.uav.action_codes import NONE
 from uav_collect.uav.agent import Agent, allocator_named
 from uav_collect.uav.briefing import brief, Briefing
 from uav_collect.uav.observation import Layout
-from uav_collect.uav.policy import (
-    guard_for,
-    policy_for,
-    policy_named,
-    remarks,
-    STRONG,
-    TOPIC,
-)
+from uav_collect.uav.policy import guard_for, remarks, TOPIC
 from uav_collect_msgs.srv import Join
 
-_DESCRIPTION = """
-Flies one UAV: decides by a policy what it does next, from what it sees and hears, and shares its
-bandwidth among the sensors it serves. Learns the scenario from the world; start it in any order
-with the world and the other agents.
-"""
 _ASK_PERIOD_S = 0.25  # between two requests to join
 _ANSWER_S = 1.5  # a request to a world that died since it was found is never answered
 _PATIENCE_S = 10.0  # how long a UAV's last agent may take to be noticed dead
 _WAITING_PERIOD_S = 10.0  # between two lines that say what the agent waits for
-
-PARAMETERS = (
-    Parameter(name='uav', default=0, description='id of the UAV (--id)', low=0, high=MAX_UAVS),
-    Parameter(
-        name='policy',
-        default='sweep',
-        description='hert, hert-equal, sweep or random, a learned policy by name or .safetensors '
-        'file, a function or class as module:name, strong: the one shipped for the scenario, or '
-        'topic: what a trainer publishes on /trainer/policy (--policy)',
-    ),
-    Parameter(
-        name='bandwidth',
-        default='exact',
-        description='how bandwidth is shared: exact, equal or cvxpy (--bandwidth)',
-    ),
-    Parameter(
-        name='guard_after',
-        default=GUARD_AFTER,
-        description='decisions that teach the UAV of no complete cell, after which its guard '
-        'takes over from a learned policy or a function, until it knows more: it hovers where it '
-        'may, else makes for the nearest incomplete cell; 0: never (--guard-after)',
-        low=0,
-        high=MAX_GUARD_AFTER,
-    ),
-    Parameter(
-        name='observation_layout',
-        default='',
-        description='layout, paper or egocentric, in which each decision is told to learners on '
-        '/uav_N/transition; empty: not at all, or with --policy topic that of the policy',
-    ),
-    WORLD_INSTANCE,
-)
 
 
 def _gives_up_on_error(callback: Callable[..., None]) -> Callable[..., None]:
@@ -118,7 +69,16 @@ class AgentNode(ProcessNode):
         self._guard_after = self._value('guard_after') if given is None else given
         if not self._uav:
             raise NodeError('the id of the UAV is missing: --id N, from 1')
-        _check_choices(self._policy, self._allocator)
+        candidates = arguments.candidates or self._value('candidates')
+        check_choices(self._policy, candidates, self._allocator)
+        self._choice = PolicyChoice(
+            self._policy,
+            candidates=candidates,
+            allocator=self._allocator,
+            guard_after=self._guard_after,
+            log=self.get_logger().info,
+        )
+        self._scenario_msg: Any = None  # of the world that is flown for
         self._instance = str(uuid.uuid4())
         self._layout = _layout_named(self._value('observation_layout'))
         self._inbox: Inbox | None = None
@@ -154,6 +114,9 @@ class AgentNode(ProcessNode):
 
     def _tick(self) -> None:
         self._world.tick()
+        if self._choice.is_open:
+            self._prepare(self._choice.go_on)
+            return
         if self._inbox is not None and self._inbox.lacks_policy:
             self._join_anew()  # the world has the policy, and answers with it
         self._ask_to_join()
@@ -166,15 +129,22 @@ class AgentNode(ProcessNode):
 
     @_gives_up_on_error
     def _on_world(self, msg: Any) -> None:
-        """Try to join the fleet of a world, by its scenario.
+        """Try to join the fleet of a world, by its scenario."""
+        self._inbox, self._is_member, self._unfit = None, False, ''
+        self._scenario_msg = msg
+        self._prepare(lambda: True)
+
+    @_gives_up_on_error
+    def _prepare(self, is_ready: Callable[[], bool]) -> None:
+        """Get ready to fly a scenario as soon as it is known by which policy.
 
         An agent that a world had waits for the scenario after this one, if it cannot fly this.
         """
-        self._inbox, self._is_member, self._unfit = None, False, ''
         try:
-            self._join_fleet(msg)
+            if is_ready():
+                self._join_fleet(self._scenario_msg)
         except (ConfigError, PolicyMismatchError) as error:
-            if self._published_for != msg.world_instance:
+            if self._published_for != self._scenario_msg.world_instance:
                 raise
             self._unfit = str(error)
             self._log_waiting()
@@ -184,7 +154,9 @@ class AgentNode(ProcessNode):
         scenario = self._checked_scenario(msg)
         briefing, uav = brief(scenario), self._uav - 1
         self._briefing, self._n_sensors = briefing, len(msg.sensor_id)
-        policy = self._topic_policy(briefing) or policy_for(self._policy, scenario)
+        policy = self._topic_policy(briefing) or self._choice.policy_for(scenario)
+        if policy is None:
+            return  # it is being chosen
         for line in remarks(policy, scenario):
             self.get_logger().warning(line)
         topic_policy = policy if isinstance(policy, TopicPolicy) else None
@@ -380,20 +352,6 @@ class AgentNode(ProcessNode):
             self._command_pub.publish(command)
 
 
-def _check_choices(policy: str, allocator: str) -> None:
-    """Refuse a policy or an allocator that there is not, before a world is waited for.
-
-    Raises:
-        NodeError: naming those that there are.
-    """
-    try:
-        if policy not in (STRONG, TOPIC):  # which one that is, the world decides
-            policy_named(policy)
-        allocator_named(allocator)
-    except ValueError as error:
-        raise NodeError(str(error)) from error
-
-
 def _layout_named(name: str) -> Layout | None:
     """The layout that a parameter names; None if it is empty.
 
@@ -411,40 +369,5 @@ def _layout_named(name: str) -> Layout | None:
 
 def main(argv: Sequence[str]) -> int:
     """Run the agent of one UAV; the exit status."""
-    parser = Parser(
-        prog='uav_agent',
-        description=_DESCRIPTION,
-        epilog=help_text(PARAMETERS),
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument(
-        '--id', type=_whole_number(1, MAX_UAVS), metavar='N', help='id of the UAV, from 1'
-    )
-    parser.add_argument(
-        '--policy',
-        metavar='NAME|FILE|MODULE:NAME',
-        help='hert, hert-equal, sweep, random, a .safetensors file, a shipped policy, a function'
-        ' or class as module:name, strong, or topic',
-    )
-    parser.add_argument(
-        '--bandwidth', choices=ALLOCATOR_NAMES, help='how bandwidth is shared among sensors'
-    )
-    parser.add_argument(
-        '--guard-after',
-        type=_whole_number(0, MAX_GUARD_AFTER),
-        metavar='K',
-        help='decisions without news after which the guard takes over; 0: never',
-    )
-    add_world_option(parser)
-    arguments = parse_arguments(parser, argv)
+    arguments = parse_arguments(argument_parser(), argv)
     return run_node(lambda: AgentNode(arguments), argv)
-
-
-def _whole_number(low: int, high: int) -> Callable[[str], int]:
-    def parse(text: str) -> int:
-        if not text.isdecimal() or not low <= int(text) <= high:
-            allowed = f'a whole number from {low} to {high}'
-            raise argparse.ArgumentTypeError(f'{text!r} must be {allowed}')
-        return int(text)
-
-    return parse

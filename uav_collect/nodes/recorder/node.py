@@ -55,7 +55,7 @@ from uav_collect.recording.bag_writer import BagWriter, MessageTypes
 from uav_collect.recording.completeness import Completeness, Lack, Taken
 from uav_collect.recording.log_times import LogTimes, StampReader
 from uav_collect.recording.message_heads import HeadReader
-from uav_collect.recording.origin import ORIGIN_KEY, origin_text
+from uav_collect.recording.origin import CHOICE_KEY, ORIGIN_KEY, origin_text
 
 _DESCRIPTION = """
 Records every topic of a mission, as received, into one bag (rosbag2 layout, MCAP), in simulated
@@ -110,6 +110,11 @@ PARAMETERS = (
         description='size [byte] of messages that are written without waiting for that',
         low=1_000,
         high=1_000_000,
+    ),
+    Parameter(
+        name='choice',
+        default='',
+        description='who flies and why, for the metadata of the bag; empty: nobody was chosen',
     ),
     WORLD_INSTANCE,
 )
@@ -186,6 +191,8 @@ class RecorderNode(ProcessNode):
         except RecordingError as error:
             raise NodeError(str(error)) from error
         bag.remark(ORIGIN_KEY, origin_text())
+        if choice := self._value('choice'):
+            bag.remark(CHOICE_KEY, choice)
         return bag
 
     def _checked_choice(self) -> str:

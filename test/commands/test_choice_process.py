@@ -1,0 +1,81 @@
+"""The process that chooses the policy of a mission: what it answers, and how its kernels run."""
+
+from dataclasses import replace
+import os
+from pathlib import Path
+import subprocess
+import sys
+
+import pytest
+from tiny_world import tiny
+from uav_collect.analysis.choosing import candidates_for, choose
+from uav_collect.commands.choice_process import ChoiceRequest, started_choice
+from uav_collect.errors import FleetError, PolicyMismatchError
+from uav_collect.scenario.site import build_site
+
+REQUEST = ChoiceRequest(
+    scenario=tiny().to_yaml(), candidates='', allocator='exact', guard_after=12
+)
+ASK = f"""
+from uav_collect.commands.choice_process import ChoiceRequest, started_choice
+if __name__ == '__main__':
+    with started_choice({REQUEST!r}) as answer:
+        choice, _ = answer()
+    print(choice.is_compiled, choice.policy, choice.n_missions)
+"""
+
+
+@pytest.fixture(autouse=True)
+def interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv('UAV_COLLECT_KERNELS', 'interpreted')
+
+
+def test_it_answers_what_is_chosen_in_any_process() -> None:
+    with started_choice(REQUEST) as answer:
+        choice, left_out = answer()
+    scenario = tiny()
+    here = choose(build_site(scenario), candidates_for(scenario)[0], n_missions=choice.n_missions)
+    assert replace(here, is_compiled=False, n_planned=choice.n_planned) == choice
+    assert left_out == []
+
+
+def test_a_user_s_candidates_fly_too() -> None:
+    request = replace(REQUEST, candidates='user_policies:homebird, random')
+    with started_choice(request) as answer:
+        choice, _ = answer()
+    assert [it.policy for it in choice.tried] == [
+        *('sweep', 'hert', 'user_policies:homebird', 'random'),
+    ]
+
+
+def test_what_is_wrong_with_a_candidate_is_raised_here() -> None:
+    request = replace(REQUEST, candidates='nope')
+    with (
+        pytest.raises(PolicyMismatchError, match="policy 'nope' is unknown"),
+        started_choice(request) as answer,
+    ):
+        answer()
+
+
+def test_a_process_that_dies_is_one_line() -> None:
+    request = replace(REQUEST, candidates='user_policies:killed')
+    with (
+        pytest.raises(FleetError, match=r'chooses the policy ended with status -?\d+$'),
+        started_choice(request) as answer,
+    ):
+        answer()
+
+
+def test_without_compiled_kernels_fewer_missions_are_flown_at_once(tmp_path: Path) -> None:
+    script = tmp_path / 'ask.py'
+    script.write_text(ASK)
+    environment = {k: v for k, v in os.environ.items() if k != 'UAV_COLLECT_KERNELS'}
+    done = subprocess.run(
+        [sys.executable, str(script)],
+        env={**environment, 'XDG_CACHE_HOME': str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout.split()[:2] == ['False', 'sweep']
+    assert 'compiling' not in done.stderr
