@@ -277,3 +277,23 @@ def test_help_does_not_load_torch(command: str) -> None:
         [sys.executable, '-c', program], capture_output=True, text=True, check=True, cwd=ROOT
     )
     assert done.stdout.startswith('usage: ')
+
+
+def test_courses_and_scenarios_exclude_each_other(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = tmp_path / 'run'
+    given = ['train', '--courses', 'anywhere', '--uavs', '2', '--output', str(run)]
+    assert main(given) == 2
+    assert said(capsys) == 'error: --uavs cannot be given with --courses: they are drawn'
+    assert not run.exists()
+
+
+def test_courses_are_not_learned_on_by_the_settings_of_scenarios(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = tmp_path / 'run'
+    given = ['train', '--courses', 'anywhere', '--preset', 'strong', '--output', str(run)]
+    assert main(given) == 2
+    assert 'preset strong: courses is missing: must be there' in said(capsys)
+    assert not run.exists()

@@ -1,6 +1,7 @@
 """A minibatch: observations packed by UAV, and for each decision who runs which action."""
 
 from episodes import batch_of, drawn_episode, flown, hand_episode, HandDecision, small
+from interpreted import interpreted
 import numpy as np
 import pytest
 from tiny_world import tiny, uav
@@ -154,3 +155,16 @@ def test_observations_are_those_that_were_encoded_in_flight(
     seen = np.concatenate([np.array(it) for it in missions.observations])
     assert len(seen) > 40
     assert (batch.observation[batch.row] == seen.astype(np.float32)).all()
+
+
+def rebuilt_of_a_large_area() -> str:
+    """By how much rebuilt observations differ where nearly all of 289 cells are known complete."""
+    scenario = tiny(*FLEET[:2], area__cells_per_side=17, demand__known_empty='sensors')
+    missions = flown(scenario, [3], max_decisions=4)
+    batch = batch_of(missions.episodes, scenario, small('strong'))
+    seen = np.concatenate([np.array(it) for it in missions.observations]).astype(np.float32)
+    return str(float(np.abs(batch.observation[batch.row] - seen).max()))
+
+
+def test_observations_of_large_areas_are_rebuilt_by_interpreted_kernels_too() -> None:
+    assert interpreted(rebuilt_of_a_large_area) == '0.0'

@@ -5,7 +5,7 @@ import pytest
 from tiny_world import tiny
 
 torch = single_threaded_torch()
-from uav_collect.learning.mixer import Mixer, pooling_windows
+from uav_collect.learning.mixer import Mixer, pooling_windows, SetMixer
 from uav_collect.uav.action_codes import N_ACTIONS
 from uav_collect.uav.briefing import brief
 
@@ -143,3 +143,69 @@ def test_mean_pooling_is_sum_pooling_over_the_cells_of_a_whole_window() -> None:
     sums, means = (mixer.state(*maps) for mixer in mixers)
     torch.testing.assert_close(means[:, 8:], sums[:, 8:] / 9.0)  # after two UAVs' four numbers
     assert torch.equal(means[:, :8], sums[:, :8])
+
+
+def drawn_set_mixer(generator: torch.Generator) -> SetMixer:
+    """A set mixer of random weights."""
+    mixer = SetMixer(n_uav_scalars=4, embedding_size=3, hypernetwork_size=5)
+    for parameter in mixer.parameters():
+        parameter.data.normal_(std=0.5, generator=generator)
+    return mixer.double()
+
+
+@pytest.mark.parametrize('n_uavs', [1, 2, 5, 8])
+def test_a_set_mixer_falls_in_no_uavs_value(n_uavs: int) -> None:
+    generator = torch.Generator().manual_seed(n_uavs)
+    mixer = drawn_set_mixer(generator)
+    values = drawn_values(generator, 500, n_uavs).requires_grad_()
+    state = mixer.state(*drawn_maps(500, n_uavs, generator), (2, 8))
+    mixer(values, state).sum().backward()
+    assert (values.grad >= 0.0).all()
+    assert (values.grad > 0.0).double().mean() > 0.99
+
+
+def test_a_set_mixer_does_not_care_which_uav_is_which() -> None:
+    generator = torch.Generator().manual_seed(5)
+    mixer, order = drawn_set_mixer(generator), torch.tensor([2, 0, 3, 1])
+    fleet, complete = drawn_maps(50, 4, generator)
+    values = drawn_values(generator, 50, 4)
+    fleet_then = fleet.view(50, 4, 4)[:, order].reshape(50, 16)
+    complete_then = torch.cat((complete[:, order], complete[:, 4:]), dim=1)
+    team = mixer(values, mixer.state(fleet, complete, (4, 4)))
+    then = mixer(values[:, order], mixer.state(fleet_then, complete_then, (4, 4)))
+    torch.testing.assert_close(team, then)
+
+
+def test_a_set_mixer_depends_on_every_part_of_the_state_and_on_the_area() -> None:
+    generator = torch.Generator().manual_seed(6)
+    mixer = drawn_set_mixer(generator)
+    fleet, complete = drawn_maps(200, 2, generator)
+    values = drawn_values(generator, 200, 2)
+    with torch.no_grad():
+        team = mixer(values, mixer.state(fleet, complete, (4, 4)))
+        assert (mixer(values, mixer.state(fleet, complete, (2, 8))) != team).any()
+        for place in range(fleet.shape[1]):
+            moved = fleet.clone()
+            moved[:, place] += 1.0
+            assert (mixer(values, mixer.state(moved, complete, (4, 4))) != team).any()
+        for index in range(3):
+            for cell in range(N_CELLS):
+                flipped = complete.clone()
+                flipped[:, index, cell] = 1 - flipped[:, index, cell]
+                assert (mixer(values, mixer.state(fleet, flipped, (4, 4))) != team).any()
+
+
+@pytest.mark.parametrize('area', [(10, 10), (7, 13), (3, 24), (1, 1)])
+def test_maps_of_a_set_are_pooled_to_the_means_of_five_by_five_blocks(
+    area: tuple[int, int],
+) -> None:
+    generator = torch.Generator().manual_seed(7)
+    mixer = drawn_set_mixer(generator)
+    complete = torch.randint(2, (6, 3, area[0] * area[1]), generator=generator).to(torch.uint8)
+    state = mixer.state(torch.zeros(6, 8), complete, area)
+    pooled = torch.nn.functional.adaptive_avg_pool2d(complete.view(6, 3, *area).float(), 5)
+    torch.testing.assert_close(state[:, 4:29], pooled[:, 0].flatten(1))
+    torch.testing.assert_close(state[:, 33:58], pooled[:, 1].flatten(1))
+    torch.testing.assert_close(state[:, 58:83], pooled[:, 2].flatten(1))
+    sizes = torch.tensor([2 / 8, area[0] / 24, area[1] / 24])
+    torch.testing.assert_close(state[:, 83:], sizes.expand(6, 3))

@@ -2,14 +2,12 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from episodes import single_threaded_torch, small
 import numpy as np
 import pytest
 from tiny_world import tiny, uav
 from uav_collect.errors import PolicyMismatchError
-from uav_collect.learning.checkpoint import read_checkpoint
 from uav_collect.learning.minibatch import Algorithm
 from uav_collect.learning.replay import replay_bytes
 from uav_collect.missions.rollout import fly
@@ -20,6 +18,7 @@ from uav_collect.uav.learned_on import learned_on
 from uav_collect.uav.policy_network import LearnedPolicy
 
 torch = single_threaded_torch()
+from trainer_states import differences, state_of
 from uav_collect.errors import ConfigError
 from uav_collect.learning.trainer import Trainer
 from uav_collect.training.progress import Budget, Progress
@@ -44,37 +43,11 @@ def trained(trainer: Trainer, budget: Budget = BUDGET) -> list[Progress]:
     return list(trainer.run(budget))
 
 
-def state_of(trainer: Trainer, folder: Path) -> dict[str, Any]:
-    """All that a trainer holds, but for the time that it took."""
-    trainer.save(folder)
-    state = read_checkpoint(folder)
-    for name in ('validation', 'best'):
-        state[name]['wall_s'] = 0.0
-    state['trained_s'] = 0.0
-    return state
-
-
 def loaded(folder: Path, trainer: Trainer | None = None) -> Trainer:
     """A new trainer that goes on from what another one saved."""
     trainer = trainer or trainer_of()
     trainer.load(folder)
     return trainer
-
-
-def differences(one: object, other: object, path: str = '') -> list[str]:
-    """Where two states differ, to the bit."""
-    if isinstance(one, dict) and isinstance(other, dict):
-        keys = sorted({*one, *other}, key=str)
-        pairs = [(key, one.get(key), other.get(key)) for key in keys]
-    elif isinstance(one, list | tuple) and isinstance(other, list | tuple):
-        if len(one) != len(other):
-            return [f'{path}: {len(one)} and {len(other)}']
-        pairs = [(index, *pair) for index, pair in enumerate(zip(one, other, strict=True))]
-    elif isinstance(one, torch.Tensor | np.ndarray):
-        return [] if np.asarray(one).tobytes() == np.asarray(other).tobytes() else [path]
-    else:
-        return [] if one == other else [f'{path}: {one} and {other}']
-    return [it for key, mine, theirs in pairs for it in differences(mine, theirs, f'{path}/{key}')]
 
 
 @pytest.mark.parametrize('algorithm', [it.value for it in Algorithm])

@@ -17,6 +17,7 @@ that was set, tables and curves of how it went, and a checkpoint: Ctrl-C saves a
 on.
 """
 _PRESET = 'strong'
+_COURSES_PRESET = 'anywhere'
 _ALGORITHM = 'aqmix'
 _MINUTES = 30.0
 
@@ -25,6 +26,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Describe the command and add its arguments; what is None was not given."""
     parser.description = _DESCRIPTION
     options.add_scenarios_options(parser)
+    parser.add_argument(
+        '--courses',
+        metavar='NAME|FILE',
+        help='learn on courses that are drawn anew all the time, in place of scenarios: anywhere,'
+        ' or a YAML file (with --preset anywhere, or one that extends it)',
+    )
     _add_learning_options(parser)
     options.add_budget_options(parser, _MINUTES, 'how long to train each seed')
     parser.add_argument(
@@ -56,12 +63,13 @@ def _add_learning_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--preset',
         metavar='NAME|FILE',
-        help='settings of the training: paper, strong, refine (to go on from a policy) or a YAML'
-        f' file (default: {_PRESET})',
+        help='settings of the training: paper, strong, refine (to go on from a policy), anywhere'
+        f' (for courses) or a YAML file (default: {_PRESET}; of courses {_COURSES_PRESET})',
     )
     options.add_assignments(parser, '--override', 'replace values of the preset')
     parser.add_argument(
         '--start-from',
+        '--from',
         metavar='NAME|FILE',
         help='start from the weights of a shipped policy or of a .safetensors file instead of'
         ' random ones',
@@ -113,7 +121,7 @@ def _fill_in(arguments: argparse.Namespace) -> None:
     """Fill in the defaults of options that were not given."""
     for name, default in (
         ('algorithm', _ALGORITHM),
-        ('preset', _PRESET),
+        ('preset', _PRESET if arguments.courses is None else _COURSES_PRESET),
         ('seed', [0]),
         ('device', 'cpu'),
     ):

@@ -21,16 +21,17 @@ from uav_collect.training.run_record import read_run, RUN_FILE, RunRecord
 if TYPE_CHECKING:  # loaded when training, so that --help answers at once
     from uav_collect.scenario.model import Scenario
     from uav_collect.training.config import TrainingConfig
+    from uav_collect.training.courses import Courses
     from uav_collect.uav.policy_network import FrozenPolicy
 
 RUNS = Path('runs') / 'train'
 _OWN = (
-    'scenario', 'set', 'uavs', 'algorithm', 'preset', 'override', 'start_from', 'seed', 'device',
-    'output',
+    'scenario', 'set', 'uavs', 'courses', 'algorithm', 'preset', 'override', 'start_from', 'seed',
+    'device', 'output',
 )  # fmt: skip
 _SHARED = (
     'seed', 'training', 'algorithm', 'scenario_fingerprint', 'training_fingerprint', 'initial',
-    'seeds',
+    'seeds', 'courses',
 )  # fmt: skip
 
 
@@ -56,12 +57,13 @@ def _new_training(arguments: argparse.Namespace) -> TrainingPlan:
     from uav_collect.training.config import load_preset
     from uav_collect.uav.policy import frozen_policy, outdated
 
-    scenarios = options.scenarios_of(arguments)
+    courses = _courses_of(arguments)
+    scenarios = options.scenarios_of(arguments) if courses is None else ()
     config = load_preset(arguments.preset, options.overrides_of(arguments.override))
     initial = None if arguments.start_from is None else frozen_policy(arguments.start_from)
     if initial is not None and (line := outdated(arguments.start_from, initial)) is not None:
         say(line)
-    record = _record(arguments, scenarios, config, initial)
+    record = _record(arguments, scenarios, config, initial, courses)
     is_alone = len(record.seeds) == 1 and arguments.output is not None
     runs = []
     for seed in record.seeds:
@@ -70,10 +72,27 @@ def _new_training(arguments: argparse.Namespace) -> TrainingPlan:
         runs.append(
             PlannedRun(
                 folder=folder, record=replace(record, seed=seed), scenarios=scenarios,
-                config=config, initial=initial,
+                config=config, initial=initial, courses=courses,
             )
         )  # fmt: skip
     return TrainingPlan(runs=tuple(runs), folders=tuple(run.folder for run in runs))
+
+
+def _courses_of(arguments: argparse.Namespace) -> 'Courses | None':
+    """What courses are drawn from; None where scenarios are learned in.
+
+    Raises:
+        ConfigError: it is not there or not valid.
+        TrainingRunError: scenarios are given besides.
+    """
+    from uav_collect.training.courses import load_courses
+
+    if arguments.courses is None:
+        return None
+    for name in ('scenario', 'set', 'uavs'):
+        if getattr(arguments, name) not in (None, []):
+            raise TrainingRunError(f'--{name} cannot be given with --courses: they are drawn')
+    return load_courses(arguments.courses)
 
 
 def _folder_of(record: RunRecord, output: Path | None, seed: int) -> Path:
@@ -98,17 +117,21 @@ def _record(
     scenarios: 'Sequence[Scenario]',
     config: 'TrainingConfig',
     initial: 'FrozenPolicy | None',
+    courses: 'Courses | None',
 ) -> RunRecord:
     """The record of the first run, as the arguments describe it."""
-    n_uavs = [scenario.n_uavs for scenario in scenarios]
-    names = [*dict.fromkeys(scenario.name for scenario in scenarios)]
+    if courses is None:
+        n_uavs = [scenario.n_uavs for scenario in scenarios]
+        names = [*dict.fromkeys(scenario.name for scenario in scenarios)]
+        default_name = _default_name(names, n_uavs, arguments.algorithm, config.name)
+    else:
+        default_name = f'{courses.distribution.name}_{arguments.algorithm}_{config.name}'
     return new_record(
         scenarios,
         config,
         initial,
-        training=_default_name(names, n_uavs, arguments.algorithm, config.name)
-        if arguments.output is None
-        else arguments.output.name,
+        courses,
+        training=default_name if arguments.output is None else arguments.output.name,
         algorithm=arguments.algorithm,
         overrides=tuple(arguments.override),
         seed=arguments.seed[0],

@@ -89,6 +89,12 @@ def _report(run: PlannedRun, last: Progress) -> None:
         f' {best.efficiency_kbit_per_j:.3f} kbit/J, {best.completion_s:.1f} s,'
         f' {best.energy_kj:.1f} kJ, {percent(best.collected_share)} collected in validation'
     )
+    if best.conditions:
+        worst = best.worst
+        print(
+            f'in the panel: x{best.sweep_ratio:.3f} of the sweep on average,'
+            f' x{worst.sweep_ratio:.2f} at worst, in {worst.name}'
+        )
     print(f'policy: {run.folder / BEST_POLICY}')
     draw_curve((run.folder,), run.folder / CURVE, title=run.title)
     print(f'curve:  {run.folder / CURVE}')

@@ -311,7 +311,7 @@ def _is_one_value(keys: Keys, base: dict[Any, Any], top: dict[Any, Any]) -> bool
     # A place or another kind of thing replaces what it stands over: half of each would be neither.
     kind = base.get('kind')
     is_whole = keys[-1:] in {('start',), ('home',)} or 'like' in top
-    return is_whole or top.get('kind', kind) != kind
+    return is_whole or (kind is not None and top.get('kind', kind) != kind)
 
 
 def _replaced(

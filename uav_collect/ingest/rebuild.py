@@ -44,6 +44,7 @@ from uav_collect.world.reward import (
     earn_interval,
     Earnings,
     energy_reward,
+    KILOJOULE_J,
     new_earnings,
     news_reward,
     Reward,
@@ -83,13 +84,21 @@ class _Events(NamedTuple):
 class EpisodeBuilder:
     """Turns the reports of missions of one scenario into episodes."""
 
-    def __init__(self, site: Site, layout: Layout, reward: Reward, discount_per_s: float) -> None:
+    def __init__(
+        self,
+        site: Site,
+        layout: Layout,
+        reward: Reward,
+        discount_per_s: float,
+        energy_unit_j: float = KILOJOULE_J,
+    ) -> None:
         """Lay the site out once for all its missions.
 
         Args:
             layout: of the observations that the learner takes.
             reward: to be learned.
             discount_per_s: of the training.
+            energy_unit_j: energy that takes one from the energy reward [J].
 
         Raises:
             ConfigError: the scenario's own reward is to be learned, but under another discount
@@ -106,7 +115,7 @@ class EpisodeBuilder:
         self._first_sensor = site.first_sensor.tolist()
         self._briefing = briefing_of(site)
         self._sensor_field = lay_out(site)
-        self._terms = reward_terms(site.with_discount(discount_per_s))
+        self._terms = reward_terms(site.with_discount(discount_per_s), energy_unit_j)
         self._mission = mission_of(new_missions(self._briefing, self._sensor_field, [0]), 0)
         self._earnings = new_earnings(1)
         self._union: Any = np.zeros(scenario.n_cells, dtype=np.uint8)

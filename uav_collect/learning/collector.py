@@ -18,8 +18,9 @@ from uav_collect.missions.vector_env import (
 from uav_collect.scenario.site import Site
 from uav_collect.training.config import TrainingConfig
 from uav_collect.training.progress import RecentMissions
-from uav_collect.training.seeds import first_training_seed
+from uav_collect.training.seeds import first_seed_of_part
 from uav_collect.uav.action_codes import NONE
+from uav_collect.uav.briefing import briefing_of
 from uav_collect.uav.frames import COMPASS_ACTIONS
 
 
@@ -35,17 +36,19 @@ class Collector:
         algorithm: Algorithm,
         seed: int,
         device: str = 'cpu',
+        part: int = 0,
     ) -> None:
         """Start a mission in each world.
 
         Args:
             site: with the training's discount in its reward.
+            part: of the run's mission seeds, see `seeds.first_seed_of_part`.
         """
         n_worlds = config.rollout.missions_at_once
         self._config = config
         self._max_decisions = config.max_decisions(site.scenario.n_cells)
         self._device = torch.device(device)
-        self._next_seed = first_training_seed(seed)
+        self._next_seed = first_seed_of_part(seed, part)
         self._env = VectorEnv(
             site,
             [self._draw_seed() for _ in range(n_worlds)],
@@ -53,6 +56,7 @@ class Collector:
                 layout=config.layout,
                 allocator=config.rollout.bandwidth,
                 reward=config.reward_kind,
+                energy_unit_j=config.reward_units(briefing_of(site)).energy_j,
                 is_synchronous=algorithm is Algorithm.QMIX,
                 max_decisions=self._max_decisions,
             ),

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 import torch
 from torch import nn, Tensor
 from uav_collect.learning.minibatch import Algorithm, Minibatch
-from uav_collect.learning.mixer import Mixer
+from uav_collect.learning.mixer import Mixer, SetMixer
 from uav_collect.learning.network import Drqn
 from uav_collect.learning.saved import SavedPart
 from uav_collect.missions.experience import N_UAV_SCALARS
@@ -25,7 +25,10 @@ _KEPT_BYTES = 2**31 - 1
 
 
 class Networks(nn.Module):
-    """The agent network, and where the algorithm has one a mixer for each fleet and area."""
+    """The agent network, and where the algorithm has one a mixer.
+
+    There is one for each fleet and area, or a single one for all of them.
+    """
 
     def __init__(
         self, config: TrainingConfig, briefings: Sequence[Briefing], algorithm: Algorithm
@@ -35,12 +38,43 @@ class Networks(nn.Module):
         size = observation_size(config.layout, len(first.is_open), first.n_uavs)
         self.agent = Drqn(size, config.network.hidden_size)
         self.mixers = nn.ModuleList()
-        if algorithm is not Algorithm.AIQL:
+        if algorithm is Algorithm.AIQL:
+            return
+        if config.mixer.is_of_sets:
+            self.mixers.append(_set_mixer(config))
+        else:
             self.mixers.extend(_mixer(config, briefing) for briefing in briefings)
 
-    def mixer(self, task: int) -> Mixer | None:
+    def mixer(self, task: int) -> Mixer | SetMixer | None:
         """The mixer of a task's fleet and area."""
-        return cast(Mixer, self.mixers[task]) if len(self.mixers) else None
+        if not len(self.mixers):
+            return None
+        first = cast(Mixer | SetMixer, self.mixers[0])
+        return first if isinstance(first, SetMixer) else cast(Mixer, self.mixers[task])
+
+    def state(self, task: int, fleet: Tensor, complete: Tensor, area: tuple[int, int]) -> Tensor:
+        """What the mixer of a task sees; of no width where there is none, (E, ...).
+
+        Args:
+            fleet: numbers of each UAV, shape (E, U * N_UAV_SCALARS).
+            complete: maps of all UAVs and the true one, shape (E, U + 1, C).
+            area: rows and columns.
+        """
+        match self.mixer(task):
+            case None:
+                return fleet[:, :0]
+            case SetMixer() as mixer:
+                return mixer.state(fleet, complete, area)
+            case mixer:
+                return mixer.state(fleet, complete)
+
+
+def _set_mixer(config: TrainingConfig) -> SetMixer:
+    return SetMixer(
+        n_uav_scalars=N_UAV_SCALARS,
+        embedding_size=config.mixer.embedding_size,
+        hypernetwork_size=config.mixer.hypernetwork_size,
+    )
 
 
 def _mixer(config: TrainingConfig, briefing: Briefing) -> Mixer:
@@ -91,7 +125,8 @@ class Learner:
         """Make the networks, their weights drawn by the seed.
 
         Args:
-            briefings: of each task: the fleets and areas that one agent network learns to fly.
+            briefings: of each task: the fleets and areas that one agent network learns to fly;
+                those of other tasks may follow where one mixer does for all.
         """
         self._config, self._device = config, torch.device(device)
         with torch.random.fork_rng(devices=[]):
@@ -255,8 +290,7 @@ class Learner:
         torch._foreach_lerp_(targets, sources, rate)
 
     def _on_device(self, minibatch: Minibatch, task: int) -> _Tensors:
-        fleet = self._tensor(minibatch.fleet)
-        mixer = self.networks.mixer(task)
+        fleet, complete = self._tensor(minibatch.fleet), self._tensor(minibatch.complete)
         as_they_are = (
             *('observation', 'legal', 'advice', 'row', 'action', 'latest', 'decides'),
             *('entry', 'next_entry', 'is_chained'),
@@ -264,7 +298,7 @@ class Learner:
         return _Tensors(
             task=task,
             step_sizes=minibatch.step_sizes,
-            state=mixer.state(fleet, self._tensor(minibatch.complete)) if mixer else fleet[:, :0],
+            state=self.networks.state(task, fleet, complete, minibatch.area),
             reward=self._tensor((self._config.reward.scale * minibatch.reward).astype(np.float32)),
             discount=self._tensor(minibatch.discount.astype(np.float32)),
             **{name: self._tensor(getattr(minibatch, name)) for name in as_they_are},

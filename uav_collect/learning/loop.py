@@ -46,6 +46,7 @@ def open_trainer(run: PlannedRun, sources: Sequence[EpisodeSource] | None = None
         device=record.device,
         initial=run.initial,
         sources=sources,
+        courses=run.courses,
     )
     if run.is_begun:
         trainer.load(run.folder / CHECKPOINT)

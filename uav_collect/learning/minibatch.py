@@ -49,6 +49,7 @@ class Minibatch:
     decides: Bools  # (E, U) whose action is chosen at the instant of the entry
     fleet: NDArray[np.float32]  # (E, U * N_UAV_SCALARS)
     complete: NDArray[np.uint8]  # (E, U + 1, C) the maps of all UAVs and the true one
+    area: tuple[int, int]  # rows and columns
     entry: Ints  # (L,) decisions that are entries; chains lie in order
     next_entry: Ints  # (L,) the decision that follows, or NO_DECISION at the end
     is_chained: Bools  # (L,) whether what follows is the next of the entries
@@ -101,6 +102,7 @@ def make_minibatch(
         decides=decides,
         fleet=records.fleet,
         complete=_maps(records, briefing),
+        area=(briefing.n_rows, briefing.n_columns),
         entry=entry,
         next_entry=next_entry,
         is_chained=(next_entry >= 0) & (follows == next_entry),

@@ -1,5 +1,6 @@
-"""The mixing network: the team's action value out of the UAVs' own, monotonic in each of them."""
+"""The mixing networks: the team's action value out of the UAVs' own, monotonic in each of them."""
 
+from functools import lru_cache
 import math
 
 import torch
@@ -76,6 +77,100 @@ class Mixer(nn.Module):
         outer = self.outer_weight(state).abs()
         total = (nn.functional.elu(mixed) * outer).sum(dim=1)
         return total + self.outer_bias(state).squeeze(1)
+
+
+class SetMixer(nn.Module):
+    """A mixer of any number of UAVs over any area: which UAV is which changes nothing.
+
+    Each UAV's part of the state is encoded alike beside what all share; the mean of these codes
+    stands for the fleet. A UAV's weights come from its own code and the fleet's.
+    """
+
+    def __init__(self, *, n_uav_scalars: int, embedding_size: int, hypernetwork_size: int) -> None:
+        """Make the layers.
+
+        Args:
+            n_uav_scalars: numbers of the state for each UAV besides its map.
+        """
+        super().__init__()
+        self._n_uav_scalars = n_uav_scalars
+        n_own, n_shared = n_uav_scalars + _N_BLOCKS, _N_BLOCKS + _N_FIELD_SCALARS
+        size = hypernetwork_size
+        self.own_code = nn.Linear(n_own, size)
+        self.shared_code = nn.Linear(n_shared, size)
+        self.fleet_code = nn.Linear(size + n_shared, size)
+        self.inner_own = nn.Linear(size, embedding_size)
+        self.inner_fleet = nn.Linear(size, embedding_size)
+        self.inner_bias = nn.Linear(size, embedding_size)
+        self.outer_weight = nn.Linear(size, embedding_size)
+        self.outer_bias = nn.Sequential(
+            nn.Linear(size, size), nn.ReLU(inplace=True), nn.Linear(size, 1)
+        )
+
+    def state(self, fleet: Tensor, complete: Tensor, area: tuple[int, int]) -> Tensor:
+        """The global state: of each UAV its numbers and pooled map, then what all share.
+
+        Args:
+            fleet: the state's numbers of each UAV, shape (N, U * n_uav_scalars).
+            complete: completion maps of all UAVs and the true one, shape (N, U + 1, C).
+            area: rows and columns.
+
+        Returns:
+            Shape (N, U * (n_uav_scalars + 25) + 25 + 3).
+        """
+        n_states, n_maps, _ = complete.shape
+        n_uavs = n_maps - 1
+        rows, columns = (_blocks(side).to(fleet) for side in area)
+        maps = complete.view(n_states, n_maps, *area).to(fleet.dtype)
+        pooled = (rows @ (maps @ columns.T)).flatten(2)
+        own = torch.cat((fleet.view(n_states, n_uavs, -1), pooled[:, :-1]), dim=2)
+        sizes = n_uavs / _USUAL_UAVS, area[0] / _USUAL_SIDE, area[1] / _USUAL_SIDE
+        field = fleet.new_tensor(sizes).expand(n_states, _N_FIELD_SCALARS)
+        return torch.cat((own.flatten(1), pooled[:, -1], field), dim=1)
+
+    def forward(self, values: Tensor, state: Tensor) -> Tensor:
+        """Mix the values of all UAVs into the team's.
+
+        Args:
+            values: of each UAV's action, shape (N, U).
+            state: shape (N, state size), of as many UAVs.
+
+        Returns:
+            The team's action value, shape (N,).
+        """
+        n_uavs = values.shape[1]
+        n_shared = _N_BLOCKS + _N_FIELD_SCALARS
+        own = state[:, :-n_shared].view(len(state), n_uavs, self._n_uav_scalars + _N_BLOCKS)
+        shared = state[:, -n_shared:]
+        codes = (self.own_code(own) + self.shared_code(shared).unsqueeze(1)).relu()
+        fleet = self.fleet_code(torch.cat((codes.mean(dim=1), shared), dim=1)).relu()
+        inner = (self.inner_own(codes) + self.inner_fleet(fleet).unsqueeze(1)).abs()
+        bias = self.inner_bias(fleet).unsqueeze(1)
+        mixed = torch.baddbmm(bias, values.unsqueeze(1), inner).squeeze(1)
+        outer = self.outer_weight(fleet).abs()
+        total = (nn.functional.elu(mixed) * outer).sum(dim=1)
+        return total + self.outer_bias(fleet).squeeze(1)
+
+
+_BLOCKS_PER_SIDE = 5
+_N_BLOCKS = _BLOCKS_PER_SIDE**2
+_N_FIELD_SCALARS = 3  # number of UAVs, rows, columns
+_USUAL_UAVS, _USUAL_SIDE = 8, 24  # that make these about 1
+
+
+@lru_cache(maxsize=128)
+def _blocks(side: int) -> Tensor:
+    """The share that each cell of a side has in the mean of each block, shape (5, side).
+
+    Blocks cover the side evenly; neighbours share a cell where it does not divide, as in torch's
+    adaptive mean pooling.
+    """
+    shares = torch.zeros(_BLOCKS_PER_SIDE, side)
+    for block in range(_BLOCKS_PER_SIDE):
+        first = block * side // _BLOCKS_PER_SIDE
+        last = -(-(block + 1) * side // _BLOCKS_PER_SIDE)
+        shares[block, first:last] = 1.0 / (last - first)
+    return shares
 
 
 def _hypernetwork(state_size: int, hypernetwork_size: int, n_weights: int) -> nn.Module:

@@ -56,10 +56,21 @@ class Replay:
         self._drop(self._next, self._next + size)
         self._append(episode)
 
-    def sample(self, n_missions: int, rng: np.random.Generator) -> list[Episode]:
-        """Missions drawn at random, each with the same chance, one perhaps twice."""
-        drawn = rng.integers(len(self._missions), size=n_missions)
-        return [self._episode(self._missions[index]) for index in drawn.tolist()]
+    def sample(
+        self, n_missions: int, rng: np.random.Generator, n_decisions: int = 0
+    ) -> list[Episode]:
+        """Missions drawn at random, each with the same chance, one perhaps twice.
+
+        Args:
+            n_missions: how many.
+            rng: which ones.
+            n_decisions: no further mission is taken once they have so many; 0: all are.
+        """
+        drawn = rng.integers(len(self._missions), size=n_missions).tolist()
+        if n_decisions > 0:
+            sizes = np.cumsum([self._missions[index].n_decisions for index in drawn])
+            drawn = drawn[: int(np.searchsorted(sizes, n_decisions)) + 1]
+        return [self._episode(self._missions[index]) for index in drawn]
 
     def state(self) -> dict[str, NDArray[Any]] | None:
         """What it holds, as arrays; None where it is empty; the inverse is `restore`."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from uav_collect.errors import ConfigError
@@ -9,6 +10,7 @@ from uav_collect.learning.collector import Collector
 from uav_collect.learning.fleet_source import FleetSource
 from uav_collect.learning.minibatch import Algorithm, make_minibatch, Minibatch
 from uav_collect.learning.replay import Replay
+from uav_collect.learning.saved import SavedPart
 from uav_collect.missions.rollout import fly
 from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.model import Scenario
@@ -30,16 +32,24 @@ class Task:
     source: EpisodeSource
     replay: Replay
 
+    def has_batch(self, config: TrainingConfig) -> bool:
+        """Whether enough has been collected for an update."""
+        settings = config.replay
+        if self.replay.n_missions >= settings.missions_per_batch:
+            return True
+        return 0 < settings.most_rows <= self.replay.n_decisions
+
     def minibatch(
         self, config: TrainingConfig, algorithm: Algorithm, rng: np.random.Generator
     ) -> Minibatch:
         """Missions drawn from the replay, ready for an update."""
+        settings = config.replay
         return make_minibatch(
-            self.replay.sample(config.replay.missions_per_batch, rng),
+            self.replay.sample(settings.missions_per_batch, rng, settings.most_rows),
             self.briefing,
             config.layout,
             algorithm,
-            config.reward.discount_per_s,
+            config.reward_units(self.briefing).discount_per_s,
         )
 
     def validate(
@@ -55,6 +65,68 @@ class Task:
         return fly(self.site, mission_seeds, lambda: policy, 'equal', 0, between_decisions)
 
 
+class FixedTasks:
+    """Tasks of the same scenarios all the time, each in its turn."""
+
+    def __init__(self, tasks: Sequence[Task]) -> None:
+        """Begin with the first one."""
+        self.tasks = tuple(tasks)
+        self._turn = 0
+
+    @property
+    def n_decisions(self) -> int:
+        """How many decisions were collected so far."""
+        return sum(task.source.n_decisions for task in self.tasks)
+
+    @property
+    def n_missions(self) -> int:
+        """How many missions were collected so far."""
+        return sum(task.source.n_missions for task in self.tasks)
+
+    def next_turn(self) -> int:
+        """The place of the task whose turn it is."""
+        self._turn += 1
+        return (self._turn - 1) % len(self.tasks)
+
+    def count_update(self, place: int) -> None:
+        """Note that the task of a place was learned from."""
+
+    def state(self) -> dict[str, Any]:
+        """All that they need to go on; the inverse is `restore`."""
+        return {**states_of(self.tasks), 'turn': self._turn}
+
+    def restore(self, saved: SavedPart) -> None:
+        """Go on from the state of tasks of the same scenarios.
+
+        Raises:
+            CheckpointError: something that was saved is not what such tasks save.
+        """
+        restore_tasks(self.tasks, saved)
+        self._turn = saved.whole('turn')
+
+
+def states_of(tasks: Sequence[Task]) -> dict[str, Any]:
+    """What tasks need to go on; the inverse is `restore_tasks`."""
+    return {
+        'sources': [task.source.state() for task in tasks],
+        'replays': [{'held': task.replay.state()} for task in tasks],
+    }
+
+
+def restore_tasks(tasks: Sequence[Task], saved: SavedPart) -> None:
+    """Let tasks of the same scenarios go on.
+
+    Raises:
+        CheckpointError: something that was saved is not what such tasks save.
+    """
+    parts = zip(
+        tasks, saved.parts('sources', len(tasks)), saved.parts('replays', len(tasks)), strict=True
+    )
+    for task, source, replay in parts:
+        task.source.restore(source)
+        task.replay.restore(replay.optional('held'))
+
+
 def make_tasks(
     scenarios: Sequence[Scenario],
     config: TrainingConfig,
@@ -62,29 +134,80 @@ def make_tasks(
     seed: int,
     device: str,
     sources: Sequence[EpisodeSource] | None,
-) -> list[Task]:
+) -> FixedTasks:
     """Tasks at their start; they share the room of the replay.
 
     Args:
         sources: of each scenario's missions; None: each flies its own in this process.
 
     Raises:
-        ConfigError: a fleet cannot start, or the scenarios' observations differ in size.
+        ConfigError: a fleet cannot start, the scenarios' observations differ in size, or the
+            replay has no room for a batch.
     """
     _check_same_size(scenarios, config)
-    replay_size = config.replay.decisions // len(scenarios)
+    n_tasks = len(scenarios)
+    check_room(config, max(scenario.n_cells for scenario in scenarios), n_tasks)
     tasks = []
     for index, scenario in enumerate(scenarios):
         site = build_site(scenario)
-        briefing = briefing_of(site)
-        if sources is None:
-            learned = site.with_discount(config.reward.discount_per_s)
-            source: EpisodeSource = Collector(learned, config, algorithm, seed, device)
-        else:
-            source = sources[index]
-        replay = Replay(replay_size, briefing)
-        tasks.append(Task(site=site, briefing=briefing, source=source, replay=replay))
-    return tasks
+        source = (
+            new_collector(site, config, algorithm, seed, device)
+            if sources is None
+            else (sources[index])
+        )
+        tasks.append(new_task(site, source, config.replay.decisions // n_tasks))
+    return FixedTasks(tasks)
+
+
+def new_collector(
+    site: Site, config: TrainingConfig, algorithm: Algorithm, seed: int, device: str, part: int = 0
+) -> Collector:
+    """What flies missions of a site to learn from, in this process.
+
+    Args:
+        part: of the run's mission seeds; each has its own.
+    """
+    units = config.reward_units(briefing_of(site))
+    learned = site.with_discount(units.discount_per_s)
+    return Collector(learned, config, algorithm, seed, device, part)
+
+
+def new_task(site: Site, source: EpisodeSource, replay_size: int) -> Task:
+    """A task without experience.
+
+    Args:
+        replay_size: decisions that its replay has room for.
+    """
+    briefing = briefing_of(site)
+    return Task(site=site, briefing=briefing, source=source, replay=Replay(replay_size, briefing))
+
+
+def check_room(config: TrainingConfig, n_cells: int, n_tasks: int) -> None:
+    """Refuse settings by which some task could never hold enough missions for an update.
+
+    Args:
+        n_cells: of the largest area.
+        n_tasks: that share the replay's room.
+
+    Raises:
+        ConfigError: one line that says which setting to change.
+    """
+    replay, longest = config.replay, config.max_decisions(n_cells)
+    room = replay.decisions // n_tasks
+    batch = replay.missions_per_batch * longest
+    takes = f'{replay.missions_per_batch} missions of up to {longest:,} decisions'
+    if replay.most_rows:
+        # A mission may be dropped as another comes that is not in the batch yet.
+        batch = min(batch, replay.most_rows + 2 * longest)
+        takes = f'{replay.most_rows:,} decisions of missions of up to {longest:,}'
+    if room < batch:
+        each = f' for each of {n_tasks}' if n_tasks > 1 else ''
+        raise ConfigError(
+            f'replay.decisions is {replay.decisions:,}, room for {room:,}{each}, but a batch '
+            f'takes {takes} in an area of {n_cells} cells: must be at least '
+            f'{batch * n_tasks:,}, or replay.missions_per_batch or '
+            'rollout.max_decisions_per_cell be less'
+        )
 
 
 def _check_same_size(scenarios: Sequence[Scenario], config: TrainingConfig) -> None:

@@ -1,29 +1,41 @@
 """The trainer: collects experience, updates the networks, validates, and keeps the best policy."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict
+import math
 from pathlib import Path
 from typing import Any, get_type_hints
 
 import numpy as np
-from uav_collect.analysis.metrics import mission_metrics
-from uav_collect.analysis.statistics import MEASURES, mission_seeds
-from uav_collect.errors import CheckpointError, InterruptedRunError, PolicyMismatchError
+from uav_collect.errors import CheckpointError, InterruptedRunError
 from uav_collect.kernels.stops import watchdog
 from uav_collect.learning.checkpoint import read_checkpoint, STATE_FILE, write_checkpoint
+from uav_collect.learning.course_tasks import CourseTasks
+from uav_collect.learning.headers import (
+    check_same_network,
+    header_validation,
+    learned_in_scenarios,
+    learned_on_courses,
+)
 from uav_collect.learning.learner import Learner
 from uav_collect.learning.minibatch import Algorithm
+from uav_collect.learning.random_state import restore_rng, rng_state
 from uav_collect.learning.recurrence import compile_steps
 from uav_collect.learning.saved import SavedPart
-from uav_collect.learning.task import EpisodeSource, make_tasks
+from uav_collect.learning.task import EpisodeSource, FixedTasks, make_tasks, Task
+from uav_collect.learning.validation import PanelValidator, ScenarioValidator, Validator
 from uav_collect.revision import git_revision
-from uav_collect.scenario.load import fingerprint
 from uav_collect.scenario.model import Scenario
 from uav_collect.training.config import TrainingConfig
-from uav_collect.training.progress import Budget, Progress, SpeedMeter, ValidationResult
-from uav_collect.training.seeds import VALIDATION_SEED
+from uav_collect.training.courses import Courses
+from uav_collect.training.progress import (
+    Budget,
+    ConditionResult,
+    Progress,
+    SpeedMeter,
+    ValidationResult,
+)
 from uav_collect.uav import policy_network
-from uav_collect.uav.learned_on import learned_on
 from uav_collect.uav.observation import observation_size
 from uav_collect.uav.policy_network import (
     FrozenPolicy,
@@ -47,42 +59,61 @@ class Trainer:
         device: str = 'cpu',
         initial: FrozenPolicy | None = None,
         sources: Sequence[EpisodeSource] | None = None,
+        courses: Courses | None = None,
     ) -> None:
         """Start the first missions and draw the weights.
 
         Args:
             scenarios: what one policy learns to fly, in turn; several need an observation whose
-                size depends on none of them.
+                size depends on none of them. None where there are courses.
             algorithm: one of `minibatch.Algorithm`.
             seed: of weights, missions, exploration and what is replayed, 0..2^62.
             device: 'cpu' or 'cuda'.
             initial: whose weights the agent network starts from; drawn by the seed otherwise.
             sources: of each scenario's missions, which are flown in this process otherwise.
+            courses: what it learns on in place of scenarios, drawn anew all the time.
 
         Raises:
-            ConfigError: a fleet cannot start, or the observation has no room for it.
+            ConfigError: the settings do not do for these tasks, a fleet cannot start, or the
+                observation has no room for it.
             PolicyMismatchError: the initial policy's network is another one.
         """
         self.scenarios, self.config, self.seed = tuple(scenarios), config, seed
         self.algorithm = Algorithm(algorithm)
         self._device = device
-        self._tasks = make_tasks(self.scenarios, config, self.algorithm, seed, device, sources)
+        self._courses = courses
+        self._rota: FixedTasks | CourseTasks
+        self._validator: Validator
+        n_missions = config.validation.missions
+        if courses is None:
+            self._rota = make_tasks(scenarios, config, self.algorithm, seed, device, sources)
+            self._validator = ScenarioValidator(self._rota.tasks, n_missions)
+            self._learned = learned_in_scenarios(scenarios)
+        else:
+            distribution = courses.distribution
+            self._rota = CourseTasks(distribution, config, self.algorithm, seed, device)
+            self._validator = PanelValidator(courses.panel, n_missions)
+            self._learned = learned_on_courses(distribution)
         briefings = [task.briefing for task in self._tasks]
         self._learner = Learner(config, briefings, self.algorithm, seed, device)
         self._rng = np.random.Generator(np.random.Philox(key=[seed, _REPLAY_KEY]))
-        self._turn = 0
         self._trained_s = 0.0
         self._validation: ValidationResult | None = None
         self._best: ValidationResult | None = None
         self._best_policy: FrozenPolicy | None = None
         if initial is not None:
-            _check_same_network(initial, self._header(None, initial.weights))
+            check_same_network(initial, self._header(None, initial.weights))
             self._learner.load_weights(initial.weights)
 
     @property
     def n_decisions(self) -> int:
         """How many decisions were collected so far."""
-        return sum(task.source.n_decisions for task in self._tasks)
+        return self._rota.n_decisions
+
+    @property
+    def _tasks(self) -> Sequence[Task]:
+        """What is learned in at the moment."""
+        return self._rota.tasks
 
     @property
     def n_updates(self) -> int:
@@ -97,9 +128,7 @@ class Trainer:
     def warm_up(self) -> None:
         """Let the kernels of validation and updates be compiled, which takes a minute once."""
         compile_steps()
-        policy = LearnedPolicy('new', self._freeze(None))
-        for task in self._tasks:
-            task.validate(policy, [VALIDATION_SEED])
+        self._validator.warm_up(LearnedPolicy('new', self._freeze(None)))
 
     def share_done(self, budget: Budget) -> float:
         """How much of a budget is spent, 0..1."""
@@ -180,13 +209,11 @@ class Trainer:
         return {
             **self._identity(),
             'learner': self._learner.state(),
-            'sources': [task.source.state() for task in self._tasks],
-            'replays': [{'held': task.replay.state()} for task in self._tasks],
-            'turn': self._turn,
-            'rng': _rng_state(self._rng),
+            **self._rota.state(),
+            'rng': rng_state(self._rng),
             'trained_s': self._trained_s,
-            'validation': self._validation and asdict(self._validation),
-            'best': self._best and asdict(self._best),
+            'validation': _validation_state(self._validation),
+            'best': _validation_state(self._best),
             'best_weights': best and dict(best.weights),
         }
 
@@ -199,19 +226,12 @@ class Trainer:
         for name, value in self._identity().items():
             saved.must_be(name, value)
         self._learner.restore(saved.part('learner'))
-        n_tasks = len(self._tasks)
-        parts = zip(
-            self._tasks, saved.parts('sources', n_tasks), saved.parts('replays', n_tasks),
-            strict=True,
-        )  # fmt: skip
-        for task, source, replay in parts:
-            task.source.restore(source)
-            task.replay.restore(replay.optional('held'))
-        self._turn = saved.whole('turn')
-        _restore_rng(self._rng, saved.part('rng'))
+        self._rota.restore(saved)
+        restore_rng(self._rng, saved.part('rng'))
         self._trained_s = saved.number('trained_s', low=0.0)
-        self._validation = _validation_of(saved.optional('validation'))
-        self._best = _validation_of(saved.optional('best'))
+        has_panel = self._courses is not None
+        self._validation = _validation_of(saved.optional('validation'), has_panel=has_panel)
+        self._best = _validation_of(saved.optional('best'), has_panel=has_panel)
         weights = saved.optional('best_weights')
         if (self._best is None) != (weights is None):
             raise saved.refusal('best_weights', 'and best must both be there, or neither')
@@ -224,8 +244,10 @@ class Trainer:
 
     def _identity(self) -> dict[str, object]:
         """What only checkpoints of this run have in common."""
+        panel = {} if self._courses is None else {'panel': self._courses.panel.fingerprint}
         return {
-            'scenarios': ' '.join(map(fingerprint, self.scenarios)),
+            'scenarios': self._learned.fingerprint,
+            **panel,
             'settings': self.config.fingerprint,
             'algorithm': self.algorithm.value,
             'seed': self.seed,
@@ -238,18 +260,17 @@ class Trainer:
         Returns:
             The loss; None while too few missions have ended to learn from.
         """
-        config, index = self.config, self._turn % len(self._tasks)
+        config, index = self.config, self._rota.next_turn()
         task, agent = self._tasks[index], self._learner.networks.agent
-        self._turn += 1
         epsilon, n_decisions = config.epsilon(share_done), config.rollout.decisions_per_update
         for episode in task.source.collect(agent, n_decisions, epsilon):
             task.replay.add(episode)
         loss = None
-        is_enough = task.replay.n_missions >= config.replay.missions_per_batch
-        if is_enough and not task.source.is_over:
+        if task.has_batch(config) and not task.source.is_over:
             batch = task.minibatch(config, self.algorithm, self._rng)
             loss = self._learner.update(batch, config.learning_rate(share_done), index)
             speed.add_loss(loss)
+            self._rota.count_update(index)
         self._trained_s += speed.lap_s()
         return loss
 
@@ -294,17 +315,11 @@ class Trainer:
     ) -> ValidationResult:
         """Fly the validation missions, equal bandwidth, without exploration."""
         policy = LearnedPolicy('validated', self._freeze(None))
-        seeds = mission_seeds(VALIDATION_SEED, self.config.validation.missions)
-        logs = [
-            log for task in self._tasks for log in task.validate(policy, seeds, between_decisions)
-        ]
-        flown = [mission_metrics(log) for log in logs]
         return ValidationResult(
             wall_s=self._trained_s,
             n_decisions=self.n_decisions,
             n_updates=self._learner.n_updates,
-            **{it.key: _mean(map(it.of, flown)) for it in MEASURES},
-            team_reward=_mean(log.events['reward'].sum() for log in logs),
+            **self._validator.measured(policy, between_decisions),
         )
 
     def _freeze(self, validation: ValidationResult | None) -> FrozenPolicy:
@@ -314,22 +329,19 @@ class Trainer:
     def _header(
         self, validation: ValidationResult | None, weights: policy_network.Weights
     ) -> PolicyHeader:
-        config, first = self.config, self.scenarios[0]
-        areas = [scenario.area for scenario in self.scenarios]
-        sides = [side for area in areas for side in (area.n_rows, area.n_columns)]
-        fleets = [scenario.n_uavs for scenario in self.scenarios]
+        config, learned, first = self.config, self._learned, self._tasks[0].briefing
         n_updates = self._learner.n_updates if validation is None else validation.n_updates
-        run = f'{first.name}_n{fleets[0]}_{self.algorithm}_{config.name}_s{self.seed}'
+        run = f'{learned.run}_{self.algorithm}_{config.name}_s{self.seed}'
         return PolicyHeader(
             layout=config.layout,
-            observation_size=observation_size(config.layout, areas[0].n_cells, fleets[0]),
+            observation_size=observation_size(config.layout, len(first.is_open), first.n_uavs),
             hidden_size=config.network.hidden_size,
-            cells_per_side_min=min(sides),
-            cells_per_side_max=max(sides),
-            n_uavs_min=min(fleets),
-            n_uavs_max=max(fleets),
-            scenario=' '.join(dict.fromkeys(scenario.name for scenario in self.scenarios)),
-            fingerprint=' '.join(fingerprint(scenario) for scenario in self.scenarios),
+            cells_per_side_min=learned.cells_per_side[0],
+            cells_per_side_max=learned.cells_per_side[1],
+            n_uavs_min=learned.n_uavs[0],
+            n_uavs_max=learned.n_uavs[1],
+            scenario=learned.scenario,
+            fingerprint=learned.fingerprint,
             preset=config.name,
             algorithm=self.algorithm.value,
             seed=self.seed,
@@ -337,8 +349,9 @@ class Trainer:
             updates=n_updates,
             version=f'{run}@{n_updates}-{weights_digest(weights)[:8]}',
             git_revision=git_revision(),
-            validation=_header_validation(validation, config.validation.missions * len(areas)),
-            learned_on=tuple(map(learned_on, self.scenarios)),
+            validation=header_validation(validation, self._validator.n_missions),
+            learned_on=learned.learned_on,
+            learned_within=learned.learned_within,
             advice_bonus=config.advice_bonus,
         )
 
@@ -346,22 +359,22 @@ class Trainer:
         self, budget: Budget, speed: SpeedMeter, validation: ValidationResult | None
     ) -> Progress:
         share_done = self.share_done(budget)
-        sources = [task.source for task in self._tasks]
-        recent = [source.recent for source in sources]
+        recent = [task.source.recent for task in self._tasks]
+        efficiency = _mean_of_known(it.efficiency_kbit_per_j for it in recent)
         decisions_per_s, updates_per_s, loss = speed.read(self.n_decisions, self.n_updates)
         return Progress(
             share_done=share_done,
             wall_s=self._trained_s,
             n_decisions=self.n_decisions,
             n_updates=self._learner.n_updates,
-            n_missions=sum(it.n_missions for it in sources),
+            n_missions=self._rota.n_missions,
             decisions_per_s=decisions_per_s,
             updates_per_s=updates_per_s,
             loss=loss,
             epsilon=self.config.epsilon(share_done),
             learning_rate=self.config.learning_rate(share_done),
-            training_efficiency_kbit_per_j=_mean(it.efficiency_kbit_per_j for it in recent),
-            training_reward=_mean(it.reward for it in recent),
+            training_efficiency_kbit_per_j=efficiency,
+            training_reward=_mean_of_known(it.reward for it in recent),
             replay_transitions=sum(task.replay.n_decisions for task in self._tasks),
             replay_bytes=self.replay_bytes,
             validation=validation,
@@ -369,56 +382,36 @@ class Trainer:
         )
 
 
-def _check_same_network(initial: FrozenPolicy, wanted: PolicyHeader) -> None:
-    header = initial.header
-    for name, value, known in (
-        ('observation', header.layout.label, wanted.layout.label),
-        ('observation size', header.observation_size, wanted.observation_size),
-        ('hidden size', header.hidden_size, wanted.hidden_size),
-    ):
-        if value != known:
-            raise PolicyMismatchError(
-                f'initial policy {header.version}: its {name} is {value}: must be {known}'
-            )
+def _validation_state(validation: ValidationResult | None) -> dict[str, Any] | None:
+    """A validation as a checkpoint holds it; the inverse is `_validation_of`."""
+    if validation is None:
+        return None
+    values = asdict(validation)
+    if not validation.conditions:
+        del values['conditions']
+    return values
 
 
-def _rng_state(rng: np.random.Generator) -> dict[str, Any]:
-    """What changes of it, the numbers of a Philox; the inverse is `_restore_rng`."""
-    state: Any = rng.bit_generator.state
-    return {
-        'counter': state['state']['counter'],
-        **{name: state[name] for name in ('buffer', 'buffer_pos', 'has_uint32', 'uinteger')},
-    }
-
-
-def _restore_rng(rng: np.random.Generator, saved: SavedPart) -> None:
-    state: Any = rng.bit_generator.state
-    state['state']['counter'] = saved.array('counter', np.uint64, [4])
-    state['buffer'] = saved.array('buffer', np.uint64, [4])
-    state['buffer_pos'] = saved.whole('buffer_pos', high=4)
-    state['has_uint32'] = saved.whole('has_uint32', high=1)
-    state['uinteger'] = saved.whole('uinteger', high=2**32 - 1)
-    rng.bit_generator.state = state
-
-
-def _validation_of(saved: SavedPart | None) -> ValidationResult | None:
+def _validation_of(saved: SavedPart | None, *, has_panel: bool) -> ValidationResult | None:
     if saved is None:
         return None
-    values: dict[str, Any] = {
-        name: saved.whole(name) if kind is int else saved.number(name)
-        for name, kind in get_type_hints(ValidationResult).items()
-    }
-    return ValidationResult(**values)
-
-
-def _mean(values: Any) -> float:  # noqa: ANN401 - any iterable of numbers
-    return float(np.mean(list(values)))
-
-
-def _header_validation(
-    validation: ValidationResult | None, n_missions: int
-) -> policy_network.Validation:
-    measured = {it.key: getattr(validation, it.key, 0.0) for it in MEASURES}
-    return policy_network.Validation(
-        missions=n_missions if validation else 0, bandwidth='equal', **measured
+    conditions = saved.parts('conditions') if has_panel else []
+    return ValidationResult(
+        **_record_of(saved, ValidationResult),
+        conditions=tuple(ConditionResult(**_record_of(it, ConditionResult)) for it in conditions),
     )
+
+
+def _record_of(saved: SavedPart, kind: type) -> dict[str, Any]:
+    """The fields of a record that are a number or a text."""
+    read: dict[Any, Callable[[str], Any]] = {
+        int: saved.whole, float: saved.number, str: saved.text,
+    }  # fmt: skip
+    kinds = get_type_hints(kind)
+    return {name: read[kinds[name]](name) for name in kinds if kinds[name] in read}
+
+
+def _mean_of_known(values: Iterable[float]) -> float:
+    """The mean of what is not nan; nan where nothing is known."""
+    known = [value for value in values if not math.isnan(value)]
+    return float(np.mean(known)) if known else math.nan

@@ -43,6 +43,13 @@ class BatchMetrics:
         return np.where(self.total_bit > 0, np.minimum(1.0, self.collected_bit / total_bit), 1.0)
 
     @property
+    def efficiency_kbit_per_j(self) -> Floats:
+        """Data collected over the energy used, 0 where none was, (N,)."""
+        energy_j = self.energy_j.sum(axis=1)
+        used_j = np.where(energy_j > 0.0, energy_j, 1.0)
+        return np.where(energy_j > 0.0, self.collected_bit / used_j / 1e3, 0.0)
+
+    @property
     def completion_s(self) -> Floats:
         """When the last UAV landed, (N,)."""
         last_s: Floats = self.landed_s.max(axis=1)

@@ -20,19 +20,30 @@ from uav_collect.world import exchange
 from uav_collect.world.dynamics import mission_of
 from uav_collect.world.faults import draw_all_faults, draw_faults, faults_of
 from uav_collect.world.mission_start import new_missions, restart_mission
-from uav_collect.world.reward import new_earnings, Reward, reward_terms, start_earning
+from uav_collect.world.reward import (
+    KILOJOULE_J,
+    new_earnings,
+    Reward,
+    reward_terms,
+    start_earning,
+)
 from uav_collect.world.sensor_field import lay_out, most_sensors
 
 _ENERGY = int(Reward.ENERGY)
 
 
 def new_batch(
-    site: Site, mission_seeds: Sequence[int], settings: Settings, log_capacity: int = 1
+    site: Site,
+    mission_seeds: Sequence[int],
+    settings: Settings,
+    log_capacity: int = 1,
+    energy_unit_j: float = KILOJOULE_J,
 ) -> Batch:
     """Missions at their start, all in flight.
 
     Args:
         log_capacity: events of a mission that the log has room for.
+        energy_unit_j: energy that takes one from the energy reward [J].
 
     Raises:
         ConfigError: the layout has no room for the fleet.
@@ -53,7 +64,7 @@ def new_batch(
         settings=settings,
         briefing=briefing,
         sensor_field=sensor_field,
-        terms=reward_terms(site),
+        terms=reward_terms(site, energy_unit_j),
         missions=missions,
         link=link,
         airwaves=exchange.new_airwaves(link, briefing, n_worlds),

@@ -276,7 +276,7 @@ def _rebuild_belief(
         byte, place = cell // _BYTE, cell % _BYTE
         known = int(records.complete[row][first + byte] >> place & 1)
         belief.complete[cell] = known
-        n_complete += known
+        n_complete += int(known)  # a byte would be full at 255 cells
         has_seen = records.seen[row][byte] >> place & 1
         belief.seen_bit[cell] = demand_bit[cell] if has_seen else 0.0
     belief.n_complete[0] = n_complete

@@ -38,7 +38,7 @@ from uav_collect.uav.policy import Policy
 from uav_collect.uav.policy_network import FrozenPolicy
 from uav_collect.world.dynamics import look, mission_of
 from uav_collect.world.faults import fault_records
-from uav_collect.world.reward import Reward
+from uav_collect.world.reward import KILOJOULE_J, Reward
 from uav_collect.world.sensor_field import demand_by_cell
 
 _FIRST_CAPACITY = 256  # events of a mission that the log has room for before it must grow
@@ -51,6 +51,7 @@ class VectorEnvConfig:
     layout: Layout | None = Layout.EGOCENTRIC  # of observations; None: there are none
     allocator: str = 'equal'  # or 'exact'
     reward: Reward | None = Reward.PAPER  # None: it is not summed up
+    energy_unit_j: float = KILOJOULE_J  # energy that takes one from the energy reward
     rule: Heuristic | None = None  # that decides; None: each step does
     is_synchronous: bool = False  # UAVs wait for each other and decide at the same instants
     is_logged: bool = False  # missions leave a log
@@ -101,7 +102,9 @@ class VectorEnv:
         self._scenario, self._config = site.scenario, config
         self._is_compiled = kernels_are_compiled()
         capacity = _FIRST_CAPACITY if config.is_logged else 1
-        self._batch = new_batch(site, mission_seeds, _settings(config), capacity)
+        self._batch = new_batch(
+            site, mission_seeds, _settings(config), capacity, config.energy_unit_j
+        )
         check_can_start(site.scenario, self._batch.briefing)
         layout = Layout.EGOCENTRIC if config.layout is None else config.layout
         self._frames = frames(layout, self._batch.briefing)

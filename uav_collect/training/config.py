@@ -10,12 +10,13 @@ from typing import Annotated, Literal
 
 from uav_collect.config import layers, yaml_text
 from uav_collect.config.installed import shared_folders
-from uav_collect.config.rules import name, number, Section, truth, validated, whole
+from uav_collect.config.rules import name, number, Section, truth, validated, whole, words
 from uav_collect.errors import ConfigError
 from uav_collect.limits import MAX_LAYER_SIZE
 from uav_collect.uav.action_codes import NONE
+from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.observation import Layout
-from uav_collect.world.reward import Reward
+from uav_collect.world.reward import crossing_units, KILOJOULE_J, Reward, RewardUnits
 
 _Share = Annotated[float, number(0, 1)]
 _Size = Annotated[int, whole(1, MAX_LAYER_SIZE)]
@@ -27,6 +28,8 @@ class RewardSettings(Section):
     goal: Literal['paper', 'energy']
     discount_per_s: Annotated[float, number(1e-6, 1, 'per s')]
     scale: Annotated[float, number(1e-6, 1e6)]
+    # What energy and time count in: kJ and s, or crossings of a cell; absent: kJ and s.
+    unit: Annotated[str | None, words('absolute', 'crossing')] = None
 
 
 class NetworkSettings(Section):
@@ -44,6 +47,13 @@ class MixerSettings(Section):
     hypernetwork_size: _Size
     pool_side: Annotated[int, whole(1, 64)]
     pooling: Literal['sum', 'mean']
+    # One for each fleet and area, or one for any set of UAVs; absent: fleet.
+    kind: Annotated[str | None, words('fleet', 'set')] = None
+
+    @property
+    def is_of_sets(self) -> bool:
+        """Whether one mixer does for all fleets and areas."""
+        return self.kind == 'set'
 
 
 class ExplorationSettings(Section):
@@ -81,6 +91,13 @@ class ReplaySettings(Section):
 
     decisions: Annotated[int, whole(1000, 10**9)]
     missions_per_batch: Annotated[int, whole(1, 4096)]
+    # Decisions from which on a batch takes no more missions; absent or 0: it takes them all.
+    rows_per_batch: Annotated[int | None, whole(0, 10**6)] = None
+
+    @property
+    def most_rows(self) -> int:
+        """Decisions from which on a batch takes no more missions; 0: it takes all of them."""
+        return self.rows_per_batch or 0
 
 
 class RolloutSettings(Section):
@@ -99,6 +116,14 @@ class ValidationSettings(Section):
     every_updates: Annotated[int, whole(1, 10**9)]
 
 
+class CourseSettings(Section):
+    """How a policy learns on courses that are drawn, by turns and for a while each."""
+
+    at_once: Annotated[int, whole(1, 1024)]
+    updates_each: Annotated[int, whole(1, 10**9)]
+    least_need: Annotated[float, number(1e-3, 1)]
+
+
 class TrainingConfig(Section):
     """All settings of a training."""
 
@@ -113,6 +138,7 @@ class TrainingConfig(Section):
     replay: ReplaySettings
     rollout: RolloutSettings
     validation: ValidationSettings
+    courses: CourseSettings | None = None  # absent: it cannot learn on courses
 
     @property
     def layout(self) -> Layout:
@@ -133,6 +159,12 @@ class TrainingConfig(Section):
     def reward_kind(self) -> Reward:
         """Which of the rewards the team gets."""
         return Reward[self.reward.goal.upper()]
+
+    def reward_units(self, briefing: Briefing) -> RewardUnits:
+        """What a second and a joule are worth in a scenario."""
+        if self.reward.unit == 'crossing':
+            return crossing_units(self.reward.discount_per_s, briefing)
+        return RewardUnits(discount_per_s=self.reward.discount_per_s, energy_j=KILOJOULE_J)
 
     def epsilon(self, share_done: float) -> float:
         """Probability to explore after a share of the training."""

@@ -131,10 +131,15 @@ def efficiencies(progress: 'Progress', last: 'ValidationResult | None') -> tuple
     exploring = 'no mission yet' if math.isnan(recent) else f'{recent:.3f} kbit/J exploring'
     if last is None or progress.best is None:
         return exploring, 'not validated yet'
-    return exploring, f'{_efficiency(last)} validated', f'{_efficiency(progress.best)} best'
+    validated = exploring, f'{_efficiency(last)} validated', f'{_efficiency(progress.best)} best'
+    if not last.conditions:
+        return validated
+    return *validated, f'worst x{last.worst.sweep_ratio:.2f} in {last.worst.name}'
 
 
 def _efficiency(validation: 'ValidationResult') -> str:
+    if validation.conditions:
+        return f'x{validation.sweep_ratio:.3f} of the sweep'
     # Without it a policy that leaves missions unfinished looks better than the best one.
     share = validation.complete_share
     complete = '' if share == 1.0 else f' ({int(100.0 * share)} % complete)'

@@ -12,8 +12,16 @@ from typing import Any, TYPE_CHECKING
 
 from uav_collect import files
 from uav_collect.errors import TrainingRunError
-from uav_collect.training.planned_run import CONFIG_FILE, INITIAL_POLICY, PlannedRun
+from uav_collect.training.planned_run import (
+    CONDITIONS_FILE,
+    CONFIG_FILE,
+    COURSES_FILE,
+    INITIAL_POLICY,
+    PlannedRun,
+)
 from uav_collect.training.run_record import (
+    PANEL_COLUMNS,
+    PANEL_FILE,
     PROGRESS_COLUMNS,
     PROGRESS_FILE,
     read_rows,
@@ -31,6 +39,11 @@ BEST_POLICY = 'policy.safetensors'
 LAST_POLICY = 'last.safetensors'
 CURVE = 'curve.png'
 TENSORBOARD = 'tensorboard'
+_COLUMNS = {
+    VALIDATION_FILE: VALIDATION_COLUMNS,
+    PROGRESS_FILE: PROGRESS_COLUMNS,
+    PANEL_FILE: PANEL_COLUMNS,
+}
 BEGINNING = '.beginning'  # in a folder whose run has no first checkpoint yet
 
 
@@ -41,15 +54,13 @@ class TrainingFolder:
         self,
         run: PlannedRun,
         n_decisions: int,
-        validations: FileIO,
-        progress: FileIO,
+        tables: Mapping[str, FileIO],
         scalars: Callable[[int, Mapping[str, float]], None],
     ) -> None:
-        """Append to open tables and an open TensorBoard file."""
+        """Append to open tables, by their files' names, and an open TensorBoard file."""
         self.path = run.folder
         self._run = run
-        self._validations = validations
-        self._progress = progress
+        self._tables = tables
         self._add_scalars = scalars
         self.n_decisions_saved = n_decisions  # in the last checkpoint
 
@@ -65,17 +76,20 @@ class TrainingFolder:
             OSError: naming the file.
         """
         row = asdict(progress)
-        self._append(self._progress, PROGRESS_COLUMNS, row)
+        self._append(PROGRESS_FILE, row)
         self._log_scalars('training', PROGRESS_COLUMNS, row, progress.n_decisions)
         if progress.validation is not None:
             row = asdict(progress.validation)
-            self._append(self._validations, VALIDATION_COLUMNS, row)
+            self._append(VALIDATION_FILE, row)
+            for number, condition in enumerate(progress.validation.conditions, 1):
+                self._append(PANEL_FILE, {**row, **asdict(condition), 'condition': number})
             self._log_scalars(
                 'validation', VALIDATION_COLUMNS, row, progress.validation.n_decisions
             )
 
-    def _append(self, file: FileIO, columns: tuple[str, ...], row: Mapping[str, Any]) -> None:
-        left = files.csv_of([[row[column] for column in columns]])
+    def _append(self, name: str, row: Mapping[str, Any]) -> None:
+        file = self._tables[name]
+        left = files.csv_of([[row[column] for column in _COLUMNS[name]]])
         with files.naming(Path(str(file.name))):
             while left:  # a disk may take a part only
                 left = left[file.write(left) :]
@@ -129,15 +143,14 @@ def open_training_folder(
             _begin(run, begin)
         files.write_atomically(run.folder / RUN_FILE, run.record.to_json())
         (run.folder / BEGINNING).unlink(missing_ok=True)
-        tables = [
-            stack.enter_context(_table(run.folder / name, columns, n_decisions))
-            for name, columns in (
-                (VALIDATION_FILE, VALIDATION_COLUMNS), (PROGRESS_FILE, PROGRESS_COLUMNS),
-            )
-        ]  # fmt: skip
+        tables = {
+            name: stack.enter_context(_table(run.folder / name, columns, n_decisions))
+            for name, columns in _COLUMNS.items()
+            if name != PANEL_FILE or run.courses is not None
+        }
         with files.naming(run.folder / TENSORBOARD):
             scalars = stack.enter_context(scalar_writer(run.folder / TENSORBOARD, n_decisions + 1))
-        yield TrainingFolder(run, n_decisions, tables[0], tables[1], scalars)
+        yield TrainingFolder(run, n_decisions, tables, scalars)
 
 
 def is_free(folder: Path) -> bool:
@@ -162,11 +175,15 @@ def _begin(run: PlannedRun, write_checkpoint: Callable[[], None]) -> None:
         beginning.touch()
         for path, scenario in zip(run.scenario_files, run.scenarios, strict=True):
             files.write_atomically(path, scenario.to_yaml().encode())
+        if run.courses is not None:
+            distribution, panel = run.courses.distribution, run.courses.panel
+            files.write_atomically(run.folder / COURSES_FILE, distribution.to_yaml().encode())
+            files.write_atomically(run.folder / CONDITIONS_FILE, panel.to_yaml().encode())
         files.write_atomically(run.folder / CONFIG_FILE, run.config.to_yaml().encode())
         _save_policy(run.initial, run.folder / INITIAL_POLICY)
         write_checkpoint()
     except OSError:
-        names = (CONFIG_FILE, INITIAL_POLICY, BEGINNING)
+        names = (CONFIG_FILE, COURSES_FILE, CONDITIONS_FILE, INITIAL_POLICY, BEGINNING)
         for path in (*run.scenario_files, *(run.folder / name for name in names)):
             path.unlink(missing_ok=True)
         for folder in (run.folder / CHECKPOINT, run.folder):

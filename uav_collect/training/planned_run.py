@@ -15,9 +15,12 @@ from uav_collect.training.run_record import RUN_FILE, RunRecord
 if TYPE_CHECKING:  # loaded when training, so that --help answers at once
     from uav_collect.scenario.model import Scenario
     from uav_collect.training.config import TrainingConfig
+    from uav_collect.training.courses import Courses
     from uav_collect.uav.policy_network import FrozenPolicy
 
 CONFIG_FILE = 'training.yaml'  # of a run folder: the preset, resolved
+COURSES_FILE = 'courses.yaml'  # of a run on courses: what they are drawn from
+CONDITIONS_FILE = 'panel.yaml'  # and the conditions that validate
 INITIAL_POLICY = 'initial.safetensors'
 
 
@@ -27,9 +30,10 @@ class PlannedRun:
 
     folder: Path
     record: RunRecord
-    scenarios: 'tuple[Scenario, ...]'
+    scenarios: 'tuple[Scenario, ...]'  # none where there are courses
     config: 'TrainingConfig'
     initial: 'FrozenPolicy | None'  # whose weights it starts from
+    courses: 'Courses | None' = None  # what it learns on in place of scenarios
     is_begun: bool = False  # its folder holds it already: it goes on from its checkpoint
 
     @property
@@ -49,17 +53,21 @@ def new_record(
     scenarios: 'Sequence[Scenario]',
     config: 'TrainingConfig',
     initial: 'FrozenPolicy | None',
+    courses: 'Courses | None' = None,
     **others: Any,  # noqa: ANN401 - the other fields of a RunRecord
 ) -> RunRecord:
     """The record of a run that starts now.
 
     Args:
+        courses: in place of scenarios.
         others: the fields of a `RunRecord` that do not follow from these.
     """
     from uav_collect.scenario.load import fingerprint
 
+    names = ' '.join(dict.fromkeys(scenario.name for scenario in scenarios))
     return RunRecord(
-        scenario=' '.join(dict.fromkeys(scenario.name for scenario in scenarios)),
+        scenario=names if courses is None else courses.distribution.name,
+        courses='' if courses is None else courses.fingerprints,
         n_uavs=tuple(scenario.n_uavs for scenario in scenarios),
         scenario_fingerprint=' '.join(map(fingerprint, scenarios)),
         preset=config.name,
@@ -94,9 +102,11 @@ def stored_run(folder: Path, record: RunRecord) -> PlannedRun:
     ):  # fmt: skip
         scenarios.append(from_file(path))
         _check_same(path, 'fingerprint', fingerprint(scenarios[-1]), wanted, run_file)
-    first = _scenario_files(folder, 1)[0]
-    names = ' '.join(dict.fromkeys(scenario.name for scenario in scenarios))
-    _check_same(first, 'name', names, record.scenario, run_file)
+    courses = _stored_courses(folder, record, run_file)
+    if courses is None:
+        first = _scenario_files(folder, 1)[0]
+        names = ' '.join(dict.fromkeys(scenario.name for scenario in scenarios))
+        _check_same(first, 'name', names, record.scenario, run_file)
     config = load_preset(folder / CONFIG_FILE)
     _check_same(
         folder / CONFIG_FILE, 'fingerprint', config.fingerprint, record.training_fingerprint,
@@ -112,8 +122,26 @@ def stored_run(folder: Path, record: RunRecord) -> PlannedRun:
         scenarios=tuple(scenarios),
         config=config,
         initial=initial,
+        courses=courses,
         is_begun=True,
     )
+
+
+def _stored_courses(folder: Path, record: RunRecord, run_file: Path) -> 'Courses | None':
+    """What the courses of a run are drawn from, and its panel; None where it has none."""
+    if not record.courses:
+        return None
+    from uav_collect.training.courses import Courses, load_distribution
+    from uav_collect.training.panel import load_panel
+
+    path = folder / COURSES_FILE
+    courses = Courses(
+        distribution=load_distribution(path), panel=load_panel(folder / CONDITIONS_FILE)
+    )
+    what = f'fingerprint, with that of {CONDITIONS_FILE},'
+    _check_same(path, what, courses.fingerprints, record.courses, run_file)
+    _check_same(path, 'name', courses.distribution.name, record.scenario, run_file)
+    return courses
 
 
 def _check_same(path: Path, name: str, value: str, wanted: str, run_file: Path) -> None:
@@ -125,5 +153,5 @@ def _check_same(path: Path, name: str, value: str, wanted: str, run_file: Path) 
 
 def _scenario_files(folder: Path, n_scenarios: int) -> tuple[Path, ...]:
     """scenario.yaml, scenario_2.yaml, ..."""
-    numbers = ('', *(f'_{number}' for number in range(2, n_scenarios + 1)))
+    numbers = ['' if number == 1 else f'_{number}' for number in range(1, n_scenarios + 1)]
     return tuple(folder / f'scenario{number}.yaml' for number in numbers)

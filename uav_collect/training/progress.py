@@ -1,6 +1,7 @@
 """How long a training runs, how far it is, how well its policy flies and how fast it learns."""
 
 from collections import deque
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +22,19 @@ class Budget:
 
 
 @dataclass(frozen=True, kw_only=True)
+class ConditionResult:
+    """What a policy achieved in one condition of a panel; rows of panel.csv."""
+
+    name: str
+    sweep_ratio: float  # mean efficiency over the sweep's in the same missions
+    efficiency_kbit_per_j: float
+    complete_share: float
+    safe_share: float
+    sweep_complete_share: float
+    sweep_safe_share: float
+
+
+@dataclass(frozen=True, kw_only=True)
 class ValidationResult:
     """What a policy achieved in the validation missions; a row of validation.csv."""
 
@@ -34,11 +48,34 @@ class ValidationResult:
     complete_share: float
     safe_share: float
     team_reward: float  # the scenario's reward, summed over a mission
+    conditions: tuple[ConditionResult, ...] = ()  # of the panel; none: scenarios were flown
+
+    @property
+    def sweep_ratio(self) -> float:
+        """The mean over the panel's conditions of the efficiency over the sweep's."""
+        return _mean(each.sweep_ratio for each in self.conditions)
+
+    @property
+    def worst(self) -> ConditionResult:
+        """The condition in which the policy stays behind the sweep most, or gains least."""
+        return min(self.conditions, key=lambda each: each.sweep_ratio)
 
     @property
     def rank(self) -> tuple[float, float]:
-        """How good the policy is: of two, the one of greater rank is kept."""
-        return policy_rank(self.complete_share, self.safe_share, self.efficiency_kbit_per_j)
+        """How good the policy is: of two, the one of greater rank is kept.
+
+        In a panel what the sweep leaves incomplete too is not held against it.
+        """
+        if not self.conditions:
+            return policy_rank(self.complete_share, self.safe_share, self.efficiency_kbit_per_j)
+        complete, safe = (
+            _mean(min(1.0, 1.0 + own - sweeps) for own, sweeps in shares)
+            for shares in (
+                [(it.complete_share, it.sweep_complete_share) for it in self.conditions],
+                [(it.safe_share, it.sweep_safe_share) for it in self.conditions],
+            )
+        )
+        return policy_rank(complete, safe, self.sweep_ratio)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,6 +98,10 @@ class Progress:
     replay_bytes: int
     validation: ValidationResult | None
     best: ValidationResult | None
+
+
+def _mean(values: Iterable[float]) -> float:
+    return float(np.mean(list(values)))
 
 
 class RecentMissions:

@@ -1,8 +1,8 @@
 """The record of a training run: what was trained, and the tables of how it went.
 
-`run.json` says what was trained; `validation.csv` has a row for each validation, `progress.csv`
-one for about each second. The last word of a column's name is its unit; what has none is a count,
-a share or a pure number.
+`run.json` says what was trained; `validation.csv` has a row for each validation, `panel.csv` of a
+run on courses one for each of its conditions, `progress.csv` one for about each second. The last
+word of a column's name is its unit; what has none is a count, a share or a pure number.
 """
 
 from collections.abc import Mapping
@@ -23,6 +23,8 @@ RUN_FILE = 'run.json'
 VALIDATION_FILE = 'validation.csv'
 PROGRESS_FILE = 'progress.csv'
 FORMAT = 'uav_collect.training/1'
+PANEL_FILE = 'panel.csv'
+_LATER = ('courses',)  # fields that records of before do not have
 _MAX_BYTES = 2**20  # of a record
 _MAX_TABLE_BYTES = 2**30
 _MAX_SHOWN = 60  # characters of a wrong value
@@ -38,6 +40,13 @@ PROGRESS_COLUMNS = (
     'n_decisions', 'n_updates', 'wall_s', 'n_missions', 'decisions_per_s', 'updates_per_s', 'loss',
     'epsilon', 'learning_rate', 'training_efficiency_kbit_per_j', 'training_reward',
     'replay_transitions', 'replay_bytes',
+)  # fmt: skip
+
+# Of a run on courses, a row for each condition of the panel at each validation; conditions count
+# from 1, in the order of panel.yaml.
+PANEL_COLUMNS = (
+    'n_decisions', 'n_updates', 'wall_s', 'condition', 'sweep_ratio', 'efficiency_kbit_per_j',
+    'complete_share', 'safe_share', 'sweep_complete_share', 'sweep_safe_share',
 )  # fmt: skip
 
 # Columns that are nan before the first mission or update, or where a UAV has not landed.
@@ -111,10 +120,14 @@ class RunRecord:
     versions: Mapping[str, str]  # of Python and packages
     command: str  # that began it
     is_done: bool  # it has had its time
+    # Fingerprints of what courses are drawn from and of the panel; '': it learns in scenarios.
+    courses: str = ''
 
     @property
     def scenario_text(self) -> str:
-        """The scenarios and the sizes of their fleets, for people."""
+        """The scenarios and the sizes of their fleets, or the courses, for people."""
+        if self.courses:
+            return f'courses {self.scenario}'
         least, most = min(self.n_uavs), max(self.n_uavs)
         fleet = f'{least} to {most} UAVs' if least < most else f'{most} UAVs'
         return f'{self.scenario}, {fleet}'
@@ -128,7 +141,10 @@ class RunRecord:
 
     def to_json(self) -> bytes:
         """The record as the text of a run.json."""
-        return (json.dumps({'format': FORMAT, **asdict(self)}, indent=2) + '\n').encode()
+        values = asdict(self)
+        if not self.courses:  # as in records of before there were courses
+            del values['courses']
+        return (json.dumps({'format': FORMAT, **values}, indent=2) + '\n').encode()
 
 
 def read_run(folder: Path) -> RunRecord:
@@ -160,16 +176,20 @@ def _record(values: object) -> RunRecord:
         raise ValueError(f'format is {_shown(found)}: must be {FORMAT!r}')
     read = {}
     for name, annotation in get_type_hints(RunRecord).items():
-        if name not in values:
+        if name in values:
+            read[name] = _field(name, annotation, values[name])
+        elif name not in _LATER:
             raise ValueError(f'{name} is missing')
-        read[name] = _field(name, annotation, values[name])
     record = RunRecord(**read)
     n_uavs, n_fingerprints = len(record.n_uavs), len(record.scenario_fingerprint.split())
     for is_right, what in (
         (record.algorithm in ALGORITHMS, f'algorithm is {_shown(record.algorithm)}'),
         (record.device in DEVICES, f'device is {_shown(record.device)}'),
         (record.seed in record.seeds, f'seeds are {_shown(record.seeds)}: lack {record.seed}'),
-        (n_uavs == n_fingerprints > 0, f'n_uavs has {n_uavs} entries: needs {n_fingerprints}'),
+        (
+            n_uavs == n_fingerprints and (n_uavs > 0) != bool(record.courses),
+            f'n_uavs has {n_uavs} entries: needs {n_fingerprints}',
+        ),
         (
             (record.minutes is None) != (record.decisions is None),
             'must have either minutes or decisions',

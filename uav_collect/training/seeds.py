@@ -15,6 +15,7 @@ _FIRST_SEED = 2**61  # of the missions to learn from
 _SEEDS_PER_RUN, _SEEDS_PER_WORLD, _SEEDS_PER_START = 2**32, 2**28, 2**20
 _N_RUNS = 2**28
 _MOST_BYTES = 2**26  # of the starts
+_N_PARTS = _SEEDS_PER_RUN // _SEEDS_PER_START
 _N_STARTS = _SEEDS_PER_WORLD // _SEEDS_PER_START
 
 
@@ -28,6 +29,15 @@ def first_training_seed(run_seed: int, world: int = 0, start: int = 0) -> int:
     """
     first = _FIRST_SEED + run_seed % _N_RUNS * _SEEDS_PER_RUN
     return first + world * _SEEDS_PER_WORLD + start % _N_STARTS * _SEEDS_PER_START
+
+
+def first_seed_of_part(run_seed: int, part: int) -> int:
+    """Seed of the first mission of one of the parts that a run's range falls into.
+
+    Args:
+        part: number of the part; after some thousands of them they begin again.
+    """
+    return _FIRST_SEED + run_seed % _N_RUNS * _SEEDS_PER_RUN + part % _N_PARTS * _SEEDS_PER_START
 
 
 def _read(path: Path) -> str:

@@ -9,7 +9,7 @@ import math
 from typing import Annotated
 
 from uav_collect.config.rules import number, whole
-from uav_collect.limits import MAX_CELLS_PER_SIDE
+from uav_collect.limits import MAX_CELLS_PER_SIDE, MAX_UAVS
 from uav_collect.scenario.area import open_cells
 from uav_collect.scenario.model import DrawnSensors, Scenario
 
@@ -81,6 +81,60 @@ def learned_on(scenario: Scenario) -> LearnedOn:
     )
 
 
+@dataclass(frozen=True, kw_only=True)
+class LearnedWithin:
+    """The spans that scenarios were drawn from, least and most; homes lay anywhere."""
+
+    cells_per_side: tuple[
+        Annotated[int, whole(1, MAX_CELLS_PER_SIDE)], Annotated[int, whole(1, MAX_CELLS_PER_SIDE)]
+    ]
+    cell_size_m: tuple[_Amount, _Amount]
+    closed_share: tuple[_Share, _Share]
+    n_uavs: tuple[Annotated[int, whole(1, MAX_UAVS)], Annotated[int, whole(1, MAX_UAVS)]]
+    speed_mps: tuple[_Amount, _Amount]
+    contact_range_m: tuple[_Limit, _Limit]
+    loss_share: tuple[_Share, _Share]
+    delay_s: tuple[_Coordinate, _Coordinate]
+    sensors_per_cell: tuple[_Amount, _Amount]
+    cell_share: tuple[_Share, _Share]
+    data_mbit: tuple[_Amount, _Amount]
+
+
+def strangeness_within(known: LearnedWithin, scenario: Scenario) -> list[str]:
+    """By what a scenario lies outside the spans that a policy learned within, for people."""
+    return [*_strange_within(known, learned_on(scenario))]
+
+
+def _strange_within(known: LearnedWithin, flown: LearnedOn) -> Iterator[str]:
+    n_uavs = len(flown.speeds_mps)
+    fleet = min(flown.speeds_mps), max(flown.speeds_mps)
+    yield from _outside('rows and columns', '', known.cells_per_side, _span_of(flown.area))
+    yield from _outside('cells of', 'm', known.cell_size_m, _point(flown.cell_size_m))
+    yield from _outside('closed cells', '', known.closed_share, _point(flown.closed_share))
+    yield from _outside('UAVs', '', known.n_uavs, _point(n_uavs))
+    yield from _outside('speeds', 'm/s', known.speed_mps, fleet)
+    if n_uavs > 1:
+        range_m = _point(flown.contact_range_m)
+        yield from _outside('contact range', 'm', known.contact_range_m, range_m)
+        yield from _outside('messages lost', '', known.loss_share, _point(flown.loss_share))
+        yield from _outside('messages late by', 's', known.delay_s, flown.delay_s)
+    per_cell = _point(flown.sensors_per_cell)
+    yield from _outside('sensors per cell', '', known.sensors_per_cell, per_cell)
+    yield from _outside('cells with data', '', known.cell_share, _point(flown.cell_share))
+    yield from _outside('data of a sensor', 'Mbit', known.data_mbit, flown.data_mbit)
+
+
+def _outside(name: str, unit: str, known: Span, flown: Span) -> Iterator[str]:
+    """The difference where what is flown lies outside a span."""
+    (least, most), (low, high) = known, flown
+    if not (_at_most(least, low) and _at_most(high, most)):
+        yield f'{name} {_span(low, high, unit)} (learned: {_span(least, most, unit)})'
+
+
+def _span_of(values: Sequence[float]) -> Span:
+    return min(values), max(values)
+
+
 def strangeness(known: Sequence[LearnedOn], scenario: Scenario) -> list[str]:
     """By what a scenario lies outside all that a policy learned on.
 
@@ -139,9 +193,7 @@ def _beyond(
     """The difference where what is flown lies outside the span of the learned."""
     least = min(span_of(each)[0] for each in known)
     most = max(span_of(each)[1] for each in known)
-    low, high = span_of(flown)
-    if not (_at_most(least, low) and _at_most(high, most)):
-        yield f'{name} {_span(low, high, unit)} (learned: {_span(least, most, unit)})'
+    yield from _outside(name, unit, (least, most), span_of(flown))
 
 
 def _at_most(value: float, limit: float) -> bool:

@@ -14,7 +14,7 @@ from uav_collect.uav.action_codes import NONE
 from uav_collect.uav.belief import Belief
 from uav_collect.uav.briefing import brief, Briefing
 from uav_collect.uav.heuristics import Heuristic, RulePolicy
-from uav_collect.uav.learned_on import strangeness
+from uav_collect.uav.learned_on import strangeness, strangeness_within
 from uav_collect.uav.policy_file import FORMAT, load_policy, SUFFIX, WEIGHTS_FORMAT
 from uav_collect.uav.policy_network import FrozenPolicy, LearnedPolicy
 from uav_collect.uav.user_policy import is_user_policy_name, user_policy, UserPolicy
@@ -125,7 +125,10 @@ def unfamiliar(policy: Policy, scenario: Scenario) -> str | None:
     """
     if not isinstance(policy, LearnedPolicy):
         return None
-    strange = strangeness(policy.frozen.header.learned_on, scenario)
+    header = policy.frozen.header
+    strange = strangeness(header.learned_on, scenario)
+    for within in header.learned_within:
+        strange += strangeness_within(within, scenario)
     what = f'policy {policy.name} flies outside what it learned on'
     return f'{what}: {"; ".join(strange)}' if strange else None
 

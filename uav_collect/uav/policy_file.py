@@ -18,7 +18,7 @@ from uav_collect.config.rules import Rule
 from uav_collect.config.yaml_text import shown
 from uav_collect.errors import PolicyMismatchError
 from uav_collect.uav.action_codes import NONE
-from uav_collect.uav.learned_on import LearnedOn
+from uav_collect.uav.learned_on import LearnedOn, LearnedWithin
 from uav_collect.uav.observation import Layout
 from uav_collect.uav.policy_network import check_shapes, FrozenPolicy, PolicyHeader, Validation
 from uav_collect.uav.tensor_file import parsed_json, read_head, read_tensors, tensor_file
@@ -29,15 +29,23 @@ SUFFIX = '.safetensors'
 _MAX_DIGITS = 19  # of a number in a header: 63 bits
 _NO_DIGEST = '0' * 64
 
-_Value = Layout | Validation | tuple[LearnedOn, ...] | int | float | str  # of a header's field
+# Of a header's field.
+_Value = (
+    Layout | Validation | tuple[LearnedOn, ...] | tuple[LearnedWithin, ...] | int | float | str
+)
 
 
 def policy_bytes(policy: FrozenPolicy) -> bytes:
     """What a policy's file holds; the inverse is `policy_from_bytes`."""
+    header = policy.header
+    left_out = {
+        'advice_bonus': header.layout.adviser == NONE,
+        'learned_within': not header.learned_within,
+    }
     texts = {
-        field.name: _text(getattr(policy.header, field.name))
+        field.name: _text(getattr(header, field.name))
         for field in fields(PolicyHeader)
-        if field.name != 'advice_bonus' or policy.header.layout.adviser != NONE
+        if not left_out.get(field.name, False)
     }
     content = tensor_file(policy.weights, {**texts, 'format': FORMAT, 'digest': _NO_DIGEST})
     return content.replace(_said(_NO_DIGEST), _said(hashlib.sha256(content).hexdigest()), 1)
@@ -139,7 +147,9 @@ def _parsed(name: str, kind: object, text: str) -> Any:  # noqa: ANN401 - of tha
 
 def _record(name: str, kind: Any, text: str) -> Any:  # noqa: ANN401 - of that kind
     """What the JSON of a field holds."""
-    of, what = (Validation, 'object') if kind is Validation else (LearnedOn, 'list of objects')
+    of, what = kind, 'object'
+    if get_origin(kind) is tuple:
+        of, what = get_args(kind)[0], 'list of objects'
     try:
         return _of_kind(name, kind, parsed_json(text))
     except PolicyMismatchError:

@@ -27,7 +27,7 @@ from uav_collect.uav.belief import Belief
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.exploration import explore
 from uav_collect.uav.frames import COMPASS_ACTIONS
-from uav_collect.uav.learned_on import LearnedOn
+from uav_collect.uav.learned_on import LearnedOn, LearnedWithin
 from uav_collect.uav.observation import Layout, observation_size, Observer
 from uav_collect.uav.view import LocalView
 
@@ -94,6 +94,7 @@ class PolicyHeader:
     validation: Validation
     learned_on: tuple[LearnedOn, ...] = ()  # by scenario; none where the file does not say
     advice_bonus: float = 0.0  # added to the value of what the layout's adviser would do
+    learned_within: tuple[LearnedWithin, ...] = ()  # one of drawn scenarios; else none
 
 
 class FrozenPolicy:

@@ -1,7 +1,7 @@
 """The team's reward between two events: the paper's, eqs (reward_plain), (imm_reward), or energy.
 
 The energy reward is what the mission is about: one for each cell that becomes complete on the
-union of all UAVs' maps, less the kilojoules spent.
+union of all UAVs' maps, less the energy spent, in kilojoules or in another unit.
 """
 
 from enum import IntEnum
@@ -16,7 +16,8 @@ from uav_collect.uav.actions import cell_at
 from uav_collect.uav.briefing import Briefing
 from uav_collect.world.dynamics import end_s, Mission, next_uav
 
-_KJ_PER_J = 1e-3
+KILOJOULE_J = 1000.0
+_USUAL_CROSSING_S = 7.5  # of a cell of 50 m at 5 and 10 m/s, on average
 
 
 class Reward(IntEnum):
@@ -26,21 +27,49 @@ class Reward(IntEnum):
     ENERGY = 1
 
 
+class RewardUnits(NamedTuple):
+    """What energy and time are worth to a learner in one scenario."""
+
+    discount_per_s: float
+    energy_j: float  # that takes one from the energy reward
+
+
+def crossing_units(discount_per_s: float, briefing: Briefing) -> RewardUnits:
+    """Units by which fields of any size and fleets of any speed are alike to a learner.
+
+    Energy counts in crossings of a cell, the mean over the UAVs; and a crossing is discounted as
+    one of the usual 7.5 s.
+    """
+    crossing_s = [briefing.cell_size_m / speed_mps for speed_mps in briefing.speed_mps]
+    pairs = zip(crossing_s, briefing.flight_power_w, strict=True)
+    energy_j = math.fsum(each_s * power_w for each_s, power_w in pairs) / len(crossing_s)
+    mean_s = math.fsum(crossing_s) / len(crossing_s)
+    return RewardUnits(
+        discount_per_s=discount_per_s ** (_USUAL_CROSSING_S / mean_s), energy_j=energy_j
+    )
+
+
 class RewardTerms(NamedTuple):
     """What rewards are computed from, beside the mission."""
 
     discount_per_s: float
+    per_j: float  # what a joule takes from the energy reward
     move_penalty_per_s: float
     scale_bit: float  # that is worth one
     bonus_j: float  # alpha of the terminal reward: the largest energy budget
     first_sensor: Row[int]  # by cell, and one past the last
 
 
-def reward_terms(site: Site) -> RewardTerms:
-    """The terms of a site's scenario."""
+def reward_terms(site: Site, energy_unit_j: float = KILOJOULE_J) -> RewardTerms:
+    """The terms of a site's scenario.
+
+    Args:
+        energy_unit_j: energy that takes one from the energy reward [J].
+    """
     scenario = site.scenario
     return RewardTerms(
         discount_per_s=scenario.reward.discount_per_s,
+        per_j=1.0 / energy_unit_j,
         move_penalty_per_s=scenario.reward.move_penalty_per_s,
         scale_bit=scenario.reward.scale_mbit * 1e6,
         bonus_j=max(uav.energy_budget_j for uav in scenario.uavs),
@@ -93,28 +122,28 @@ def earn(earnings: Earnings, world: int, terms: RewardTerms, reward: float) -> N
 def energy_reward(
     briefing: Briefing, terms: RewardTerms, mission: Mission, start_s: float, stop_s: float
 ) -> float:
-    """Minus the kilojoules that all UAVs spend over an interval, discounted to its start.
+    """Minus the energy that all UAVs spend over an interval, discounted to its start.
 
     A UAV that waits after its action, as all do in synchronous missions, hovers.
     """
-    spent_kj = 0.0
+    spent = 0.0
     for uav in range(briefing.n_uavs):
         acted_s = mission.leg_start_s[uav] + mission.duration_s[uav]
         hover_w = briefing.hover_power_w[uav]
         acting_w = hover_w if mission.action[uav] == HOVER else briefing.flight_power_w[uav]
         acting_s = min(stop_s, acted_s) - start_s
         if acting_s > 0.0:
-            spent_kj += acting_w * _KJ_PER_J * _discounted_s(terms, acting_s)
+            spent += acting_w * terms.per_j * _discounted_s(terms, acting_s)
         waits_from_s = max(start_s, acted_s)
         waiting_s = min(stop_s, mission.leg_end_s[uav]) - waits_from_s
         if waiting_s > 0.0:
-            spent_kj += (
+            spent += (
                 hover_w
-                * _KJ_PER_J
+                * terms.per_j
                 * discount(terms, waits_from_s - start_s)
                 * _discounted_s(terms, waiting_s)
             )
-    return -spent_kj
+    return -spent
 
 
 @kernel

@@ -50,7 +50,7 @@ from uav_collect.nodes.trainer.vouching import MissionVouching
 from uav_collect.recording.bag_messages import messages
 from uav_collect.scenario.site import build_site
 from uav_collect.training.display import progress_display
-from uav_collect.uav.briefing import brief
+from uav_collect.uav.briefing import brief, briefing_of
 from uav_collect.uav.policy_file import policy_bytes
 from uav_collect_msgs.msg import Policy
 
@@ -151,8 +151,8 @@ class TrainerNode(ProcessNode):
         """What joins the missions of one world into episodes as the run learns from them."""
         scenario, config = self._run.scenarios[0], self._run.config
         site = build_site(scenario)
-        discount_per_s = config.reward.discount_per_s
-        builder = EpisodeBuilder(site, config.layout, config.reward_kind, discount_per_s)
+        units = config.reward_units(briefing_of(site))
+        builder = EpisodeBuilder(site, config.layout, config.reward_kind, *units)
         if kernels_are_compiled():
             builder.warm_up()
         return MissionJoiner(

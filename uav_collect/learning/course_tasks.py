@@ -1,0 +1,203 @@
+"""The courses that a policy learns on at a time, drawn anew after a while, with turns by need."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from uav_collect.errors import ConfigError
+from uav_collect.learning.minibatch import Algorithm
+from uav_collect.learning.random_state import restore_rng, rng_state
+from uav_collect.learning.saved import SavedPart
+from uav_collect.learning.task import (
+    check_room,
+    new_collector,
+    new_task,
+    restore_tasks,
+    states_of,
+    Task,
+)
+from uav_collect.missions.rollout import fly_for_metrics
+from uav_collect.scenario.site import build_site, Site
+from uav_collect.training.config import CourseSettings, TrainingConfig
+from uav_collect.training.course_draw import draw_course
+from uav_collect.training.courses import CourseDistribution
+from uav_collect.training.seeds import first_seed_of_part
+from uav_collect.uav.observation import Layout
+
+_TURNS_KEY = 3  # of the run's seed: whose turn it is
+_N_SWEPT = 16  # missions by which a course's sweep is judged
+
+
+@dataclass
+class _Course:
+    """A course that is learned on."""
+
+    number: int  # in the order of being drawn
+    task: Task
+    sweep_kbit_per_j: float  # the sweep's efficiency in missions of the course
+    n_updates: int = 0  # so far
+    lasts: int = field(default=0)  # updates until another one takes its place
+
+
+class CourseTasks:
+    """Tasks of drawn courses: so many at once, each for a number of updates.
+
+    A course has turns in proportion to what is still to be learned on it: how far the missions
+    flown last, which explore, stay below the sweep's efficiency. None goes without turns.
+    """
+
+    def __init__(
+        self,
+        distribution: CourseDistribution,
+        config: TrainingConfig,
+        algorithm: Algorithm,
+        seed: int,
+        device: str,
+    ) -> None:
+        """Draw the first courses, and start their missions.
+
+        Args:
+            distribution: what they are drawn from.
+            config: of the training, with its part `courses`.
+            algorithm: how it learns.
+            seed: of the run.
+            device: of the network that flies.
+
+        Raises:
+            ConfigError: the settings are none for courses, or courses cannot be flown.
+        """
+        self._settings = check_settings(distribution, config, algorithm)
+        self._distribution, self._config, self._algorithm = distribution, config, algorithm
+        self._seed, self._device = seed, device
+        self._rng = np.random.Generator(np.random.Philox(key=[seed, _TURNS_KEY]))
+        self._n_left_decisions = self._n_left_missions = 0  # of courses that are no more held
+        n_courses, lasts = self._settings.at_once, self._settings.updates_each
+        # The first ones are left one after another: there are always old and new ones.
+        self._courses = [
+            self._new_course(number, -(-lasts * (number + 1) // n_courses))
+            for number in range(n_courses)
+        ]
+        self._n_drawn = n_courses
+
+    @property
+    def tasks(self) -> tuple[Task, ...]:
+        """Those of the courses that are learned on now."""
+        return tuple(course.task for course in self._courses)
+
+    @property
+    def n_decisions(self) -> int:
+        """How many decisions were collected so far, on courses that are left too."""
+        return self._n_left_decisions + sum(task.source.n_decisions for task in self.tasks)
+
+    @property
+    def n_missions(self) -> int:
+        """How many missions were collected so far, on courses that are left too."""
+        return self._n_left_missions + sum(task.source.n_missions for task in self.tasks)
+
+    @property
+    def n_drawn(self) -> int:
+        """How many courses have been drawn so far."""
+        return self._n_drawn
+
+    def next_turn(self) -> int:
+        """The place of the course whose turn it is."""
+        needs = np.array([self._need(course) for course in self._courses])
+        return int(self._rng.choice(len(needs), p=needs / needs.sum()))
+
+    def count_update(self, place: int) -> None:
+        """Note that a course was learned from; another one takes its place once it has lasted."""
+        course = self._courses[place]
+        course.n_updates += 1
+        if course.n_updates < course.lasts:
+            return
+        self._n_left_decisions += course.task.source.n_decisions
+        self._n_left_missions += course.task.source.n_missions
+        self._courses[place] = self._new_course(self._n_drawn, self._settings.updates_each)
+        self._n_drawn += 1
+
+    def state(self) -> dict[str, Any]:
+        """All that they need to go on; the inverse is `restore`."""
+        courses = [
+            {'number': it.number, 'n_updates': it.n_updates, 'lasts': it.lasts}
+            for it in self._courses
+        ]
+        return {
+            **states_of(self.tasks),
+            'courses': courses,
+            'turns': rng_state(self._rng),
+            'n_drawn': self._n_drawn,
+            'n_left_decisions': self._n_left_decisions,
+            'n_left_missions': self._n_left_missions,
+        }
+
+    def restore(self, saved: SavedPart) -> None:
+        """Go on from the state of tasks of the same run.
+
+        Raises:
+            CheckpointError: something that was saved is not what such tasks save.
+        """
+        self._n_drawn = saved.whole('n_drawn', low=len(self._courses))
+        parts = saved.parts('courses', len(self._courses))
+        for place, part in enumerate(parts):
+            number = part.whole('number', high=self._n_drawn - 1)
+            lasts = part.whole('lasts', low=1)
+            if self._courses[place].number != number:
+                self._courses[place] = self._new_course(number, lasts)
+            self._courses[place].lasts = lasts
+            self._courses[place].n_updates = part.whole('n_updates', high=lasts - 1)
+        restore_tasks(self.tasks, saved)
+        restore_rng(self._rng, saved.part('turns'))
+        self._n_left_decisions = saved.whole('n_left_decisions')
+        self._n_left_missions = saved.whole('n_left_missions')
+
+    def _need(self, course: _Course) -> float:
+        """How much there is still to be learned on a course, up to 1."""
+        recent = course.task.source.recent.efficiency_kbit_per_j
+        if np.isnan(recent) or course.sweep_kbit_per_j <= 0.0:
+            return 1.0
+        missing = 1.0 - recent / course.sweep_kbit_per_j
+        return min(max(missing, self._settings.least_need), 1.0)
+
+    def _new_course(self, number: int, lasts: int) -> _Course:
+        config = self._config
+        site = build_site(draw_course(self._distribution, self._seed, number))
+        source = new_collector(site, config, self._algorithm, self._seed, self._device, number)
+        return _Course(
+            number=number,
+            task=new_task(site, source, config.replay.decisions // self._settings.at_once),
+            sweep_kbit_per_j=_sweep_kbit_per_j(site, first_seed_of_part(self._seed, number)),
+            lasts=lasts,
+        )
+
+
+def check_settings(
+    distribution: CourseDistribution, config: TrainingConfig, algorithm: Algorithm
+) -> CourseSettings:
+    """The settings of courses, if a policy can learn on them by these.
+
+    Raises:
+        ConfigError: one line that says which setting to change.
+    """
+    settings = config.courses
+    if settings is None:
+        raise ConfigError(
+            f'preset {config.name}: courses is missing: must be there to learn on courses, as the '
+            'preset anywhere has it'
+        )
+    if config.layout is Layout.PAPER:
+        raise ConfigError(
+            f'observation is {config.observation!r}: must be one that no area changes, to learn on'
+            ' courses'
+        )
+    if algorithm is not Algorithm.AIQL and not config.mixer.is_of_sets:
+        raise ConfigError("mixer.kind is 'fleet': must be set to learn on courses")
+    side = distribution.area.cells_per_side[1]
+    check_room(config, side * side, settings.at_once)
+    return settings
+
+
+def _sweep_kbit_per_j(site: Site, first_seed: int) -> float:
+    """The sweep's mean efficiency in the first missions of a course."""
+    seeds = range(first_seed, first_seed + _N_SWEPT)
+    flown = fly_for_metrics(site, seeds, 'sweep', 'equal')
+    return float(np.mean(flown.efficiency_kbit_per_j))

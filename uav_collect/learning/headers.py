@@ -1,0 +1,86 @@
+"""The header of a policy that a training leaves: what it may fly, and how it was learned."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from uav_collect.analysis.statistics import MEASURES
+from uav_collect.errors import PolicyMismatchError
+from uav_collect.scenario.load import fingerprint
+from uav_collect.scenario.model import Scenario
+from uav_collect.training.courses import CourseDistribution
+from uav_collect.training.progress import ValidationResult
+from uav_collect.uav import policy_network
+from uav_collect.uav.learned_on import learned_on, LearnedOn, LearnedWithin
+from uav_collect.uav.policy_network import FrozenPolicy, PolicyHeader
+
+
+@dataclass(frozen=True, kw_only=True)
+class Learned:
+    """What a policy learns on, as its header tells."""
+
+    run: str  # begins its versions: anywhere, or paper_10x10_n2
+    scenario: str
+    fingerprint: str
+    cells_per_side: tuple[int, int]  # least and most
+    n_uavs: tuple[int, int]
+    learned_on: tuple[LearnedOn, ...] = ()
+    learned_within: tuple[LearnedWithin, ...] = ()
+
+
+def learned_in_scenarios(scenarios: Sequence[Scenario]) -> Learned:
+    """What a policy learns on that learns in some scenarios."""
+    areas = [scenario.area for scenario in scenarios]
+    sides = [side for area in areas for side in (area.n_rows, area.n_columns)]
+    fleets = [scenario.n_uavs for scenario in scenarios]
+    return Learned(
+        run=f'{scenarios[0].name}_n{fleets[0]}',
+        scenario=' '.join(dict.fromkeys(scenario.name for scenario in scenarios)),
+        fingerprint=' '.join(map(fingerprint, scenarios)),
+        cells_per_side=(min(sides), max(sides)),
+        n_uavs=(min(fleets), max(fleets)),
+        learned_on=tuple(map(learned_on, scenarios)),
+    )
+
+
+def learned_on_courses(distribution: CourseDistribution) -> Learned:
+    """What a policy learns on that learns on drawn courses."""
+    return Learned(
+        run=distribution.name,
+        scenario=distribution.name,
+        fingerprint=distribution.fingerprint,
+        cells_per_side=distribution.area.cells_per_side,
+        n_uavs=distribution.fleet.n_uavs,
+        learned_within=(distribution.learned_within,),
+    )
+
+
+def header_validation(
+    validation: ValidationResult | None, n_missions: int
+) -> policy_network.Validation:
+    """What a header says of a validation; zeros where there was none.
+
+    Args:
+        n_missions: that a validation flies.
+    """
+    measured = {it.key: getattr(validation, it.key, 0.0) for it in MEASURES}
+    return policy_network.Validation(
+        missions=n_missions if validation else 0, bandwidth='equal', **measured
+    )
+
+
+def check_same_network(initial: FrozenPolicy, wanted: PolicyHeader) -> None:
+    """Refuse a policy to start from whose network is another one.
+
+    Raises:
+        PolicyMismatchError: what of it differs.
+    """
+    header = initial.header
+    for name, value, known in (
+        ('observation', header.layout.label, wanted.layout.label),
+        ('observation size', header.observation_size, wanted.observation_size),
+        ('hidden size', header.hidden_size, wanted.hidden_size),
+    ):
+        if value != known:
+            raise PolicyMismatchError(
+                f'initial policy {header.version}: its {name} is {value}: must be {known}'
+            )

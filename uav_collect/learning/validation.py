@@ -1,0 +1,131 @@
+"""How a policy flies missions that it did not learn from: of its scenarios, or of a panel."""
+
+from collections.abc import Callable, Iterable, Sequence
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+from uav_collect.analysis.metrics import mission_metrics, MissionMetrics
+from uav_collect.analysis.statistics import MEASURES, mission_seeds
+from uav_collect.learning.task import Task
+from uav_collect.missions.rollout import fly
+from uav_collect.recording.mission_log import MissionLog
+from uav_collect.scenario.site import build_site
+from uav_collect.training.panel import Panel
+from uav_collect.training.progress import ConditionResult
+from uav_collect.training.seeds import VALIDATION_SEED
+from uav_collect.uav.policy_network import LearnedPolicy
+
+
+class Validator(Protocol):
+    """What validates a policy."""
+
+    @property
+    def n_missions(self) -> int:
+        """How many missions a validation flies."""
+
+    def warm_up(self, policy: LearnedPolicy) -> None:
+        """Let the kernels be compiled, which takes a minute once."""
+
+    def measured(
+        self, policy: LearnedPolicy, between_decisions: Callable[[], None] | None
+    ) -> dict[str, Any]:
+        """The fields of a `ValidationResult` that missions tell, without exploration."""
+
+
+class ScenarioValidator:
+    """Flies missions of the scenarios that are learned in."""
+
+    def __init__(self, tasks: Sequence[Task], n_missions: int) -> None:
+        """Take so many missions of each."""
+        self._tasks, self._seeds = tasks, mission_seeds(VALIDATION_SEED, n_missions)
+
+    @property
+    def n_missions(self) -> int:
+        """How many missions a validation flies."""
+        return len(self._tasks) * len(self._seeds)
+
+    def warm_up(self, policy: LearnedPolicy) -> None:
+        """Let the kernels be compiled, which takes a minute once."""
+        for task in self._tasks:
+            task.validate(policy, self._seeds[:1])
+
+    def measured(
+        self, policy: LearnedPolicy, between_decisions: Callable[[], None] | None
+    ) -> dict[str, Any]:
+        """The means over all missions."""
+        logs = [
+            log
+            for task in self._tasks
+            for log in task.validate(policy, self._seeds, between_decisions)
+        ]
+        return _means([mission_metrics(log) for log in logs], logs)
+
+
+class PanelValidator:
+    """Flies missions in each condition of a panel, and compares with the sweep's in the same."""
+
+    def __init__(self, panel: Panel, n_missions: int) -> None:
+        """Lay out the conditions; so many missions are flown in each."""
+        self._names = [condition.name for condition in panel.conditions]
+        self._sites = [build_site(condition.scenario) for condition in panel.conditions]
+        self._seeds = mission_seeds(VALIDATION_SEED, n_missions)
+
+    @property
+    def n_missions(self) -> int:
+        """How many missions a validation flies."""
+        return len(self._sites) * len(self._seeds)
+
+    def warm_up(self, policy: LearnedPolicy) -> None:
+        """Let the kernels be compiled, which takes a minute once."""
+        fly(self._sites[0], self._seeds[:1], lambda: policy, 'equal', 0)
+
+    def measured(
+        self, policy: LearnedPolicy, between_decisions: Callable[[], None] | None
+    ) -> dict[str, Any]:
+        """The means over all missions, and each condition's."""
+        logs = [
+            fly(site, self._seeds, lambda: policy, 'equal', 0, between_decisions)
+            for site in self._sites
+        ]
+        flown = [[*map(mission_metrics, each)] for each in logs]
+        conditions = tuple(map(_compared, self._names, flown, self._swept))
+        return {
+            **_means([it for each in flown for it in each], [it for each in logs for it in each]),
+            'conditions': conditions,
+        }
+
+    @cached_property
+    def _swept(self) -> list[list[MissionMetrics]]:
+        """The sweep's missions, by condition."""
+        return [
+            [*map(mission_metrics, fly(site, self._seeds, 'sweep', 'equal'))]
+            for site in self._sites
+        ]
+
+
+def _compared(
+    name: str, flown: Sequence[MissionMetrics], swept: Sequence[MissionMetrics]
+) -> ConditionResult:
+    by_sweep = _mean(it.efficiency_kbit_per_j for it in swept)
+    efficiency = _mean(it.efficiency_kbit_per_j for it in flown)
+    return ConditionResult(
+        name=name,
+        sweep_ratio=efficiency / by_sweep if by_sweep > 0.0 else 1.0,
+        efficiency_kbit_per_j=efficiency,
+        complete_share=_mean(it.is_complete for it in flown),
+        safe_share=_mean(it.is_safe for it in flown),
+        sweep_complete_share=_mean(it.is_complete for it in swept),
+        sweep_safe_share=_mean(it.is_safe for it in swept),
+    )
+
+
+def _means(flown: Sequence[MissionMetrics], logs: Sequence[MissionLog]) -> dict[str, Any]:
+    return {
+        **{it.key: _mean(map(it.of, flown)) for it in MEASURES},
+        'team_reward': _mean(log.events['reward'].sum() for log in logs),
+    }
+
+
+def _mean(values: Iterable[float]) -> float:
+    return float(np.mean(list(values)))
