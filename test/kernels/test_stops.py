@@ -11,7 +11,13 @@ import pytest
 from uav_collect.commands.terminal import deferred_interruption
 from uav_collect.kernels import stops
 from uav_collect.kernels.compile import kernels_are_compiled
-from uav_collect.kernels.stops import DEAF_S, interrupts, kept_handlers, Watchdog
+from uav_collect.kernels.stops import (
+    DEAF_S,
+    interrupts,
+    kept_handlers,
+    LookClock,
+    Watchdog,
+)
 from uav_collect.limits import stop_signals
 
 ROOT = Path(__file__).parents[2]
@@ -53,6 +59,17 @@ def test_who_does_not_acknowledge_a_signal_is_ended_in_time(watched: Watched) ->
     assert watched.why_ended is None
     watched.now_s = 100.0 + DEAF_S
     assert watched.why_ended == f'stopped in a step that took more than {DEAF_S:.0f} s'
+
+
+def test_a_process_that_is_held_up_has_its_time_to_acknowledge_a_signal() -> None:
+    clock_s = LookClock()
+    watchdog = Watchdog(lambda: False, clock_s)
+    asked_s = clock_s()
+    assert watchdog.why_ended(asked_s) is None  # however late it is by the wall clock
+    while watchdog.why_ended(asked_s) is None:
+        clock_s.note_look()
+    assert clock_s() == pytest.approx(DEAF_S)
+    assert isinstance(stops.watchdog._clock_s, LookClock)
 
 
 def test_who_compiles_is_ended_at_once(watched: Watched) -> None:

@@ -41,3 +41,9 @@ def test_in_the_end_it_is_said_what_was_missing(world: str, refusal: str, compla
     asking.refusal = refusal
     assert asking.complaint(1.0 + PATIENCE_S) is None
     assert asking.complaint(1.1 + PATIENCE_S) == complaint
+
+
+def test_patience_may_be_longer() -> None:
+    asking = Asking(is_repeatable=False, begun_s=1.0, patience_s=300.0)
+    assert asking.complaint(301.0) is None
+    assert asking.complaint(301.1) == 'no world was found within 300 s'

@@ -138,6 +138,18 @@ def test_an_agent_that_greeted_and_died_before_a_sign_of_life_is_gone(roster: Ro
     assert roster.remove_silent(NOW_S + 100.0) == []
 
 
+def test_an_agent_that_was_given_up_and_lives_is_named(roster: Roster) -> None:
+    roster.join(pilot(2, 'B'))
+    roster.greet(2, 'B', NOW_S)
+    assert roster.mark_alive(2) is None  # as it should be
+    roster.mark_gone(2)
+    lost = roster.mark_alive(2)  # heard anew, as if it had never been there
+    assert lost is not None and lost.instance == 'B'
+    assert roster.missing() == [2]
+    assert roster.mark_alive(2, is_back=True) is None
+    assert roster.missing() == []
+
+
 def test_a_sign_of_life_may_come_before_the_greeting(roster: Roster) -> None:
     roster.mark_alive(2)
     assert roster.missing() == [2]

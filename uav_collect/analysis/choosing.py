@@ -10,14 +10,13 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 import math
-from time import monotonic
 
 import numpy as np
 from uav_collect.analysis.choice import Choice, MOST_MISSIONS, Tried
 from uav_collect.analysis.statistics import column_estimates, MEASURES, mission_seeds
 from uav_collect.errors import PolicyMismatchError
 from uav_collect.kernels.arrays import Bools, Floats
-from uav_collect.kernels.compile import kernels_are_compiled
+from uav_collect.kernels.compile import compilation, kernels_are_compiled
 from uav_collect.limits import GUARD_AFTER
 from uav_collect.missions.batch_metrics import BatchMetrics, joined, TOLERANCE
 from uav_collect.missions.rollout import fly_for_metrics
@@ -217,19 +216,19 @@ def choose(
 
     Args:
         candidates, allocator, guard_after, n_missions: as for `Choosing`.
-        most_s: wall-clock time after which no more missions are begun, once each candidate has
-            flown some; the choice tells how many they were.
+        most_s: wall-clock time, but for what is compiled, after which no more missions are begun,
+            once each candidate has flown some; the choice tells how many they were.
 
     Raises:
         PolicyMismatchError, ConfigError: as `Choosing.fly_some`.
     """
-    begun_s = monotonic()
+    begun_s = compilation.now_s()
     choosing = Choosing(
         site, candidates, allocator=allocator, guard_after=guard_after, n_missions=n_missions
     )
     while not choosing.is_over:
         choosing.fly_some()
-        if choosing.is_even and monotonic() - begun_s >= most_s:
+        if choosing.is_even and compilation.now_s() - begun_s >= most_s:
             break
     return choosing.choice()
 

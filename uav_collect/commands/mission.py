@@ -32,13 +32,14 @@ leaves a run folder with the bag, the mission log, the resolved scenario, a pict
 trajectories, a film that a browser plays and what every process said.
 """
 _LOOK_S = 0.05
+_ANSWER_S = 60.0  # for an agent to decide: one that dies ends the mission at once
 _LINE_EVERY_S = 10.0
 _RULES = ('hert', 'sweep')  # that every mission is compared with
 _RECORDER = 'recorder'  # a mission does without it
 _GAP = 'not recorded: '  # before what a recorder names as missing
 _MOST_GAPS = 3  # named
 _VIEWED_PACE = 10.0  # at which people can follow a mission
-_RECORDER_S = 15.0  # how long the recorder may take to close the bag
+_RECORDER_S = 60.0  # how long the recorder may take to close the bag; for messages it waits 30 s
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -266,6 +267,7 @@ def _fly(
             seed=arguments.seed,
             output_dir=folder,
             real_time_factor=_pace_of(arguments),
+            decision_timeout_s=_ANSWER_S,
             recorders=1,
             **own,
         ),

@@ -14,7 +14,7 @@ from uav_collect.commands.terminal import ignore_signals, interrupted_by_signals
 from uav_collect.errors import FleetError
 from uav_collect.kernels.patience import waiting_for
 
-_STOP_S = 5.0  # how long a process may take to end after SIGINT
+_STOP_S = 30.0  # how long a process may take to end after SIGINT; one that is deaf ends itself
 _PARTICIPANTS = 30  # that find each other where discovery stays on this machine
 _RESTARTS = 3  # of one process within _RESTART_S; more, and something is wrong with it
 _RESTART_S = 60.0

@@ -14,23 +14,40 @@ import os
 import select
 import signal
 from threading import current_thread, main_thread, RLock, Thread
-from time import monotonic
 from types import FrameType
 
 from uav_collect.kernels.compile import compilation
 from uav_collect.limits import stop_signals
 
 DEAF_S = 8.0  # until a process that has not acknowledged a signal is ended; it answers within 10 s
-_LOOK_S = 0.1
+_LOOK_S = 0.1  # from one look to the next while a signal is not acknowledged
 _SHOW_CURSOR = b'\x1b[?25h\n'  # a progress display may have hidden it
+
+
+class LookClock:
+    """Time as the listening thread has it [s]: it stands while the whole process is held up.
+
+    By the wall clock a process that the system has not run for a while would be ended before it
+    can look at the signal.
+    """
+
+    def __init__(self) -> None:
+        """Begin at 0."""
+        self._n_looks = 0
+
+    def __call__(self) -> float:
+        """The time now."""
+        return self._n_looks * _LOOK_S
+
+    def note_look(self) -> None:
+        """Note that nothing came until the next look."""
+        self._n_looks += 1
 
 
 class Watchdog:
     """Decides whether a process that was asked to end is ended by force."""
 
-    def __init__(
-        self, is_compiling: Callable[[], bool], clock_s: Callable[[], float] = monotonic
-    ) -> None:
+    def __init__(self, is_compiling: Callable[[], bool], clock_s: Callable[[], float]) -> None:
         """Know of nobody who would end the process.
 
         Args:
@@ -108,7 +125,8 @@ class Interrupts:
                 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-watchdog = Watchdog(lambda: compilation.is_going_on)  # of this process
+_clock_s = LookClock()
+watchdog = Watchdog(lambda: compilation.is_going_on, _clock_s)  # of this process
 interrupts = Interrupts()
 
 
@@ -174,7 +192,9 @@ def _listen(reading: int, exit_status: Callable[[int], int]) -> None:
                 os.close(reading)
                 return
             if came[0] in numbers and not asked:
-                asked, asked_s = came[0], monotonic()
+                asked, asked_s = came[0], _clock_s()
+        elif asked:
+            _clock_s.note_look()
         if asked and (why := watchdog.why_ended(asked_s)) is not None:
             _end(exit_status(asked), why)
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 import math
 
-PATIENCE_S = 10.0  # until a world is found that answers
+PATIENCE_S = 10.0  # until a world is found that answers, unless users say else
 _AGAIN_S = 2.0  # from a request that nobody has answered to the next one
 
 
@@ -17,6 +17,7 @@ class Asking:
 
     is_repeatable: bool
     begun_s: float
+    patience_s: float = PATIENCE_S
     refusal: str = ''  # why the latest answer does not count
     _world: str = ''  # instance of the one that was asked last
     _asked_s: float = -math.inf
@@ -32,11 +33,11 @@ class Asking:
 
     def complaint(self, now_s: float) -> str | None:
         """What is wrong when patience has come to its end; None before that."""
-        if now_s - self.begun_s <= PATIENCE_S:
+        if now_s - self.begun_s <= self.patience_s:
             return None
         if self.refusal:
             return f'no answer counts, the latest one is refused: {self.refusal}'
-        within = f'within {PATIENCE_S:g} s'
+        within = f'within {self.patience_s:g} s'
         if self._world:
             return f'a world was asked and has not answered {within}; it may have done it'
         return f'no world was found {within}'

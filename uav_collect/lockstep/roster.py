@@ -117,16 +117,20 @@ class Roster:
         self._alive.discard(uav)
         return self._remove(uav)
 
-    def mark_alive(self, uav: int, *, is_back: bool = False) -> None:
+    def mark_alive(self, uav: int, *, is_back: bool = False) -> Pilot | None:
         """Note a sign of life on a UAV's topic.
 
         Args:
             is_back: of an agent that was thought to be gone, and was only too slow to be heard.
+
+        Returns:
+            The UAV's last agent, if that was given up and may be who lives: it has to join anew.
         """
         self._alive.add(uav)
         self._unproven.pop(uav, None)
         if is_back and uav in self.pilots:
             self.present.add(uav)
+        return None if uav in self.present else self.pilots.get(uav)
 
     def remove_silent(self, now_s: float) -> list[Pilot]:
         """Give up agents that greeted and showed no sign of life since; which ones."""

@@ -123,6 +123,16 @@ def refusal_msg(what: str, msg: Any, why: str, at: Time) -> Refusal:
     )
 
 
+def refusal_of_greeting(agent_instance: str, why: str, at: Time) -> Refusal:
+    """Why an agent does not fly any more that did: it has to join anew."""
+    return Refusal(
+        stamp=at,
+        agent_instance=in_one_line(agent_instance),
+        what=GREETING,
+        reason=in_one_line(why),
+    )
+
+
 def pilot_from_request(request: Any) -> Pilot:
     """The agent process that asks to join."""
     return Pilot(

@@ -33,7 +33,9 @@ from uav_collect.nodes.middleware import use_quick_discovery
 
 _WAIT_S = 0.1  # longest time until a signal is noticed by an idle node
 _FLUSH_S = 0.5  # longest wait of a stopped node for the readers of what it published
-_HANDOVER_S = 4.0  # the same of a node that ends by itself: DDS repeats lost packets every 3 s
+# The same of a node that ends by itself: so long a reader counts as there that is not heard, see
+# leaseDuration in config/fastdds.xml. DDS repeats lost packets every 3 s.
+_HANDOVER_S = 20.0
 _N_RETIRED = 8  # subscriptions kept after their end; what was queued for more has passed
 _DISCOVERED_S = 1.0  # until subscribers find a new node; one that ends by itself lives as long
 

@@ -15,7 +15,6 @@ from uav_collect_msgs.srv import Vouch
 
 ANSWER_S = 5.0  # DDS repeats lost packets every 3 s
 _LOOK_S = 0.02
-_PATIENCE = round(ANSWER_S / _LOOK_S)  # looks: a node that is busy itself does not look either
 _MOST_CLIENTS = 64
 _MOST_QUESTIONS = 10_000
 
@@ -28,7 +27,7 @@ class _Question:
     scenario_fingerprint: str
     on_answer: Callable[[bool], None]
     on_silence: Callable[[], None]
-    looks_left: int = _PATIENCE
+    looks_left: int  # and no time: a node that is busy itself does not look either
     future: Future | None = None
 
 
@@ -53,6 +52,7 @@ class Vouching:
         on_silence: Callable[[], None] | None = None,
         *,
         scenario_fingerprint: str = '',
+        answer_s: float = ANSWER_S,
     ) -> None:
         """Ask a world whether it lives and, unless `mission_id` is empty, whether that is its own.
 
@@ -62,10 +62,11 @@ class Vouching:
             on_answer: called once, later: with False if nobody answers in time.
             on_silence: called instead if nobody answers in time.
             scenario_fingerprint: the world is to have this scenario now; empty: any.
+            answer_s: how long to wait for the answer [s].
         """
         silent = partial(on_answer, False) if on_silence is None else on_silence
         asked = (service, world_instance, mission_id, scenario_fingerprint)
-        question = _Question(*asked, on_answer, silent)
+        question = _Question(*asked, on_answer, silent, round(answer_s / _LOOK_S))
         if len(self._open) >= _MOST_QUESTIONS:
             question.looks_left = 0
         self._open.append(question)

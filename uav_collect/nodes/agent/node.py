@@ -37,7 +37,7 @@ from uav_collect_msgs.srv import Join
 
 _ASK_PERIOD_S = 0.25  # between two requests to join
 _ANSWER_S = 1.5  # a request to a world that died since it was found is never answered
-_PATIENCE_S = 10.0  # how long a UAV's last agent may take to be noticed dead
+_MOST_REFUSALS = 40  # in ten seconds: a UAV's last agent may take a while to be noticed dead
 _WAITING_PERIOD_S = 10.0  # between two lines that say what the agent waits for
 
 
@@ -89,7 +89,7 @@ class AgentNode(ProcessNode):
         self._is_member = False
         self._unfit = ''  # why the world's scenario cannot be flown
         self._published_for = ''  # the instance that the publishers were made for
-        self._asking_since_s = time.monotonic()
+        self._n_refusals = 0  # since it began to ask
         self._logged, self._logged_s = '', -math.inf
         self._names = topics.world_topics(topics.world_of(self.get_namespace(), self._uav))
         self._own = self._names.uav(self._uav)
@@ -125,7 +125,7 @@ class AgentNode(ProcessNode):
         """Ask the world how things stand: its answer has all that the UAV was sent."""
         if self._is_member:
             self._is_member = False
-            self._asking_since_s = time.monotonic()
+            self._n_refusals = 0
 
     @_gives_up_on_error
     def _on_world(self, msg: Any) -> None:
@@ -174,7 +174,7 @@ class AgentNode(ProcessNode):
         if self._layout is not None or topic_policy is not None:
             self._transitions = TransitionBuilder(self._layout, briefing, uav, msg.fingerprint)
         self._asked_s = -math.inf
-        self._asking_since_s = time.monotonic()
+        self._n_refusals = 0
         self._ask_to_join()
 
     def _topic_policy(self, briefing: Briefing) -> TopicPolicy | None:
@@ -245,11 +245,12 @@ class AgentNode(ProcessNode):
         if answer is None or answer.world_instance != self._world.instance:
             return  # of somebody who was faster than the one asked for
         if answer.waits_for_policy:
-            self._asking_since_s = time.monotonic()
+            self._n_refusals = 0
             self._log_waiting(f'the first policy of a trainer on {topics.POLICY.name}')
             return
         if not answer.accepted:
-            if not answer.retry or time.monotonic() - self._asking_since_s > _PATIENCE_S:
+            self._n_refusals += 1
+            if not answer.retry or self._n_refusals >= _MOST_REFUSALS:
                 self._give_up(answer.reason)
             return
         if self._policies is not None:

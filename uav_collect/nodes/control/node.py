@@ -10,7 +10,7 @@ from rclpy.clock import Clock, ClockType
 from uav_collect.config.arguments import Parser
 from uav_collect.errors import ConfigError
 from uav_collect.limits import FAILED, MAX_SEED, MAX_UAVS
-from uav_collect.lockstep.asking import Asking
+from uav_collect.lockstep.asking import Asking, PATIENCE_S
 from uav_collect.nodes.agent.world_choice import WorldChoice
 from uav_collect.nodes.parameters import add_world_option
 from uav_collect.nodes.process import parse_arguments, ProcessNode, run_node
@@ -37,12 +37,13 @@ _REPEATABLE = (_ASKED.PAUSE, _ASKED.RESUME)  # a second one changes nothing
 class ControlNode(ProcessNode):
     """Finds a world, asks it once, and ends with its answer."""
 
-    def __init__(self, world: str, request: Any) -> None:
+    def __init__(self, world: str, request: Any, patience_s: float) -> None:
         """Look for a world.
 
         Args:
             world: its name; empty for that without a name.
             request: of ControlMission or InjectFault.
+            patience_s: how long to look for it and to wait for its answer [s].
         """
         super().__init__('control', namespace=world)
         names = world_topics(world_of(self.get_namespace()))
@@ -53,7 +54,9 @@ class ControlNode(ProcessNode):
         self._client = SealedClient(self, service_type, service)
         self._choice = WorldChoice(self, names.scenario, lambda _: None)
         is_repeatable = not is_fault and request.command in _REPEATABLE
-        self._asking = Asking(is_repeatable=is_repeatable, begun_s=time.monotonic())
+        self._asking = Asking(
+            is_repeatable=is_repeatable, begun_s=time.monotonic(), patience_s=patience_s
+        )
         self.create_timer(_TICK_S, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _tick(self) -> None:
@@ -92,9 +95,16 @@ def main(argv: Sequence[str]) -> int:
         '--uav', type=_whole(MAX_UAVS), default=0, metavar='N', help='id of the UAV of inject'
     )
     parser.add_argument('--fault', default='', metavar='KIND', help='gone, silent or slow')
+    parser.add_argument(
+        '--patience',
+        type=float,
+        default=PATIENCE_S,
+        metavar='S',
+        help='how long to look for a world and to wait for its answer [s] (%(default)g)',
+    )
     add_world_option(parser)
     given = parse_arguments(parser, argv)
-    return run_node(lambda: ControlNode(given.world, _request(given)), argv)
+    return run_node(lambda: ControlNode(given.world, _request(given), given.patience), argv)
 
 
 def _request(given: argparse.Namespace) -> Any:

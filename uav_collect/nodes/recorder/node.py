@@ -68,6 +68,7 @@ With a key, what has no valid seal is left out.
 """
 _READER_DEPTH = 10_000  # messages of a topic that wait while a chunk is written
 _LOOK_PERIOD_S = 0.05  # between looks for publishers that are not heard yet
+_DRAIN_LOOK_S = _LOOK_PERIOD_S / 10  # between looks for what is still to come
 _MOST_WORLDS = 8  # kept in mind
 _SCENARIO_FIELDS = ('world_instance', 'fingerprint', 'n_uavs')
 _DRAIN_S = 3.0  # longest wait, when it is stopped, for what was published before
@@ -140,6 +141,8 @@ class RecorderNode(ProcessNode):
         self._completeness = Completeness(types.fields, names.namespace)
         self._types, self._log_times = types, LogTimes()
         self._missions_left = self._value('stop_after_missions') or math.inf
+        # By looks, between which it takes what there is: one that is held up has not waited.
+        self._now_s = 0.0
         self._ended_s = math.inf  # when the last mission to record has ended
         self._heard_s = 0.0  # when the last message came that is not just the clock
         self._worlds: dict[str, str] = {}  # scenario by world instance, the latest last
@@ -247,7 +250,7 @@ class RecorderNode(ProcessNode):
         message: bytes,
     ) -> None:
         """Keep a message; bytes that are none are left out, so that whoever reads the bag can."""
-        self._heard_s = time.monotonic()
+        self._heard_s = self._now_s
         why = None if seals is None else seals.refusal(message)
         if why is not None:
             self._n_unsealed[stored.topic] += 1
@@ -271,7 +274,7 @@ class RecorderNode(ProcessNode):
         if taken is not None and taken.has_ended:
             self._missions_left -= 1
             if self._missions_left == 0:
-                self._ended_s = time.monotonic()
+                self._ended_s = self._now_s
 
     def _take_scenario(self, message: bytes) -> None:
         """Record the fleet of a world."""
@@ -305,8 +308,8 @@ class RecorderNode(ProcessNode):
             listeners = [self._listeners[it.name] for it in awaited]
             silent = [it.topic_name for it in listeners if not it.get_publisher_count()]
             self._status.publish(self._worlds, silent)
-        now_s = time.monotonic()
-        since_end_s, quiet_s = now_s - self._ended_s, now_s - self._heard_s
+        self._now_s += _LOOK_PERIOD_S
+        since_end_s, quiet_s = self._now_s - self._ended_s, self._now_s - self._heard_s
         if since_end_s < _QUIET_S or (quiet_s < _QUIET_S and since_end_s < _WAIT_S):
             return
         # The end of a mission may overtake its messages: topics are not ordered.
@@ -319,16 +322,16 @@ class RecorderNode(ProcessNode):
 
         A world that was stopped just now aborts its mission; of what is missing, more may come.
         """
-        begun_s = time.monotonic()
+        begun_s = self._now_s
         while self.end_status is None:
             for listener in [*self._listeners.values()]:  # a scenario brings new ones
                 self._take_some(listener)
-            now_s = time.monotonic()
-            is_silent = now_s - max(begun_s, self._heard_s) > _SILENT_S
+            is_silent = self._now_s - max(begun_s, self._heard_s) > _SILENT_S
             patience_s = _DRAIN_S if self._lacks() else _QUIET_S
-            if is_silent or now_s - begun_s > patience_s:
+            if is_silent or self._now_s - begun_s > patience_s:
                 return
-            time.sleep(_LOOK_PERIOD_S / 10)
+            time.sleep(_DRAIN_LOOK_S)
+            self._now_s += _DRAIN_LOOK_S
 
     @staticmethod
     def _take_some(listener: Subscription) -> None:

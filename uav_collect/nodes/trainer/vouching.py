@@ -12,7 +12,8 @@ from uav_collect.nodes.vouching import Vouching
 
 _MOST_WORLDS = 64  # that are remembered, the latest ones
 _MOST_CHARACTERS = 64  # of an instance; one is a UUID
-_PATIENCE = 120  # looks until a mission is given up whose world says nothing of itself
+_ANSWER_S = 15.0  # a world that flies on a busy machine may be slow to answer; nobody waits for it
+_PATIENCE = 300  # looks until a mission is given up whose world says nothing of itself
 
 
 @dataclass(eq=False)
@@ -78,6 +79,7 @@ class MissionVouching:
             report.mission_id,
             partial(self._on_answer, instance, asked),
             lambda: self._on_answer(instance, asked, instance in self._vouched),
+            answer_s=_ANSWER_S,
         )
 
     def _on_answer(self, instance: str, asked: _Asked, is_own: bool) -> None:

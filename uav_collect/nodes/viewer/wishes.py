@@ -5,7 +5,6 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 from queue import Empty, Full, Queue
-import time
 from typing import Any
 
 from rcl_interfaces.srv import SetParameters
@@ -24,7 +23,7 @@ _COMMANDS = {
 }
 _PACE = 'real_time_factor'  # parameter of the world
 _MOST_WAITING = 64
-_PATIENCE_S = 5.0  # for a world to be there
+_MOST_LOOKS = 100  # for a world to be there: some seconds
 
 Tell = Callable[[Page, str], None]
 
@@ -36,7 +35,8 @@ class PageWishes:
         """Ask on behalf of a node, if pages may steer."""
         self.may_steer = may_steer
         self._waiting: Queue[tuple[Wish, Page]] = Queue(_MOST_WAITING)
-        self._open: deque[tuple[Wish, Page, float]] = deque()  # until when to try, monotonic
+        self._open: deque[tuple[Wish, Page]] = deque()
+        self._n_looks = 0  # in vain, for the first of them
         self._control: SealedClient | None = None
         self._parameters: Any = None
         if may_steer:
@@ -58,14 +58,20 @@ class PageWishes:
         """Ask a world, by its instance, for all that waits; what it answers is told later."""
         with suppress(Empty):
             while len(self._open) < _MOST_WAITING:
-                self._open.append((*self._waiting.get_nowait(), time.monotonic() + _PATIENCE_S))
+                self._open.append(self._waiting.get_nowait())
         while self._open:
-            wish, page, deadline_s = self._open[0]
+            wish, page = self._open[0]
             if not self._ask(wish, world, partial(tell, page)):
-                if time.monotonic() < deadline_s:
+                self._n_looks += 1
+                if self._n_looks < _MOST_LOOKS:
                     return  # its services may not be known yet
-                tell(page, 'no world is there to do it')
+                for _, waiting in self._open:
+                    tell(waiting, 'no world is there to do it')
+                self._open.clear()
+                self._n_looks = 0
+                return
             self._open.popleft()
+            self._n_looks = 0
 
     def _ask(self, wish: Wish, world: str, tell: Callable[[str], None]) -> bool:
         if wish.command == 'pace':

@@ -176,9 +176,13 @@ class WorldNode(ProcessNode):
 
     def _on_liveliness(self, uav: int, event: Any) -> None:
         if event.alive_count > 0:
-            self.roster.mark_alive(
+            given_up = self.roster.mark_alive(
                 uav, is_back=event.alive_count_change > 0 > event.not_alive_count_change
             )
+            if given_up is not None:  # it may not know, and would wait to be asked
+                why = 'it was thought to be gone'
+                refusal = convert.refusal_of_greeting(given_up.instance, why, self._now())
+                self._pubs.publish_refusal(uav, refusal)
             return
         lost = self.roster.mark_gone(uav)
         if lost is not None:
