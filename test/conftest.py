@@ -5,8 +5,13 @@ import importlib.util
 import os
 from pathlib import Path
 
+from hypothesis import HealthCheck, settings
 from processes import executable, own_domain, Processes, ros_environment
 import pytest
+
+# How long an example takes depends on what else the machine does.
+settings.register_profile('unhurried', deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile('unhurried')
 
 # Or the first small job of a process would settle how kernels run in all tests after it.
 os.environ.setdefault('UAV_COLLECT_KERNELS', 'compiled')

@@ -19,6 +19,7 @@ from uav_collect.analysis.choosing import (
 from uav_collect.analysis.metrics import mission_metrics
 from uav_collect.analysis.statistics import Estimate, estimates, MEASURES, mission_seeds
 from uav_collect.errors import PolicyMismatchError
+from uav_collect.kernels.compile import compilation
 from uav_collect.limits import MAX_SEED
 from uav_collect.missions.batch_metrics import BatchMetrics
 from uav_collect.missions.rollout import fly
@@ -294,3 +295,16 @@ def test_the_table_has_an_arrow_before_who_flies() -> None:
         '  random      2.000  0.500 to 20.000  10 s  10.0 kJ    50.0 %  100.0 %',
     ]
     assert 'interpreted' in str(choice_of(tried('hert', 0.75), is_compiled=False))
+
+
+def test_what_is_compiled_takes_no_time_from_the_missions(
+    scarce: Scenario, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(choosing_module, '_CHUNK_S', 1e-9)
+    site, candidates = build_site(scarce), named(scarce, 'sweep', 'hert')
+    compilation.begin()
+    try:
+        choice = choose(site, candidates, n_missions=5, most_s=1e-9)
+    finally:
+        compilation.end()
+    assert choice.n_missions == 5

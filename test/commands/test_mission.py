@@ -9,11 +9,12 @@ import sys
 from urllib.request import urlopen
 
 from fleets import Fleet, wait_until
-from processes import Processes, RunningProcess
+from processes import executable, Processes, RunningProcess
 import pytest
 from random_policies import header, saved
 from scripted_logs import fly, uav
 from scripted_logs import header as log_header
+from steered_world import steered_world
 from uav_collect.__main__ import main
 from uav_collect.analysis.choice_file import read_choice
 from uav_collect.commands import mission
@@ -29,6 +30,10 @@ from uav_collect.scenario.site import build_site
 TIGHT = 'fleet.default.energy_budget_kj=60'  # random weights fly until it is used up
 SEED = 2
 PLANS = ['shortest', 'thriftiest']
+HELD = """#!/bin/sh
+while [ ! -e '{until}' ]; do sleep 0.05; done
+exec '{executable}' "$@"
+"""
 
 
 @pytest.fixture
@@ -57,13 +62,13 @@ def policies_in(output: str) -> list[str]:
 # Over ROS
 
 
-def pids(processes: Processes, executable: str) -> list[int]:
+def pids(processes: Processes, name: str) -> list[int]:
     """The running processes of an executable."""
     found = []
     for pid in processes.survivors():
         with suppress(FileNotFoundError):
             words = Path(f'/proc/{pid}/cmdline').read_bytes()
-            if f'/{executable}\0'.encode() in words:
+            if f'/{name}\0'.encode() in words:
                 found.append(pid)
     return found
 
@@ -185,12 +190,14 @@ def test_a_mission_whose_recorder_dies_is_shown_by_its_log_and_the_status_tells(
     processes: Processes, scenario: Scenario, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run = tmp_path / 'run'
-    options = ['--policy', 'sweep', '--real-time-factor', '50', '--output', str(run)]
+    options = ['--policy', 'sweep', '--real-time-factor', '2', '--output', str(run)]
     flown = command(processes, *options)
     fleet = Fleet(processes=processes, scenario=scenario, folder=run)
-    fleet.wait_for_events(SEED, 10)
+    fleet.wait_for_events(SEED, 2)
     (recorder,) = pids(processes, 'recorder')
     os.kill(recorder, signal.SIGKILL)
+    with steered_world() as steered:
+        steered.change('real_time_factor', 0.0)
     assert flown.wait_for_exit() == 1
     assert fleet.log(SEED) == text(scenario, 'sweep')
     assert 'the bag is not whole: the recorder failed with exit status -9' in flown.output
@@ -238,14 +245,16 @@ def test_a_mission_that_is_viewed_keeps_its_page_until_ctrl_c(
 def test_a_mission_waits_for_a_recorder_that_comes_late(
     processes: Processes, tmp_path: Path
 ) -> None:
-    run = tmp_path / 'run'
-    flown = command(processes, '--policy', 'sweep', '--output', str(run))
-    wait_until(lambda: len(pids(processes, 'recorder')) == 1)
-    (recorder,) = pids(processes, 'recorder')
-    os.kill(recorder, signal.SIGSTOP)
+    run, held = tmp_path / 'run', tmp_path / 'held' / 'lib' / 'uav_collect' / 'recorder'
+    held.parent.mkdir(parents=True)
+    held.write_text(HELD.format(until=tmp_path / 'now', executable=executable('recorder')))
+    held.chmod(0o755)
+    prefixes = os.pathsep.join([str(tmp_path / 'held'), os.environ['AMENT_PREFIX_PATH']])
+    flags = ['--policy', 'sweep', '--output', str(run)]
+    flown = command(processes, *flags, AMENT_PREFIX_PATH=prefixes)
     log = run / 'world_sim.log'
     wait_until(lambda: log.exists() and 'waiting for a recorder' in log.read_text())
-    os.kill(recorder, signal.SIGCONT)
+    (tmp_path / 'now').touch()
     assert flown.wait_for_exit() == 0
     (recorded,) = read_missions(run / 'bag')
     assert recorded.log.to_jsonl() == (run / f'mission_{SEED}.jsonl').read_bytes()

@@ -1,5 +1,6 @@
 """The command that lets a fleet learn over ROS: all its processes, from the start to the end."""
 
+from contextlib import suppress
 import os
 from pathlib import Path
 import re
@@ -7,7 +8,8 @@ import signal
 import sys
 
 from fleets import wait_until
-from processes import Processes, RunningProcess
+from growing_bag import n_kept
+from processes import DEADLINE_S, Processes, RunningProcess
 import pytest
 from tiny_world import tiny
 from uav_collect.commands.ros_processes import ros_parameters
@@ -19,7 +21,7 @@ from uav_collect.uav.policy_file import load_policy
 
 pytest.importorskip('torch', reason='training needs torch')
 
-TRAINED_S = 300.0  # for what takes ten seconds where nothing else runs
+TRAINED_S = DEADLINE_S  # for what takes ten seconds where nothing else runs
 
 # Every 20 decisions an update; a mission of the tiny world has some 30.
 PRESET = """extends: strong
@@ -46,9 +48,10 @@ def pids(processes: Processes, executable: str, *arguments: str) -> list[int]:
     wanted = b'\0'.join(word.encode() for word in arguments)
     found = []
     for pid in processes.survivors():
-        words = Path(f'/proc/{pid}/cmdline').read_bytes()
-        if f'/{executable}\0'.encode() in words and wanted in words:
-            found.append(pid)
+        with suppress(OSError):  # it has just ended
+            words = Path(f'/proc/{pid}/cmdline').read_bytes()
+            if f'/{executable}\0'.encode() in words and wanted in words:
+                found.append(pid)
     return found
 
 
@@ -56,15 +59,20 @@ def pids(processes: Processes, executable: str, *arguments: str) -> list[int]:
 def test_two_worlds_teach_one_trainer_until_its_time_is_up_and_all_ends(
     processes: Processes, tmp_path: Path
 ) -> None:
-    command = started(processes, tmp_path, '--worlds', '2', '--decisions', '800', '--record')
-    assert command.wait_for_exit(TRAINED_S) == 0
+    # One fleet may fly hundreds of missions before the other one takes off.
+    options, run = ['--worlds', '2', '--record'], tmp_path / 'run'
+    command, said = started(processes, tmp_path, *options, '--minutes', '1000'), run / 'processes'
+    command.wait_for(r'loss \d', TRAINED_S)
+    wait_until(lambda: all(n_ended(said / '1' / f'world_sim_{world}.log') > 2 for world in 'ab'))
+    command.send(signal.SIGINT)
+    assert command.wait_for_exit(TRAINED_S) == 130
+    done = started(processes, tmp_path, *options, '--decisions', str(n_decisions(run) + 100))
+    assert done.wait_for_exit(TRAINED_S) == 0
     assert processes.survivors() == []
-    run = tmp_path / 'run'
     assert read_run(run).is_done
     assert load_policy(run / 'policy.safetensors').header.decisions > 0
-    said = run / 'processes' / '1'
-    assert re.search(rf'recorded \d+\.\d MB in {said}', command.output)
-    seeds = []
+    assert re.search(rf'recorded \d+\.\d MB in {said}/2', done.output)
+    said, seeds = said / '1', []
     for world in ('a', 'b'):
         missions = read_missions(said / f'bag_{world}')
         assert len(missions) > 2
@@ -74,6 +82,12 @@ def test_two_worlds_teach_one_trainer_until_its_time_is_up_and_all_ends(
                 f'UAV {uav} flies, policy topic' in (said / f'uav_{uav}_{world}.log').read_text()
             )
     assert len({*seeds}) == len(seeds)
+
+
+def n_ended(log: Path) -> int:
+    """How many missions of a world have ended, by what it says."""
+    text = log.read_text() if log.exists() else ''
+    return len(re.findall(r'mission \S+ (?:ended|was aborted)', text))
 
 
 @pytest.mark.ros
@@ -123,7 +137,8 @@ def test_a_recorder_and_a_world_that_are_killed_cost_no_mission_and_none_is_flow
         command.wait_for(r'loss \d', TRAINED_S)
     log, again = said / 'world_sim.log', first_training_seed(0, 0, 1)
     wait_until(lambda: f'-3 starts, seed {again + 3}\n' in log.read_text())
-    wait_until(lambda: (said / 'bag_2').is_dir())
+    second = said / 'bag_2'
+    wait_until(lambda: second.is_dir() and n_kept(second)['/world/mission'] > 5)
     command.send(signal.SIGINT)
     assert command.wait_for_exit(TRAINED_S) == 130
     assert processes.survivors() == []

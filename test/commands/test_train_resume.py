@@ -1,11 +1,12 @@
 """A training that is interrupted or killed goes on as if nothing had happened."""
 
+from collections.abc import Callable
 from pathlib import Path
 import shutil
 import signal
 
 import numpy as np
-from processes import Processes
+from processes import Processes, RunningProcess
 import pytest
 from train_command import (
     columns,
@@ -29,6 +30,25 @@ from uav_collect.learning.trainer import Trainer
 EFFICIENCY = 'efficiency_kbit_per_j'
 
 
+def stopped_by(
+    number: signal.Signals, start: Callable[[], RunningProcess], run: Path, n_validations: int = 1
+) -> RunningProcess:
+    """A training that a signal has ended amidst its first run, after so many validations.
+
+    A training that was done before the signal came is begun anew.
+    """
+    while True:
+        training = start()
+        for _ in range(n_validations):
+            training.wait_for('validated', COMPILING_S)
+        training.send(number)
+        training.wait_for_exit(COMPILING_S)
+        if not read_run(run).is_done:
+            return training
+        for folder in run.parent.glob(f'{run.name.partition("_")[0]}*'):
+            shutil.rmtree(folder) if folder.is_dir() else folder.unlink()
+
+
 @pytest.mark.parametrize(('number', 'status'), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_signal_saves_and_what_it_says_goes_on_as_if_nothing_had_happened(
     number: signal.Signals,
@@ -39,12 +59,11 @@ def test_a_signal_saves_and_what_it_says_goes_on_as_if_nothing_had_happened(
     processes: Processes,
     tmp_path: Path,
 ) -> None:
-    stopped = start(*settings, '--output', 'run')
-    stopped.wait_for('validated', COMPILING_S)
-    stopped.send(number)
+    run = tmp_path / 'run'
+    stopped = stopped_by(number, lambda: start(*settings, '--output', 'run'), run)
     stopped.wait_for('interrupted after .* saved')
     command = resume_command(stopped)
-    assert stopped.wait_for_exit(COMPILING_S) == status
+    assert stopped.wait_for_exit() == status
     assert int(columns(tmp_path / 'run' / 'progress.csv')['n_decisions'][-1]) < DECISIONS
     resumed = processes.run('resumed', *command, **ENVIRONMENT)
     assert resumed.wait_for_exit(COMPILING_S) == 0, resumed.output
@@ -59,11 +78,8 @@ def test_rows_that_a_killed_run_wrote_after_its_checkpoint_do_not_come_twice(
 ) -> None:
     # The first look at the training saves it, the later ones come too soon to.
     options = [*settings, '--output', 'run', '--checkpoint-minutes']
-    killed = start(*options, '0.001')
-    killed.wait_for('validated', COMPILING_S)
-    killed.wait_for('validated', COMPILING_S)
-    killed.kill()
     run = tmp_path / 'run'
+    stopped_by(signal.SIGKILL, lambda: start(*options, '0.001'), run, n_validations=2)
     with (run / 'validation.csv').open('a') as file:
         file.write('1160,29,9.9,9.9,9.9,9.9,9.9,9.9,9.9,9.9\n1180,30,9')
     assert start('--resume', 'run').wait_for_exit(COMPILING_S) == 0
@@ -130,12 +146,12 @@ def test_a_run_that_was_killed_right_after_its_end_is_done(
 def test_several_seeds_go_on_together_and_end_in_one_curve(
     settings: list[str], start: Start, processes: Processes, tmp_path: Path
 ) -> None:
-    stopped = start(*settings, '--seed', '3', '4', '--output', 'runs/pair')
+    first = tmp_path / 'runs' / 'pair_s3'
+    both = [*settings, '--seed', '3', '4', '--output', 'runs/pair']
+    stopped = stopped_by(signal.SIGINT, lambda: start(*both), first)
     stopped.wait_for('seed 3')
-    stopped.wait_for('validated', COMPILING_S)
-    stopped.send(signal.SIGINT)
     command = resume_command(stopped)
-    assert stopped.wait_for_exit(COMPILING_S) == 130
+    assert stopped.wait_for_exit() == 130
     assert not (tmp_path / 'runs' / 'pair_s4').exists()
     resumed = processes.run('resumed', *command, **ENVIRONMENT)
     resumed.wait_for('curve of 2 seeds: runs/pair.png, runs/pair.csv')

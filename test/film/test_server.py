@@ -14,7 +14,7 @@ from uav_collect.film.server import is_own_host, Page, PageServer, Values
 from uav_collect.film.steering import Wish
 from websockets.sync.client import ClientConnection, connect
 
-LONG_S = 60.0  # for what takes a moment
+LONG_S = 600.0  # for what takes a moment
 
 
 class Served(PageServer):

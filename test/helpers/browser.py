@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 _NAMES = ('chromium', 'chromium-browser', 'google-chrome')
-_LONGEST_S = 60.0
+_LONGEST_S = 600.0
 _LOOK_MS = 20
 _MISSING = 'needs a browser: apt install chromium'
 
@@ -41,6 +41,7 @@ class Watched:
 
     def __init__(self, browser: object) -> None:
         self.page: Page = browser.new_page()  # type: ignore[attr-defined]
+        self.page.set_default_timeout(1000.0 * _LONGEST_S)
         self.requests: list[str] = []
         self.errors: list[str] = []
         self.page.on('request', lambda request: self.requests.append(request.url))

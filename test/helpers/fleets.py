@@ -112,10 +112,14 @@ class Fleet:
     world: str = ''  # its name, if it has one
 
     def start_world(self, **values: object) -> RunningProcess:
-        """Start the world with parameters."""
+        """Start the world with parameters.
+
+        Unless they say otherwise it waits for agents and recorders however slow they are.
+        """
         file = self.folder.with_suffix('.yaml')
         file.write_text(self.scenario.to_yaml())
-        values = {'scenario': file, 'output_dir': self.folder, **values}
+        patient = {'decision_timeout_s': DEADLINE_S, 'recorder_timeout_s': DEADLINE_S}
+        values = {'scenario': file, 'output_dir': self.folder, **patient, **values}
         return self.processes.start('world_sim', *self._named(), *parameters(**values))
 
     def start_agent(

@@ -34,6 +34,7 @@ class Relay(ProcessNode):
         for uav in range(1, n_uavs + 1):
             self._pass_on(heard.uav(uav).transition, said.uav(uav).transition)
         self._pass_on(heard.epoch, said.epoch)
+        self.get_logger().info('relaying')
 
     def on_stop(self) -> None:
         """Say what was done."""

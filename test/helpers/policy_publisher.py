@@ -7,6 +7,7 @@ import hashlib
 from typing import Any
 
 import numpy as np
+from processes import DEADLINE_S
 from uav_collect.missions.vector_env import VectorEnv, VectorEnvConfig
 from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
@@ -75,6 +76,12 @@ class PolicyPublisher:
         fields = policy_fields(frozen, self._sequence, epsilon) | values
         stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(self._message(stamp=stamp, **fields))
+
+    def wait_until_heard(self) -> None:
+        """Wait until all who listen have what was published."""
+        from rclpy.duration import Duration
+
+        assert self._publisher.wait_for_all_acked(Duration(seconds=DEADLINE_S))
 
     def vanish(self) -> None:
         """Be gone, with all that was latched."""

@@ -11,6 +11,7 @@ from fleets import Pilots
 import numpy as np
 from processes import DEADLINE_S
 import rclpy
+from steered_world import SteeredWorld
 from uav_collect.lockstep.inbox import Inbox
 from uav_collect.nodes import convert, topics
 from uav_collect.nodes.middleware import use_quick_discovery
@@ -22,7 +23,7 @@ from uav_collect.uav.briefing import brief
 from uav_collect.uav.messages import Decision, RadioMessage
 from uav_collect.uav.policy import policy_named
 from uav_collect.uav.view import LocalView
-from uav_collect_msgs.srv import ControlMission, Join
+from uav_collect_msgs.srv import Join
 
 INSTANCE = 'scripted-agents'
 _WAIT_S = 0.002
@@ -77,7 +78,7 @@ class ScriptedAgents:
         self.commands: dict[int, Any] = {}  # publishers
         self.radio: dict[int, Any] = {}
         self._join = node.create_client(Join, topics.JOIN_SERVICE)
-        self._control = node.create_client(ControlMission, topics.CONTROL_SERVICE)
+        self.steered = SteeredWorld(node, self.wait_until)
         for topic in (*topics.world_topics().recorded()[:4], topics.DIAGNOSTICS):
             self.listen(topic)
 
@@ -98,14 +99,11 @@ class ScriptedAgents:
 
     def call(self, client: Any, request: Any) -> Any:  # noqa: ANN401
         """The answer of a service."""
-        self.wait_until(client.service_is_ready)
-        future = client.call_async(request)
-        self.wait_until(future.done)
-        return future.result()
+        return self.steered.call(client, request)
 
     def control(self, command: int, seed: int = 0) -> Any:  # noqa: ANN401
         """Ask the world to start or abort a mission."""
-        return self.call(self._control, ControlMission.Request(command=command, seed=seed))
+        return self.steered.control(command, seed)
 
     def ask_to_join(self, uav: int, policy: str = 'sweep', instance: str = INSTANCE) -> Any:  # noqa: ANN401
         """What the world heard first answers to an agent; another world may be faster."""

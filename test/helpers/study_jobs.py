@@ -2,7 +2,9 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+import itertools
 import os
+from pathlib import Path
 import signal
 
 from episodes import small
@@ -102,3 +104,19 @@ class Saboteur:
 
     def close(self) -> None:
         self.engine.close()
+
+
+def sabotaged(
+    make_engine: Callable[[], JobEngine], jobs: Mapping[str, Job], folder: Path
+) -> tuple[JobsStatus, Store, str]:
+    """Do jobs, of which one loses its worker once it was saved; that job's digest.
+
+    Where the job was done before its worker was killed, all begins anew.
+    """
+    for number in itertools.count():
+        store, engine = Store(folder / str(number)), Saboteur(make_engine())
+        status = done_by(engine, jobs, store, checkpoint_s=0.0)
+        [killed] = engine.killed
+        if store.cost(killed).n_interruptions:
+            return status, store, killed
+    raise RuntimeError('numbers have come to an end')

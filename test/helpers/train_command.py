@@ -9,14 +9,14 @@ import shutil
 import subprocess
 import sys
 
-from processes import RunningProcess
+from processes import DEADLINE_S, RunningProcess
 import pytest
 from uav_collect.training.run_record import read_run
 from uav_collect.uav.policy_file import load_policy
 
 ROOT = Path(__file__).parents[2]
 ENVIRONMENT = {'PYTHONPATH': str(ROOT)}
-COMPILING_S = 400.0  # of a first process, on a busy machine
+COMPILING_S = DEADLINE_S  # of a first process, on a busy machine
 TRAIN = (sys.executable, '-m', 'uav_collect', 'train')
 DECISIONS = 1200
 

@@ -7,7 +7,7 @@ import shlex
 from typing import Any
 
 from fleets import Fleet, parameters
-from processes import executable, Processes, RunningProcess
+from processes import DEADLINE_S, executable, Processes, RunningProcess
 from reports import MissionSetup
 from tiny_world import tiny, uav
 from uav_collect.ingest.join import JoinedMission
@@ -26,7 +26,7 @@ SETTINGS = {
     'validation.every_updates': 50, 'rollout.max_decisions_per_cell': 0.6,
     'exploration.epsilon_first': 0.3,
 }  # fmt: skip
-TRAINED_S = 300.0  # for what takes ten seconds where nothing else runs
+TRAINED_S = DEADLINE_S  # for what takes ten seconds where nothing else runs
 NEVER = 1_000_000  # updates: the first policy flies until the end
 
 

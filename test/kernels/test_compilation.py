@@ -11,7 +11,7 @@ from uav_collect.kernels.compilation import Compilation
 from uav_collect.kernels.compile import compilation, kernels_are_compiled
 from uav_collect.training.progress import SpeedMeter
 
-HANG_S = 60.0
+HANG_S = 600.0
 ROOT = Path(__file__).parents[2]
 
 

@@ -19,6 +19,7 @@ from action_msgs.msg import GoalStatus
 from fleets import Fleet, Listener, listener, logs, scenario_of
 from processes import own_domain, Processes, ros_environment, RunningProcess
 from rclpy.action import ActionClient
+from steered_world import SteeredWorld
 from uav_collect.analysis.proof import Verdict
 from uav_collect.analysis.recording_proof import Given, prove_recording
 from uav_collect.nodes import topics
@@ -33,6 +34,9 @@ pytestmark = pytest.mark.ros
 SEED = 6
 N_RECORDED = 5  # missions, one of them aborted; the last one is not recorded
 PHASES = FlyMission.Feedback
+# Simulated over wall-clock time: with some time for feedback, and so slow that it takes hours.
+QUICKLY, HARDLY = 600.0, 0.001
+NOT_NEEDED = 'UAV 2 is unknown: scenario smaller has UAVs 1..1'
 
 
 @dataclass(kw_only=True)
@@ -112,16 +116,21 @@ class Story:
 
 
 def fly_all(story: Story, here: Client) -> None:
-    """Goal after goal: to its end, cancelled, forgotten, over other scenarios, interrupted."""
+    """Goal after goal: to its end, cancelled, forgotten, over other scenarios, interrupted.
+
+    A mission that is to be cut off takes hours, unless it is.
+    """
     fleet, goals, missions = story.fleet, story.goals, here.listening.heard[topics.MISSION.name]
+    steered = SteeredWorld(here.listening.node, here.wait_until)
     first = here.send(SEED)
     assert first is not None
     here.wait_until(lambda: bool(first.feedback))
     goals['second'] = here.send(SEED)
-    fleet.start_agents()
+    agents = fleet.start_agents()
     here.wait_for_result(first)
     goals['whole'] = first
 
+    steered.change('real_time_factor', HARDLY)
     cancelled = here.send(SEED)
     assert cancelled is not None
     here.wait_until(lambda: any(it.n_decisions for it in cancelled.feedback))
@@ -129,6 +138,7 @@ def fly_all(story: Story, here: Client) -> None:
     here.wait_until(answer.done)
     here.wait_for_result(cancelled)
     goals['cancelled'] = cancelled
+    steered.change('real_time_factor', QUICKLY)
 
     with client() as passing:
         assert passing.send(SEED + 1) is not None
@@ -137,10 +147,12 @@ def fly_all(story: Story, here: Client) -> None:
 
     goals['unknown scenario'] = here.send(SEED, 'no_such')
     goals['smaller'] = here.fly(SEED + 2, story.others['smaller'].to_yaml())
+    agents[1].wait_for(f'UAV 2: waiting for another scenario: {NOT_NEEDED}')
     fleet.start_agent(3)
     goals['larger'] = here.fly(SEED + 3, story.others['larger'].to_yaml())
 
     assert story.recorder.wait_for_exit() == 0
+    steered.change('real_time_factor', HARDLY)
     last = here.send(SEED + 4)
     assert last is not None
     here.wait_until(lambda: any(it.n_decisions for it in last.feedback))
@@ -163,7 +175,7 @@ def story(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Story]:
         fleet = Fleet(processes=processes, scenario=scenario_of(), folder=folder / 'run')
         try:
             recorder = fleet.start_recorder(stop_after_missions=N_RECORDED)
-            world = fleet.start_world(missions=0, real_time_factor=600)  # time for feedback
+            world = fleet.start_world(missions=0, real_time_factor=QUICKLY)
             happened = Story(fleet=fleet, others=others, world=world, recorder=recorder)
             with client() as here:
                 fly_all(happened, here)
@@ -240,8 +252,7 @@ def test_the_fleet_of_another_scenario_joins_by_itself(name: str, seed: int, sto
 
 
 def test_an_agent_of_a_uav_that_is_not_needed_waits(story: Story) -> None:
-    said = 'UAV 2: waiting for another scenario: UAV 2 is unknown: scenario smaller has UAVs 1..1'
-    assert said in story.fleet.processes.outputs()
+    assert f'UAV 2: waiting for another scenario: {NOT_NEEDED}' in story.fleet.processes.outputs()
 
 
 def test_a_recording_holds_the_missions_of_all_scenarios(story: Story) -> None:

@@ -6,6 +6,7 @@ from fleets import Fleet, logs, scenario_of
 from processes import Processes
 import pytest
 from random_policies import header, saved
+from steered_world import steered_world
 from uav_collect.limits import FAILED
 from uav_collect.recording.bag_messages import messages
 from uav_collect.recording.bag_reader import read_missions
@@ -14,7 +15,6 @@ from uav_collect.uav.observation import Layout
 pytestmark = pytest.mark.ros
 
 SEEDS = [3, 4, 5]
-ENOUGH_S = 100.0  # no failsafe, however busy the machine is
 
 
 @pytest.mark.parametrize(
@@ -28,7 +28,7 @@ def test_missions_over_ros_equal_those_flown_at_once_in_one_process(
     policy = str(saved(tmp_path, 'mine', header(layout, n_uavs=n_uavs), seed=1))
     fleet = Fleet(processes=processes, scenario=scenario, folder=tmp_path / 'run')
     fleet.start_agents(policy, allocator)
-    world = fleet.start_world(seed=SEEDS[0], missions=len(SEEDS), decision_timeout_s=ENOUGH_S)
+    world = fleet.start_world(seed=SEEDS[0], missions=len(SEEDS))
     expected = logs(scenario, SEEDS, policy, allocator)
     assert world.wait_for_exit() == 0
     assert fleet.logs(SEEDS) == expected
@@ -46,15 +46,17 @@ def test_a_restarted_agent_remembers_what_its_policy_did_before_it_died(
     assert (n_guarded > 10) is (guard_after > 0)
     n_events = expected.count(b'\n') - 1
     fleet = Fleet(processes=processes, scenario=scenario, folder=tmp_path / 'run')
-    agents = fleet.start_agents(policy, guard_after=guard_after)
     recorder = fleet.start_recorder(stop_after_missions=1)
-    world = fleet.start_world(seed=SEEDS[0], decision_timeout_s=ENOUGH_S)
-    for event, uav in ((30, 1), (n_events // 6, 2), (n_events // 3, 1)):
-        fleet.wait_for_events(SEEDS[0], event)
-        agents[uav - 1].kill()
-        assert fleet.n_events(SEEDS[0]) < n_events
-        agents[uav - 1] = fleet.start_agent(uav, policy, guard_after=guard_after)
-        agents[uav - 1].wait_for(f'UAV {uav} flies, policy mine')
+    world = fleet.start_world(seed=SEEDS[0])
+    with steered_world() as steered:
+        steered.pause()
+        agents = fleet.start_agents(policy, guard_after=guard_after)
+        for more, uav in ((30, 1), (n_events // 6 - 30, 2), (n_events // 6, 1)):
+            steered.step(more)
+            agents[uav - 1].kill()
+            agents[uav - 1] = fleet.start_agent(uav, policy, guard_after=guard_after)
+            agents[uav - 1].wait_for(f'UAV {uav} flies, policy mine')
+        steered.resume()
     assert world.wait_for_exit() == 0
     assert recorder.wait_for_exit() in (0, FAILED)  # it may lack the last words of the killed
     [mission] = read_missions(fleet.bag)
@@ -69,7 +71,7 @@ def test_an_agent_says_when_its_policy_flies_outside_what_it_learned_on(
     scenario = scenario_of(2, radio__contact_range_m=100.0)
     fleet = Fleet(processes=processes, scenario=scenario, folder=tmp_path / 'run')
     agent, _ = fleet.start_agents('paper_10x10_n2_aqmix')
-    world = fleet.start_world(decision_timeout_s=ENOUGH_S)
+    world = fleet.start_world()
     agent.wait_for(r'outside what it learned on: contact range 100 m \(learned: 200 m\)')
     assert world.wait_for_exit() == 0
     assert agent.output.count('outside') == 1

@@ -10,6 +10,7 @@ for needed in ('rclpy', 'uav_collect_msgs'):
 
 from fleets import Fleet, listener, scenario_of
 from processes import Processes
+from steered_world import SteeredWorld
 from uav_collect.analysis.metrics import mission_metrics
 from uav_collect.nodes import topics
 from uav_collect.recording.mission_log import read
@@ -49,10 +50,13 @@ def test_it_learns_why_a_command_is_refused(processes: Processes, tmp_path: Path
     fleet = Fleet(processes=processes, scenario=scenario_of(1), folder=tmp_path / 'run')
     own = topics.uav_topics(1)
     with listener(topics.MISSION, own.refusal, own.observation) as listening:
+        steered = SteeredWorld(listening.node, listening.wait_until)
         world = fleet.start_world(seed=SEED)
+        steered.pause()
         processes.run('example', sys.executable, str(EXAMPLE), '1')
         stranger = topics.publisher(listening.node, own.command)
         observations = listening.heard[own.observation.name]
+        steered.step()
         listening.wait_until(lambda: bool(observations))
         stranger.publish(
             Command(
@@ -64,6 +68,7 @@ def test_it_learns_why_a_command_is_refused(processes: Processes, tmp_path: Path
         )
         refusals = listening.heard[own.refusal.name]
         listening.wait_until(lambda: bool(refusals))
+        steered.resume()
         missions = listening.heard[topics.MISSION.name]
         listening.wait_until(lambda: bool(missions) and missions[-1].phase == Mission.ENDED)
         assert world.wait_for_exit() == 0

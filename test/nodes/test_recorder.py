@@ -8,12 +8,14 @@ import re
 import resource
 import signal
 import time
+from types import SimpleNamespace
 from typing import Any
 
 from fleets import Fleet, scenario_of, wait_until
 from processes import DEADLINE_S, Processes, RunningProcess
 import pytest
 from rosbags.highlevel import AnyReader
+from steered_world import steered_world
 from uav_collect.recording.bag_reader import read_missions
 
 for needed in ('rclpy', 'uav_collect_msgs'):
@@ -25,6 +27,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from uav_collect.errors import BagError
 from uav_collect.nodes import topics
 from uav_collect.nodes.middleware import use_quick_discovery
+from uav_collect.nodes.recorder import node
 from uav_collect_msgs.msg import Epoch, Mission, Scenario
 
 pytestmark = pytest.mark.ros
@@ -186,8 +189,10 @@ def test_a_recorder_stops_by_itself_when_the_missions_have_ended(
     fleet.send_phase(Mission.STARTED)
     fleet.send_event(0)
     assert recorder.is_running
+    recorder.send(signal.SIGSTOP)  # it waits for the event no longer than a few seconds
     fleet.send_phase(Mission.ENDED, 2)
     fleet.send_event(1, terminal=True)  # topics are not ordered against each other
+    recorder.send(signal.SIGCONT)
     assert recorder.wait_for_exit() == 0
     assert recorded(tmp_path / 'bag') == sent_by(fleet)
 
@@ -284,6 +289,33 @@ def test_a_mission_waits_for_recorders_no_longer_than_was_said(
     assert len(lines) == 1
 
 
+def test_a_recorder_that_is_held_up_has_not_waited(
+    fleet: FakeFleet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rclpy.init(args=['--ros-args', '-p', 'stop_after_missions:=1'])
+    try:
+        recorder = node.RecorderNode(tmp_path / 'bag')
+        fleet.executor.add_node(recorder)
+        fleet.wait_for_recorder()
+        fleet.send_phase(Mission.STARTED)
+        fleet.send_event(0)
+        fleet.send_phase(Mission.ENDED, 2)
+        fleet.wait_until(lambda: recorder._missions_left == 0)
+        later = SimpleNamespace(monotonic=lambda: time.monotonic() + 60.0, sleep=time.sleep)
+        monkeypatch.setattr(node, 'time', later)
+        for _ in range(3):
+            recorder._look()
+        assert recorder.end_status is None
+        fleet.send_event(1, terminal=True)
+        fleet.wait_until(lambda: recorder.end_status is not None)
+        recorder.on_stop()
+        assert recorder.end_status == 0
+        recorder.destroy_node()
+    finally:
+        rclpy.try_shutdown()
+    assert recorded(tmp_path / 'bag') == sent_by(fleet)
+
+
 def test_a_recorder_whose_last_mission_was_aborted_awaits_no_event(
     processes: Processes, fleet: FakeFleet, tmp_path: Path
 ) -> None:
@@ -352,14 +384,18 @@ def test_of_a_mission_a_killed_recorder_keeps_the_start_and_a_late_one_records_i
     scenario = scenario_of(fleet__default__energy_budget_kj=2000.0)  # some two thousand events
     fleet = Fleet(processes=processes, scenario=scenario, folder=tmp_path / 'run')
     killed = fleet.start_recorder(flush_period_s=0.05)
-    agents = fleet.start_agents('random')
-    world = fleet.start_world(decision_timeout_s=1000.0)
-    fleet.wait_for_events(0, 300)
-    agents[0].kill()  # the mission waits for another one
-    killed.kill()
-    late = start(processes, tmp_path / 'late', 'stop_after_missions:=1')
-    wait_until(lambda: (tmp_path / 'late' / 'late.mcap').stat().st_size > 100_000)
-    fleet.start_agent(1, 'random')
+    world = fleet.start_world(recorders=1)
+    with steered_world() as steered:
+        steered.pause()
+        agents = fleet.start_agents('random')
+        steered.step(300)
+        wait_until(lambda: fleet.bag.joinpath(f'{fleet.bag.name}.mcap').stat().st_size > 100_000)
+        agents[0].kill()
+        killed.kill()
+        late = start(processes, tmp_path / 'late', 'stop_after_missions:=1')
+        wait_until(lambda: (tmp_path / 'late' / 'late.mcap').stat().st_size > 100_000)
+        fleet.start_agent(1, 'random')
+        steered.resume()
     assert world.wait_for_exit() == 0
     assert late.wait_for_exit() == 1  # what the dead agent had said is gone with it
     late.wait_for('not recorded: /uav_1/command lacks')

@@ -179,7 +179,7 @@ def story(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Story]:
         fleet = Fleet(processes=processes, scenario=scenario_of(), folder=folder / 'run')
         try:
             with scripted_agents() as pilot:
-                world = fleet.start_world(seed=SEED, decision_timeout_s=100.0)
+                world = fleet.start_world(seed=SEED)
                 happened = Story(fleet=fleet, world=world)
                 fleet.start_agent(2)
                 pilot.join(1)

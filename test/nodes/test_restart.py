@@ -1,12 +1,14 @@
 """Agents and worlds that die at any moment: missions go on as if nothing had happened."""
 
+from collections.abc import Iterator
 from pathlib import Path
 import signal
 
 from fleets import Fleet, flown_without, listener, logs, scenario_of
 import numpy as np
-from processes import Processes
+from processes import DEADLINE_S, Processes, RunningProcess
 import pytest
+from steered_world import steered_world, SteeredWorld
 from uav_collect.analysis.metrics import mission_metrics
 from uav_collect.analysis.tables import mission_warnings
 from uav_collect.recording.mission_log import read
@@ -19,7 +21,9 @@ from uav_collect.nodes import topics
 pytestmark = pytest.mark.ros
 
 SEED = 3
-ENOUGH_S = 100.0  # no failsafe, however busy the machine is
+FAST = 0.0  # real-time factor: as fast as the fleet decides
+HARDLY = 0.001  # the next event would take hours
+LEISURELY = 100.0  # a mission takes minutes
 
 
 @pytest.fixture
@@ -29,40 +33,57 @@ def fleet(processes: Processes, tmp_path: Path) -> Fleet:
     return Fleet(processes=processes, scenario=scenario, folder=tmp_path / 'run')
 
 
+@pytest.fixture
+def steered(ros_domain: int) -> Iterator[SteeredWorld]:
+    with steered_world() as there:
+        yield there
+
+
 def events_of(log: bytes) -> int:
     return log.count(b'\n') - 1
+
+
+def start_paused(
+    fleet: Fleet, steered: SteeredWorld, **values: object
+) -> tuple[RunningProcess, list[RunningProcess]]:
+    """A world that is paused before its mission starts, and agents that fly at random."""
+    world = fleet.start_world(seed=SEED, **values)
+    steered.pause()
+    return world, fleet.start_agents('random')
 
 
 @pytest.mark.parametrize(
     'victims', [[1], [2, 2, 1], [(1, 2)]], ids=['one', 'one after the other', 'both']
 )
 def test_agents_killed_at_any_event_and_started_again_change_nothing(
-    victims: list[int | tuple[int, ...]], fleet: Fleet
+    victims: list[int | tuple[int, ...]], fleet: Fleet, steered: SteeredWorld
 ) -> None:
     (expected,) = logs(fleet.scenario, [SEED], 'random')
-    kill_at = np.random.default_rng(len(victims)).integers(events_of(expected) // 2, size=9)
-    agents = fleet.start_agents('random')
-    world = fleet.start_world(seed=SEED, decision_timeout_s=ENOUGH_S)
-    for event, uavs in zip(sorted(kill_at[: len(victims)]), victims, strict=True):
+    kill_at = np.random.default_rng(len(victims)).integers(1, 300, size=len(victims))
+    world, agents = start_paused(fleet, steered)
+    for n_events, uavs in zip(np.diff(np.sort(kill_at), prepend=0), victims, strict=True):
         killed = uavs if isinstance(uavs, tuple) else (uavs,)
-        fleet.wait_for_events(SEED, event)
+        steered.step(int(n_events))  # of the last one an agent may still have to answer
         for uav in killed:
             agents[uav - 1].kill()
-        assert event <= fleet.n_events(SEED) < events_of(expected)
         for uav in killed:
             agents[uav - 1] = fleet.start_agent(uav, 'random')
         for uav in killed:
             agents[uav - 1].wait_for(f'UAV {uav} flies')
+    steered.resume()
     assert world.wait_for_exit() == 0
     assert fleet.log(SEED) == expected
 
 
-def test_an_agent_killed_before_it_answers_is_asked_again_when_it_is_back(fleet: Fleet) -> None:
+def test_an_agent_killed_before_it_answers_is_asked_again_when_it_is_back(
+    fleet: Fleet, steered: SteeredWorld
+) -> None:
     (expected,) = logs(fleet.scenario, [SEED], 'random')
-    victim, _ = fleet.start_agents('random')
-    world = fleet.start_world(seed=SEED, decision_timeout_s=ENOUGH_S)
+    world, (victim, _) = start_paused(fleet, steered)
+    steered.step(100)
     fleet.wait_for_events(SEED, 100)
     victim.send(signal.SIGSTOP)
+    steered.resume()
     world.wait_for('UAV 1: its agent is gone')
     waiting_at = fleet.n_events(SEED)
     victim.kill()
@@ -74,36 +95,43 @@ def test_an_agent_killed_before_it_answers_is_asked_again_when_it_is_back(fleet:
 
 @pytest.mark.parametrize('name', ['uav_agent', 'world_sim'])
 def test_a_node_that_falls_silent_for_a_while_goes_on_where_it_was(
-    name: str, fleet: Fleet
+    name: str, fleet: Fleet, steered: SteeredWorld
 ) -> None:
     seeds = [SEED, SEED + 1]
-    agent, _ = fleet.start_agents('random')
-    world = fleet.start_world(seed=SEED, missions=2, decision_timeout_s=ENOUGH_S)
-    fleet.wait_for_events(SEED, 100)
+    world, (agent, _) = start_paused(fleet, steered, missions=2)
+    steered.step(100)
+    steered.change('real_time_factor', LEISURELY)
+    steered.resume()
     sleeper, watcher = (agent, world) if name == 'uav_agent' else (world, agent)
     sleeper.send(signal.SIGSTOP)
     watcher.wait_for('is gone')
     sleeper.send(signal.SIGCONT)
+    steered.change('real_time_factor', FAST)
     assert world.wait_for_exit() == 0
     assert fleet.logs(seeds) == logs(fleet.scenario, seeds, 'random')
 
 
 def test_a_uav_whose_agent_stays_away_is_flown_home_and_flies_again_in_the_next_mission(
-    processes: Processes, tmp_path: Path
+    processes: Processes, steered: SteeredWorld, tmp_path: Path
 ) -> None:
-    scenario = scenario_of(fleet__default__energy_budget_kj=150.0)  # some 1000 s, 10 s at 100 to 1
+    scenario = scenario_of(fleet__default__energy_budget_kj=150.0)
     fleet = Fleet(processes=processes, scenario=scenario, folder=tmp_path / 'run')
-    _, victim = fleet.start_agents('random')
     with listener(topics.MISSION) as listening:
-        world = fleet.start_world(
-            seed=SEED, missions=2, decision_timeout_s=2.0, real_time_factor=100.0
-        )
-        fleet.wait_for_events(SEED, 8)
+        world, (_, victim) = start_paused(fleet, steered, missions=2)
+        steered.step(8)
         victim.kill()
+        awaited = 'one event more, when UAV 2 has answered'
+        while steered.control(steered.asked.STEP).message != awaited:
+            pass
+        steered.change('decision_timeout_s', 0.5)
+        steered.change('real_time_factor', HARDLY)  # nobody else is asked meanwhile
+        steered.resume()
         (decision,) = world.wait_for(r'UAV 2: no answer to decision (\d+).*failsafe').groups()
+        steered.change('decision_timeout_s', DEADLINE_S)
         victim = fleet.start_agent(2, 'random')
         world.wait_for('UAV 2: .* joined')
         assert 'ended' not in world.output  # it is back before the mission is over
+        steered.change('real_time_factor', FAST)
         heard = listening.heard[topics.MISSION.name]
         listening.wait_until(lambda: len(heard) >= 2)
         assert world.wait_for_exit() == 0
@@ -119,7 +147,7 @@ def test_a_uav_whose_agent_stays_away_is_flown_home_and_flies_again_in_the_next_
 
 
 def test_an_agent_killed_as_it_joins_leaves_its_uav_to_the_next_one(fleet: Fleet) -> None:
-    world = fleet.start_world(seed=SEED, decision_timeout_s=ENOUGH_S)
+    world = fleet.start_world(seed=SEED)
     fleet.start_agent(1, 'random')
     for _ in range(3):  # before it has shown a sign of life, the middleware does not miss it
         victim = fleet.start_agent(2, 'random')
@@ -130,14 +158,16 @@ def test_an_agent_killed_as_it_joins_leaves_its_uav_to_the_next_one(fleet: Fleet
     assert fleet.log(SEED) == logs(fleet.scenario, [SEED], 'random')[0]
 
 
-def test_agents_of_a_killed_world_fly_for_the_next_one(fleet: Fleet) -> None:
+def test_agents_of_a_killed_world_fly_for_the_next_one(
+    fleet: Fleet, steered: SteeredWorld
+) -> None:
     expected = logs(fleet.scenario, [SEED, SEED + 1], 'random')
-    agents = fleet.start_agents('random')
-    world = fleet.start_world(seed=SEED, decision_timeout_s=ENOUGH_S)
+    world, agents = start_paused(fleet, steered)
+    steered.step(101)
     fleet.wait_for_events(SEED, 100)
     world.kill()
     torn = fleet.log(SEED)
-    world = fleet.start_world(seed=SEED + 1, decision_timeout_s=ENOUGH_S)
+    world = fleet.start_world(seed=SEED + 1)
     assert world.wait_for_exit() == 0
     assert all(agent.is_running for agent in agents)
     assert fleet.log(SEED + 1) == expected[1]

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 import sys
+import time
 from typing import Any
 
 import pytest
@@ -75,6 +76,8 @@ def agents(ros_domain: int) -> Iterator[ScriptedAgents]:
 class FakeWorld:
     """What agents meet of a world: its scenario, and answers to those who join."""
 
+    n_taken = 0  # answers, until it lets somebody in, that the UAV has an agent
+
     def __init__(
         self, agents: ScriptedAgents, instance: str, started_s: float, joined: list[str]
     ) -> None:
@@ -108,7 +111,10 @@ class FakeWorld:
 
     def _on_join(self, request: Any, response: Any) -> Any:  # noqa: ANN401
         response.world_instance = self._instance
-        if request.world_instance == self._instance:
+        if request.world_instance == self._instance and self.n_taken > 0:
+            self.n_taken -= 1
+            response.retry, response.reason = True, 'its agent may be dying'
+        elif request.world_instance == self._instance:
             response.accepted = True
             response.mission_id = f'{self._instance}-0'
             if self._joined[-1:] != [self._instance]:  # it asks again if an answer was lost
@@ -177,8 +183,9 @@ def test_an_agent_flies_for_the_earliest_world_that_it_hears(
     late = FakeWorld(agents, 'late', 3.0, joined).serve()
     late.wait_until_heard()
     early = FakeWorld(agents, 'early', 1.0, joined).serve()
-    agents.wait_until(lambda: n_flown_for(agent) == 2)
-    assert joined[:2] == ['middle', 'early']
+    # If that took long, it has looked around meanwhile, and may have found the late one first.
+    agents.wait_until(lambda: n_flown_for(agent) >= 2 and joined[-1] == 'early')
+    assert joined[0] == 'middle'
     late.end()
     early.end()
     agents.wait_until(lambda: n_flown_for(agent) > 2 and joined[-1] == 'middle')
@@ -194,6 +201,20 @@ def test_the_answer_of_a_world_that_was_not_asked_is_none(
     agents.wait_until(lambda: late.n_others_asked >= 2)
     early.serve()
     agents.wait_until(lambda: 'early' in joined and n_flown_for(agent) > 0)
+
+
+def test_an_agent_outlasts_a_world_that_was_held_up_before_it_noticed_a_death(
+    agents: ScriptedAgents, processes: Processes
+) -> None:
+    joined: list[str] = []
+    world = FakeWorld(agents, 'only', 1.0, joined)
+    agent = processes.start('uav_agent', '--id', '1')
+    held_up_until_s = time.monotonic() + 11.0
+    agents.wait_until(lambda: time.monotonic() > held_up_until_s)
+    world.n_taken = 2
+    world.serve()
+    agents.wait_until(lambda: n_flown_for(agent) > 0 or not agent.is_running)
+    assert agent.is_running, agent.output
 
 
 def test_a_world_accepts_nobody_who_asks_for_another_one(

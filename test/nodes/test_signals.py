@@ -9,14 +9,16 @@ from fleets import Fleet, logs, scenario_of, wait_until
 from processes import executable, Processes, RunningProcess
 import pytest
 from rosbags.highlevel import AnyReader
+from uav_collect.commands import mission, ros_processes
+from uav_collect.kernels.stops import DEAF_S
 from uav_collect.recording.bag_reader import read_missions
 from uav_collect.recording.mission_log import read
 
 pytestmark = pytest.mark.ros
 
 SEED = 5
-PACED = 50.0  # simulated over wall-clock time: the mission takes some 6 s
-PROMPT_S = 10.0  # five times what an idle machine may need
+BUDGET_KJ = 2000.0  # some 13,000 s at random
+PACED = 50.0  # simulated over wall-clock time: the mission takes some minutes
 ABORTED = 2  # Mission.ABORTED
 
 every_signal = pytest.mark.parametrize(
@@ -28,14 +30,26 @@ every_signal = pytest.mark.parametrize(
 
 @pytest.fixture
 def fleet(processes: Processes, tmp_path: Path) -> Fleet:
-    return Fleet(processes=processes, scenario=scenario_of(), folder=tmp_path / 'run')
+    return fleet_of(processes, tmp_path / 'run')
+
+
+def fleet_of(processes: Processes, folder: Path) -> Fleet:
+    scenario = scenario_of(fleet__default__energy_budget_kj=BUDGET_KJ)
+    return Fleet(processes=processes, scenario=scenario, folder=folder)
+
+
+def command_of(folder: Path) -> list[str]:
+    """The command that flies the same mission."""
+    options = ['--real-time-factor', str(PACED), '--seed', str(SEED), '--policy', 'random']
+    options += ['--set', f'fleet.default.energy_budget_kj={BUDGET_KJ}', '--output', str(folder)]
+    return [sys.executable, '-m', 'uav_collect', 'mission', *options]
 
 
 def stop(process: RunningProcess, signals: list[signal.Signals]) -> None:
-    """Send signals; the process must end well."""
+    """Send signals; the process must end well: one that is deaf ends itself, with a failure."""
     for number in signals:
         process.send(number)
-    assert process.wait_for_exit(PROMPT_S) == 0, process.output
+    assert process.wait_for_exit() == 0, process.output
     assert 'Traceback' not in process.output
 
 
@@ -76,7 +90,7 @@ def test_a_mission_in_flight_stops_node_by_node_and_what_was_flown_is_kept(
     signals: list[signal.Signals], fleet: Fleet
 ) -> None:
     recorder = fleet.start_recorder()
-    flying, waiting = fleet.start_agents()
+    flying, waiting = fleet.start_agents('random')
     world = fleet.start_world(seed=SEED, real_time_factor=PACED)
     fleet.wait_for_events(SEED, 10)
     stop(flying, signals)
@@ -87,7 +101,7 @@ def test_a_mission_in_flight_stops_node_by_node_and_what_was_flown_is_kept(
     stop(waiting, signals)
     stop(recorder, signals)
     assert fleet.processes.survivors() == []
-    (expected,) = logs(fleet.scenario, [SEED])
+    (expected,) = logs(fleet.scenario, [SEED], 'random')
     assert expected.startswith(fleet.log(SEED))
     assert 10 <= len(read(fleet.log_file(SEED)).events) < expected.count(b'\n') - 1
     (recorded,) = read_missions(fleet.bag)
@@ -101,13 +115,12 @@ def test_an_interrupted_mission_command_takes_its_processes_along_and_keeps_the_
     signals: list[signal.Signals], processes: Processes, tmp_path: Path
 ) -> None:
     folder = tmp_path / 'run'
-    options = ['--real-time-factor', str(PACED), '--seed', str(SEED), '--output', str(folder)]
-    command = processes.run('mission', sys.executable, '-m', 'uav_collect', 'mission', *options)
-    fleet = Fleet(processes=processes, scenario=scenario_of(), folder=folder)
+    command = processes.run('mission', *command_of(folder))
+    fleet = fleet_of(processes, folder)
     fleet.wait_for_events(SEED, 10)
     for number in signals:
         command.send(number)
-    assert command.wait_for_exit(PROMPT_S) == 130
+    assert command.wait_for_exit() == 130
     assert 'Traceback' not in command.output
     assert processes.survivors() == []
     assert f'interrupted; what was flown is in {folder}' in command.output
@@ -135,16 +148,22 @@ def test_a_terminal_that_is_closed_leaves_a_closed_bag_and_an_aborted_mission(
     processes: Processes, tmp_path: Path
 ) -> None:
     folder = tmp_path / 'run'
-    options = ['--real-time-factor', str(PACED), '--seed', str(SEED), '--output', str(folder)]
-    command = [sys.executable, '-m', 'uav_collect', 'mission', *options]
     ready = [str(folder / f'mission_{SEED}.jsonl'), '10']
-    terminal = processes.run('terminal', sys.executable, '-c', TERMINAL, *ready, *command)
+    terminal = processes.run(
+        'terminal', sys.executable, '-c', TERMINAL, *ready, *command_of(folder)
+    )
     assert terminal.wait_for(r'closed (-?\d+)')[1] == '130', terminal.output
     assert terminal.wait_for_exit() == 0
     assert processes.survivors() == []
     assert phases(folder / 'bag') == [0, ABORTED]
     (recorded,) = read_missions(folder / 'bag')
     assert recorded.log.to_jsonl() == (folder / f'mission_{SEED}.jsonl').read_bytes()
+
+
+def test_who_asks_processes_to_end_lets_the_deaf_end_themselves_and_the_recorder_wait() -> None:
+    node = pytest.importorskip('uav_collect.nodes.recorder.node')
+    assert ros_processes._STOP_S > DEAF_S
+    assert mission._RECORDER_S > node._MOST_WAIT_S + node._DRAIN_S
 
 
 def test_a_recorder_under_nohup_outlives_its_terminal(

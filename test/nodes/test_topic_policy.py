@@ -11,6 +11,7 @@ from policy_publisher import explored_logs, policy_fields, policy_publisher
 from processes import Processes
 import pytest
 from random_policies import header, random_policy
+from steered_world import SteeredWorld
 from uav_collect.missions.simulation import Simulation
 from uav_collect.recording.mission_log import from_jsonl
 from uav_collect.scenario.model import Scenario
@@ -25,13 +26,12 @@ pytest.importorskip('uav_collect_msgs')
 from uav_collect.nodes import convert, topics
 from uav_collect.nodes.identity import scenario_msg, WorldIdentity
 from uav_collect.nodes.topics import publisher
-from uav_collect_msgs.msg import Policy
+from uav_collect_msgs.msg import Mission, Policy
 from uav_collect_msgs.srv import Join, Vouch
 
 pytestmark = pytest.mark.ros
 
 SEED = 3
-ENOUGH_S = 100.0  # no failsafe, however busy the machine is
 
 
 def policy_of(number: int, layout: Layout = Layout.EGOCENTRIC) -> FrozenPolicy:
@@ -60,7 +60,7 @@ def test_a_mission_is_flown_by_one_version_and_equals_the_same_mission_in_one_pr
     with policy_publisher(*watched) as (trainer, listening):
         epochs = listening.heard[topics.EPOCH.name]
         agents = fleet.start_agents('topic')
-        world = fleet.start_world(seed=SEED, missions=-1, decision_timeout_s=ENOUGH_S)
+        world = fleet.start_world(seed=SEED, missions=-1)
         for agent in agents:
             agent.wait_for('waiting for the first policy of a trainer on /trainer/policy')
         world.wait_for('waiting for UAV 1, UAV 2')
@@ -120,7 +120,7 @@ def test_a_policy_that_cannot_be_flown_is_refused_in_one_line_and_the_old_one_st
     with policy_publisher(topics.MISSION) as (trainer, listening):
         missions = listening.heard[topics.MISSION.name]
         agents = fleet.start_agents('topic')
-        world = fleet.start_world(seed=SEED, missions=2, decision_timeout_s=ENOUGH_S)
+        world = fleet.start_world(seed=SEED, missions=2)
         for process in (world, *agents):
             process.wait_for('waiting for (UAV|the first policy)')
         bad = _misfit(policy, fleet.scenario)
@@ -149,20 +149,24 @@ def test_an_agent_killed_in_flight_takes_up_the_version_of_its_mission_though_al
     fleet = Fleet(processes=processes, scenario=scenario, folder=tmp_path / 'run')
     first, second = policy_of(1), policy_of(2)
     [expected] = explored_logs(scenario, [SEED], first, 0.3)
-    with policy_publisher(topics.EPOCH) as (trainer, listening):
-        epochs = listening.heard[topics.EPOCH.name]
+    with policy_publisher(topics.MISSION) as (trainer, listening):
+        missions = listening.heard[topics.MISSION.name]
+        steered = SteeredWorld(listening.node, listening.wait_until)
+        world = fleet.start_world(seed=SEED, missions=2)
+        steered.pause()
         agents = fleet.start_agents('topic')
-        world = fleet.start_world(seed=SEED, missions=2, decision_timeout_s=ENOUGH_S)
         trainer.publish(first, 0.3)
-        listening.wait_until(lambda: len(epochs) > 50)
+        steered.step(50)
         trainer.publish(second)
-        listening.wait_until(lambda: len(epochs) > 100)
+        trainer.wait_until_heard()
+        steered.step(50)
         trainer.vanish()
         agents[0].kill()
-        assert not epochs[-1].terminal
         agents[0] = fleet.start_agent(1, 'topic')
         agents[0].wait_for('UAV 1 flies, policy topic')
-        listening.wait_until(lambda: epochs[-1].terminal)
+        assert [it.phase for it in missions] == [Mission.STARTED]
+        steered.resume()
+        listening.wait_until(lambda: len(missions) == 4)
         assert world.wait_for_exit() == 0
     assert fleet.log(SEED) == expected
     assert [fleet.log(SEED + 1)] == explored_logs(scenario, [SEED + 1], second, 0.0)

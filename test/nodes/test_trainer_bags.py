@@ -33,7 +33,7 @@ def recorded(processes: Processes, folder: Path, n_missions: int) -> tuple[Path,
     recorder = fleet.start_recorder(stop_after_missions=n_missions // 2)
     agents = fleet.start_agents('random', 'equal', observation_layout='egocentric')
     # Slow enough that the later one finds even the first of them.
-    world = fleet.start_world(missions=-1, decision_timeout_s=1000.0, real_time_factor=PACE)
+    world = fleet.start_world(missions=-1, real_time_factor=PACE)
     assert recorder.wait_for_exit() == 0
     flags = ['--output', str(second), *parameters(stop_after_missions=n_missions)]
     later = processes.start('recorder', *flags)

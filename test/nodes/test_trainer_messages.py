@@ -39,8 +39,10 @@ def flown(processes: Processes, folder: Path, n_missions: int) -> Heard:
         world = fleet.start_world(missions=n_missions)
         missions = listening.heard[WORLD.mission.name]
         listening.wait_until(lambda: len(missions) == 2 * n_missions)
-        n_events = sum(mission.n_decisions for mission in missions)
-        listening.wait_until(lambda: len(listening.heard[WORLD.epoch.name]) >= n_events)
+        epochs = listening.heard[WORLD.epoch.name]
+        listening.wait_until(lambda: sum(epoch.terminal for epoch in epochs) == n_missions)
+        reported = [listening.heard[uav.transition.name] for uav in UAVS]
+        listening.wait_until(lambda: sum(map(len, reported)) == len(epochs))
     for process in (world, *agents):
         process.kill()
     return listening.heard
@@ -68,6 +70,7 @@ def test_of_missions_played_back_while_a_fleet_flies_none_is_learned_from(
             for message in heard[topic]:
                 player.publish(message)
         trainer.wait_for(f' 0 refused, .* {N_FLOWN} foreign', TRAINED_S)
+    trainer.wait_for(r'loss \d', TRAINED_S)
     trainer.send(signal.SIGINT)
     assert trainer.wait_for_exit(TRAINED_S) == 0
     episodes, _ = replayed(tmp_path / 'run')

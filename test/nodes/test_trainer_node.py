@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 import random
+import re
 import signal
 from typing import Any
 
@@ -52,20 +53,14 @@ BRIEF = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 def test_what_is_learned_over_ros_and_from_a_bag_is_what_is_learned_in_one_process(
     processes: Processes, tmp_path: Path
 ) -> None:
-    # The first policy flies all missions, so that they can be flown again.
+    # The first policy flies all missions, so that they can be flown again. They are some more than
+    # it takes, and fewer than would make a late learner leave out updates.
     fleet = fleet_of(processes, tmp_path)
     recorder = fleet.start_recorder()
     live = start_trainer(processes, tmp_path / 'live', publish_every_updates=NEVER)
-    world = start_fleet(fleet, missions=200, seed=100)
+    world = start_fleet(fleet, missions=110, seed=100)
     assert live.wait_for_exit(TRAINED_S) == 0
-    episodes, state = replayed(tmp_path / 'live')
-    expected, trainer = in_process(range(100, 300), Budget(decisions=1000))
-    assert state['learner']['n_updates'] == trainer.n_updates >= 48
-    assert len(episodes) > 60
-    for one in episodes:
-        assert same(one, expected[one.mission_seed - 100]) == []
-    learned = load_policy(tmp_path / 'live' / 'last.safetensors')
-    assert learned.digest == trainer.snapshot().digest
+    seeds = check_learned_alike(tmp_path / 'live')
     assert '0 missing, 0 refused, 0 failsafe' in live.output
     # As much as the trainer needs is in the bag when the world is done.
     assert world.wait_for_exit(TRAINED_S) == 0
@@ -73,7 +68,25 @@ def test_what_is_learned_over_ros_and_from_a_bag_is_what_is_learned_in_one_proce
     assert recorder.wait_for_exit() == 0
     again = start_trainer(processes, tmp_path / 'again', '--from-bag', str(fleet.bag))
     assert again.wait_for_exit(TRAINED_S) == 0
-    assert load_policy(tmp_path / 'again' / 'last.safetensors').digest == learned.digest
+    assert check_learned_alike(tmp_path / 'again') == sorted(seeds)
+
+
+def check_learned_alike(run: Path) -> list[int]:
+    """What a training has learned is what one process learns of the same missions.
+
+    Returns:
+        Their seeds in the order in which they came: one of which a packet was lost comes later.
+    """
+    episodes, state = replayed(run)
+    seeds = [one.mission_seed for one in episodes]
+    expected, trainer = in_process(seeds, Budget(decisions=1000))
+    assert state['learner']['n_updates'] == trainer.n_updates >= 48
+    assert len(episodes) > 60
+    for one, other in zip(episodes, expected, strict=True):
+        assert same(one, other) == []
+    learned = load_policy(run / 'last.safetensors')
+    assert learned.digest == trainer.snapshot().digest
+    return seeds
 
 
 def n_updates(folder: Path) -> int:
@@ -134,7 +147,7 @@ def test_agents_and_worlds_that_die_cost_their_mission_and_no_more(
     fleet, folder = fleet_of(processes, tmp_path), tmp_path / 'run'
     trainer = start_trainer(processes, folder, decisions=10**6, checkpoint_period_s=0.2)
     agents = fleet.start_agents('topic', 'equal')
-    world = fleet.start_world(missions=-1, decision_timeout_s=100.0)
+    world = fleet.start_world(missions=-1)
     wait_for_updates(folder, 4)
     agents[0].kill()
     seen = n_updates(folder)
@@ -146,7 +159,7 @@ def test_agents_and_worlds_that_die_cost_their_mission_and_no_more(
     wait_until(lambda: last_seed(folder) >= 10**6, TRAINED_S)
     trainer.send(signal.SIGINT)
     assert trainer.wait_for_exit(TRAINED_S) == 0
-    assert ' 0 refused' in trainer.output.splitlines()[-2]
+    assert re.findall(r' (\d+) refused,', trainer.output)[-1] == '0'
 
 
 def test_a_trainer_that_messages_never_reach_learns_on_and_stops_when_asked(

@@ -6,11 +6,13 @@ import shutil
 from typing import Any
 
 from bag_damage import changed_byte, copied_without_checksums
-from fleets import Fleet, scenario_of
+from fleets import Fleet, scenario_of, wait_until
+from growing_bag import n_kept
 from policy_publisher import policy_publisher
-from processes import own_domain, Processes, ros_environment
+from processes import DEADLINE_S, own_domain, Processes, ros_environment, RunningProcess
 import pytest
 from random_policies import header, random_policy
+from steered_world import SteeredWorld
 from uav_collect.__main__ import main
 
 pytest.importorskip('rclpy')
@@ -18,14 +20,14 @@ pytest.importorskip('uav_collect_msgs')
 
 from uav_collect.nodes import topics
 from uav_collect.recording.mcap_file import read_mcap
+from uav_collect.recording.mission_log import read
 from uav_collect_msgs.msg import Mission
 
 pytestmark = pytest.mark.ros
 
 SEED = 3
 EPSILON = 0.3
-REAL_TIME_FACTOR = 150.0  # missions of some 100 s take long enough to do something meanwhile
-TIMEOUT_S = 6.0  # longer than an agent takes to answer, however busy the machine is
+HARDLY = 0.001  # real-time factor: the next event would take hours
 
 
 @pytest.fixture(scope='module')
@@ -44,18 +46,20 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
                 missions = listening.heard[topics.MISSION.name]
                 recorder = fleet.start_recorder(stop_after_missions=3)
                 agents = fleet.start_agents('topic')
-                fleet.start_world(
-                    seed=SEED,
-                    missions=3,
-                    recorders=1,
-                    real_time_factor=REAL_TIME_FACTOR,
-                    decision_timeout_s=TIMEOUT_S,
-                )
+                world = fleet.start_world(missions=0, recorders=1)
+                steered = SteeredWorld(listening.node, listening.wait_until)
                 trainer.publish(policies[0], EPSILON)
-                listening.wait_until(lambda: _n_started(missions) == 1)
+                steered.start(SEED)
+                listening.wait_until(lambda: _n_ended(missions) == 1)
                 trainer.publish(policies[1])
+                steered.start(SEED + 1)
+                listening.wait_until(lambda: _n_ended(missions) == 2)
+                steered.pause()
+                steered.start(SEED + 2)
+                steered.step(5)
                 fleet.wait_for_events(SEED + 2, 5)
-                agents[1].kill()
+                _wait_until_recorded(fleet)
+                _let_fly_home(world, steered, agents[1])
                 assert recorder.wait_for_exit() == 0
         finally:
             processes.close()
@@ -63,8 +67,36 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     yield fleet.folder
 
 
-def _n_started(missions: list[Any]) -> int:
-    return sum(message.phase == Mission.STARTED for message in missions)
+def _n_ended(missions: list[Any]) -> int:
+    return sum(message.phase == Mission.ENDED for message in missions)
+
+
+def _wait_until_recorded(fleet: Fleet) -> None:
+    """Wait until the bag holds all that UAV 2 has said: what is latched is gone with its agent."""
+    logs = [read(fleet.log_file(SEED + number)) for number in range(3)]
+    n_decisions = sum(int((log.events['uav'] == 2).sum()) for log in logs)
+    own = topics.uav_topics(2)
+    least = {own.command.name: n_decisions + 1, own.radio_tx.name: n_decisions}  # it greeted
+
+    def are_kept() -> bool:
+        kept = n_kept(fleet.bag)
+        return all(kept[topic] >= least[topic] for topic in least)
+
+    wait_until(are_kept)
+
+
+def _let_fly_home(world: RunningProcess, steered: SteeredWorld, agent: RunningProcess) -> None:
+    """End the agent of UAV 2, which then does not answer; nobody else has to hurry."""
+    awaited = 'one event more, when UAV 2 has answered'
+    agent.kill()
+    while steered.control(steered.asked.STEP).message != awaited:
+        pass
+    steered.change('decision_timeout_s', 0.5)
+    steered.change('real_time_factor', HARDLY)
+    steered.resume()
+    world.wait_for('UAV 2: no answer')
+    steered.change('decision_timeout_s', DEADLINE_S)
+    steered.change('real_time_factor', 0.0)
 
 
 @pytest.fixture

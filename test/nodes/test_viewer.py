@@ -25,7 +25,7 @@ from websockets.sync.client import ClientConnection, connect
 pytestmark = pytest.mark.ros
 
 SEED = 6
-LONG_S = 300.0  # for what takes seconds
+LONG_S = 600.0  # for what takes seconds
 LAPTOP = {'width': 1366, 'height': 768}
 
 
@@ -134,7 +134,7 @@ def flown(processes: Processes, tmp_path: Path) -> RunningProcess:
     fleet = Fleet(processes=processes, scenario=scenario_of(1), folder=tmp_path / 'run')
     world = fleet.start_world(missions=0)
     fleet.start_agents()
-    started = processes.start('control', 'start', '--seed', str(SEED))
+    started = processes.start('control', 'start', '--seed', str(SEED), '--patience', str(LONG_S))
     assert started.wait_for_exit() == 0
     world.wait_for('ended after')
     return world

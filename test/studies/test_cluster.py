@@ -12,7 +12,7 @@ from study_jobs import (
     flights,
     kept,
     needs_compiled_kernels,
-    Saboteur,
+    sabotaged,
     training,
 )
 from uav_collect.commands.terminal import deferred_interruption
@@ -40,11 +40,9 @@ def test_a_cluster_that_loses_a_worker_gives_what_one_process_gives(
 ) -> None:
     # Without an address a cluster of this machine is meant, whatever others there are.
     monkeypatch.setenv('RAY_ADDRESS', '127.0.0.1:1')
-    here, there = Store(tmp_path / 'here'), Store(tmp_path / 'there')
+    here = Store(tmp_path / 'here')
     at_home = done_by(ProcessEngine(1), jobs(), here)
-    cluster = Saboteur(RayEngine(None, 2))
-    abroad = done_by(cluster, jobs(), there, checkpoint_s=0.0)
-    [killed] = cluster.killed
+    abroad, there, killed = sabotaged(lambda: RayEngine(None, 2), jobs(), tmp_path / 'there')
     assert abroad.n_lost == 1
     assert there.cost(killed).n_interruptions == 1
     assert kept(there) == kept(here) != {}

@@ -1,6 +1,7 @@
 """Processes do jobs: interrupted, killed or not, they give the same bytes."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+import itertools
 from pathlib import Path
 
 from episodes import single_threaded_torch
@@ -11,7 +12,7 @@ from study_jobs import (
     flights,
     kept,
     needs_compiled_kernels,
-    Saboteur,
+    sabotaged,
     training,
 )
 from uav_collect.studies.jobs.jobs import digest_of, FlightsJob, Job
@@ -48,10 +49,9 @@ def test_results_do_not_depend_on_how_many_work_nor_on_the_order(
 def test_a_process_that_is_killed_costs_no_more_than_what_followed_its_last_state(
     alone: Store, tmp_path: Path
 ) -> None:
-    store, engine = Store(tmp_path), Saboteur(ProcessEngine(2))
-    status = done_by(engine, some_jobs(), store, checkpoint_s=0.0)
+    status, store, killed = sabotaged(lambda: ProcessEngine(2), some_jobs(), tmp_path)
     assert status.n_lost == 1
-    assert store.cost(engine.killed[0]).n_interruptions == 1
+    assert store.cost(killed).n_interruptions == 1
     assert kept(store) == kept(alone)
 
 
@@ -59,23 +59,40 @@ def test_a_process_that_is_killed_costs_no_more_than_what_followed_its_last_stat
 def test_a_call_that_is_interrupted_saves_what_runs_and_the_next_one_goes_on(
     alone: Store, tmp_path: Path
 ) -> None:
-    store, engine = Store(tmp_path), ProcessEngine(1)
-    begun: list[str] = []
-    wait_for_reports = engine.wait
+    store, begun = interrupted(tmp_path)
+    assert store.state(begun) is not None
+    done_by(ProcessEngine(1), some_jobs(), store)
+    assert store.cost(begun).n_interruptions == 1
+    assert kept(store) == kept(alone)
+
+
+def interrupted(folder: Path) -> tuple[Store, str]:
+    """What a call leaves that is interrupted amidst its first job, and the job's digest.
+
+    Where the job was done before that, all begins anew.
+    """
+    trainings = {it: job for it, job in some_jobs().items() if not isinstance(job, FlightsJob)}
+    for number in itertools.count():
+        store, engine = Store(folder / str(number)), ProcessEngine(1)
+        begun: list[str] = []
+        engine.wait = noting(engine.wait, begun)  # type: ignore[method-assign]
+        status = done_by(engine, trainings, store, is_stopping=lambda begun=begun: bool(begun))
+        if status.done == 0:
+            return store, begun[0]
+    raise RuntimeError('numbers have come to an end')
+
+
+def noting(
+    wait_for_reports: Callable[[float], Sequence[tuple[str, JobReport]]], begun: list[str]
+) -> Callable[[float], Sequence[tuple[str, JobReport]]]:
+    """Wait for reports, and note the jobs that have begun."""
 
     def wait(timeout_s: float) -> Sequence[tuple[str, JobReport]]:
         reports = wait_for_reports(timeout_s)
         begun.extend(digest for digest, report in reports if isinstance(report, Advanced))
         return reports
 
-    engine.wait = wait  # type: ignore[method-assign]
-    trainings = {it: job for it, job in some_jobs().items() if not isinstance(job, FlightsJob)}
-    status = done_by(engine, trainings, store, is_stopping=lambda: bool(begun))
-    assert status.done == 0
-    assert store.state(begun[0]) is not None
-    done_by(ProcessEngine(1), some_jobs(), store)
-    assert store.cost(begun[0]).n_interruptions == 1
-    assert kept(store) == kept(alone)
+    return wait
 
 
 @needs_compiled_kernels

@@ -359,7 +359,7 @@ def test_missions_over_ros_equal_those_flown_in_one_process(
     scenario = scenario_of(2, fleet__default__energy_budget_kj=60.0)
     fleet = Fleet(processes=processes, scenario=scenario, folder=tmp_path / 'run')
     fleet.start_agents(f'user_policies:{name}')
-    world = fleet.start_world(seed=SEEDS[0], missions=len(SEEDS), decision_timeout_s=100.0)
+    world = fleet.start_world(seed=SEEDS[0], missions=len(SEEDS))
     expected = logs(scenario, SEEDS, f'user_policies:{name}')
     assert world.wait_for_exit() == 0
     assert fleet.logs(SEEDS) == expected
@@ -380,7 +380,7 @@ def test_an_agent_whose_function_fails_ends_with_one_line(
     for module in ('user_policies.py', 'hostile_policies.py'):
         shutil.copy(HELPERS / module, tmp_path)  # where the processes run
     fleet = Fleet(processes=processes, scenario=scenario_of(1), folder=tmp_path / 'run')
-    fleet.start_world(decision_timeout_s=100.0)
+    fleet.start_world()
     agent = fleet.start_agent(1, name)
     assert agent.wait_for_exit() == 2
     agent.wait_for(f'policy {name}: .*{words}')
