@@ -6,7 +6,7 @@
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup field mission train train-fleet curves figures test test-ubuntu fuzz chaos soak golden check format bench clean distclean
+.PHONY: help setup field mission train policy train-fleet curves figures test test-ubuntu fuzz chaos soak golden check format bench clean distclean
 
 VENV := .venv
 PYTHON ?=
@@ -70,6 +70,18 @@ TRAIN_OPTIONS = \
   $(if $(UAVS),--uavs '$(UAVS)') \
   $(if $(RESUME),--resume '$(RESUME)') \
   $(ARGS)
+
+#=SCENARIO   YAML file of your field
+#=MINUTES    how long to learn (10)
+#=UAVS       number of UAVs (as in the scenario)
+#=SEED       of exploration and missions (0)
+#=ARGS       any further arguments of the command, see ARGS=--help
+POLICY_OPTIONS = \
+  $(if $(SCENARIO),--scenario '$(SCENARIO)') \
+  $(if $(MINUTES),--minutes '$(MINUTES)') \
+  $(if $(UAVS),--uavs '$(UAVS)') \
+  $(if $(SEED),--seed '$(SEED)') \
+  $(ARGS)
 RUNS ?= $(wildcard runs/train/*/)
 
 #+SCENARIO, ALGORITHM (not qmix), PRESET, SEED (one), UAVS and ARGS as of make train, and
@@ -108,6 +120,8 @@ help:  ## this list
 	@sed -n 's/^#</  /p' Makefile
 	@echo 'Of make train:'
 	@sed -n 's/^#>/  /p' Makefile
+	@echo 'Of make policy:'
+	@sed -n 's/^#=/  /p' Makefile
 	@echo 'Of make train-fleet:'
 	@sed -n 's/^#+/  /p' Makefile
 	@echo 'Of make curves:'
@@ -128,6 +142,9 @@ mission: $(BUILT)  ## fly a mission over ROS 2 and show it, as SCENARIO=lillgrun
 
 train: $(INSTALLED) $(LEARNS)  ## learn a policy, as SCENARIO=paper_8x8 MINUTES=10 SEED=7
 	@$(VENV)/bin/python -m uav_collect train $(TRAIN_OPTIONS)
+
+policy: $(INSTALLED) $(LEARNS)  ## the best policy for your field, as SCENARIO=my_field.yaml MINUTES=10
+	@$(VENV)/bin/python -m uav_collect refine $(POLICY_OPTIONS)
 
 train-fleet: $(BUILT) $(LEARNS)  ## learn over ROS 2 while a fleet flies, as SCENARIO=paper_8x8 WORLDS=2
 	@. install/setup.sh && $(VENV)/bin/python -m uav_collect train-fleet $(TRAIN_FLEET_OPTIONS)

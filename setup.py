@@ -54,6 +54,7 @@ setup(
             'size = uav_collect.__main__:size',
             'mission = uav_collect.__main__:mission',
             'train = uav_collect.__main__:train',
+            'refine = uav_collect.__main__:refine',
             'train_fleet = uav_collect.__main__:train_fleet',
             'curves = uav_collect.__main__:curves',
             'bound = uav_collect.__main__:bound',

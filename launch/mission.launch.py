@@ -30,6 +30,7 @@ from uav_collect.nodes.world import settings as world
 from uav_collect.scenario.load import load
 from uav_collect.scenario.model import Scenario
 from uav_collect.uav.agent import allocator_named
+from uav_collect.uav.own_policy import own_policies
 from uav_collect.uav.policy import policy_for, TOPIC
 import yaml
 
@@ -94,7 +95,7 @@ def _start(context: LaunchContext) -> list:
     if arguments.flag('rviz'):
         arguments.package('rviz', 'rviz2')
     arguments.check()
-    choice = _choice(scenario, of_agents, output_dir) if is_best else ''
+    choice = _choice(of_world['scenario'], scenario, of_agents, output_dir) if is_best else ''
     own = {'world_instance': str(uuid.uuid4())}  # who else is in the ROS domain counts for nobody
     where = {'output_dir': output_dir, 'recorders': 1}
     world_node = _node('world_sim', {**of_world, **where, **own})
@@ -112,13 +113,14 @@ def _start(context: LaunchContext) -> list:
     ]
 
 
-def _choice(scenario: Scenario, of_agents: dict, output_dir: str) -> str:
+def _choice(name: str, scenario: Scenario, of_agents: dict, output_dir: str) -> str:
     """Let the best policy fly, chosen once for all agents; why that one, in a line."""
     request = ChoiceRequest(
         scenario=scenario.to_yaml(),
         candidates=of_agents['candidates'],
         allocator=of_agents['bandwidth'],
         guard_after=of_agents['guard_after'],
+        own=tuple(own_policies(name, scenario.n_uavs)),
     )
     with started_choice(request) as answer:
         choice, left_out = answer()

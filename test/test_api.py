@@ -7,6 +7,8 @@ import subprocess
 import sys
 
 import pytest
+from random_policies import header, saved
+from tiny_world import tiny
 import uav_collect
 from uav_collect import api, FORWARD, HOME, HOVER, Situation, step_towards, UavCollectError
 
@@ -222,6 +224,16 @@ def test_the_best_policy_is_found_among_what_is_shipped_and_what_is_given() -> N
     assert choice.policy == 'paper_8x8_n2_aqmix'
     assert str(choice).startswith('paper_8x8_n2_aqmix is the best of 5 in 4 sampled missions')
     assert uav_collect.choose_policy('paper_8x8', go_home, missions=4).policy == choice.policy
+
+
+def test_what_was_refined_for_a_scenario_is_chosen_from_beside_its_file(tmp_path: Path) -> None:
+    file = tmp_path / 'field.yaml'
+    file.write_text(tiny(name='field').to_yaml())
+    own = saved(tmp_path, 'field', header(side=4, n_uavs=2))
+
+    choice = uav_collect.choose_policy(file, missions=2)
+
+    assert [it.policy for it in choice.tried] == [str(own), 'sweep', 'hert']
 
 
 def test_a_choice_is_refused_what_cannot_be_flown() -> None:

@@ -24,7 +24,7 @@ from tools.structure import Sources
 ROOT = Path(__file__).parent.parent
 EXECUTABLES = (
     *('world_sim', 'uav_agent', 'recorder', 'mission', 'evaluate', 'report', 'verify', 'doctor'),
-    *('train', 'curves', 'bound', 'figures', 'trainer', 'train_fleet', 'field', 'size'),
+    *('train', 'refine', 'curves', 'bound', 'figures', 'trainer', 'train_fleet', 'field', 'size'),
 )
 INTERFACES = sorted(
     path for path in (ROOT / 'msg_defs').glob('*/*') if path.suffix in ('.msg', '.srv', '.action')

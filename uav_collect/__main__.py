@@ -23,6 +23,7 @@ SUMMARIES = {
     'evaluate': 'fly many missions in this process; mean figures with 95 % intervals',
     'size': 'say how many UAVs and how much battery a site takes',
     'train': 'learn a policy for a scenario, from missions flown in this process',
+    'refine': 'learn on, on your own field, from the policy that flies it best',
     'train-fleet': 'let a fleet learn over ROS 2 while it flies, every node a process',
     'curves': 'draw the learning curves of trainings, mean and deviation over seeds',
     'bound': 'plan missions whose demand is known: what time and energy they take at least',
@@ -90,6 +91,11 @@ def size() -> int:
 def train() -> int:
     """Learn a policy."""
     return _run('train', sys.argv[1:], prog='train')
+
+
+def refine() -> int:
+    """Learn a policy on, on one field."""
+    return _run('refine', sys.argv[1:], prog='refine')
 
 
 def train_fleet() -> int:
@@ -185,6 +191,8 @@ def command_named(name: str) -> Command:
             from uav_collect.commands.size import add_arguments, run
         case 'train':
             from uav_collect.commands.train import add_arguments, run
+        case 'refine':
+            from uav_collect.commands.refine import add_arguments, run
         case 'train-fleet':
             from uav_collect.commands.train_fleet import add_arguments, run
         case 'curves':

@@ -38,6 +38,7 @@ from uav_collect.scenario.load import load
 from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site, Site
 from uav_collect.uav.agent import allocator_named
+from uav_collect.uav.own_policy import own_policies
 from uav_collect.uav.policy import NamedPolicy, policy_for
 from uav_collect.uav.user_policy import policy_of
 from uav_collect.world.sensor_field import demand_of
@@ -201,7 +202,8 @@ def choose_policy(
     """Find the best policy for a scenario: candidates fly the same sampled missions of it.
 
     Args:
-        candidates: besides the policies that are shipped for the scenario, sweep and hert.
+        candidates: besides the policies that are shipped for the scenario, those that lie beside
+            its file, sweep and hert.
         missions: that each flies; None: up to 200, fewer on large areas or by interpreted kernels.
         bandwidth: how a hover shares it: exact, equal or cvxpy.
         guard_after: as for `fly`.
@@ -219,7 +221,10 @@ def choose_policy(
     allocator_named(bandwidth)  # raises where there is none
     site = build_site(_loaded(scenario))
     own = _by_name(_listed(candidates), site.scenario) if candidates else {}
-    found, _ = candidates_for(site.scenario)
+    refined = (
+        [] if isinstance(scenario, Scenario) else own_policies(scenario, site.scenario.n_uavs)
+    )
+    found, _ = candidates_for(site.scenario, own=refined)
     known = {it.name for it in found}
     found += [Candidate(name=name, policy=it) for name, it in own.items() if name not in known]
     return choose(site, found, allocator=bandwidth, guard_after=guard_after, n_missions=missions)

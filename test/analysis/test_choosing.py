@@ -79,6 +79,17 @@ def test_a_specialist_that_does_not_fit_is_left_out_with_a_line(shipped: Path) -
     assert left_out == [f'{name} cannot be chosen: policy {name}: n_uavs is 2: must be 3']
 
 
+def test_what_was_refined_for_a_scenario_is_the_first_candidate_unless_it_does_not_fit(
+    shipped: Path,
+) -> None:
+    own = str(saved(shipped, 'my_field', header()))
+    other = str(saved(shipped, 'other', header(n_uavs=3)))
+    candidates, left_out = candidates_for(load('paper_10x10'), own=[own, other])
+
+    assert [it.name for it in candidates] == [own, 'sweep', 'hert']
+    assert left_out == [f'{other} cannot be chosen: policy other: n_uavs is 2: must be 3']
+
+
 @pytest.mark.parametrize('name', ['nope', 'best', 'lillgrund_n2_aqmix'])
 def test_a_candidate_that_a_user_names_must_fit(name: str) -> None:
     with pytest.raises(PolicyMismatchError):

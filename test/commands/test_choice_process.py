@@ -7,6 +7,7 @@ import subprocess
 import sys
 
 import pytest
+from random_policies import header, saved
 from tiny_world import tiny
 from uav_collect.analysis.choosing import candidates_for, choose
 from uav_collect.commands.choice_process import ChoiceRequest, started_choice
@@ -46,6 +47,13 @@ def test_a_user_s_candidates_fly_too() -> None:
     assert [it.policy for it in choice.tried] == [
         *('sweep', 'hert', 'user_policies:homebird', 'random'),
     ]
+
+
+def test_what_was_refined_for_the_scenario_flies_too(tmp_path: Path) -> None:
+    own = str(saved(tmp_path, 'field', header(side=4, n_uavs=2)))
+    with started_choice(replace(REQUEST, own=(own,))) as answer:
+        choice, _ = answer()
+    assert [it.policy for it in choice.tried] == [own, 'sweep', 'hert']
 
 
 def test_what_is_wrong_with_a_candidate_is_raised_here() -> None:

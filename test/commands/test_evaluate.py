@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from random_policies import header as header_of_policy
 from random_policies import saved
+from tiny_world import tiny
 from uav_collect.__main__ import main
 from uav_collect.analysis.choosing import candidates_for, choose
 from uav_collect.analysis.metrics import mission_metrics
@@ -370,6 +371,16 @@ def test_the_best_policy_is_chosen_and_shown_before_it_is_evaluated(
     assert capsys.readouterr().out.startswith(f'{choice}\n')
     written = json.loads(path.read_text())
     assert [*written] == [choice.policy, 'hert'] == ['paper_8x8_n2_aqmix', 'hert']
+
+
+def test_what_was_refined_for_a_scenario_is_chosen_from_beside_its_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / 'field.yaml'
+    file.write_text(tiny(name='field').to_yaml())
+    saved(tmp_path, 'field', header_of_policy(side=4, n_uavs=2))
+    assert evaluate('--scenario', str(file), '--missions', '2', '--policy', 'best') == 0
+    assert 'is the best of 3 in' in capsys.readouterr().out
 
 
 def test_candidates_are_for_the_best_policy_alone(capsys: pytest.CaptureFixture[str]) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 from uav_collect.analysis.statistics import column_estimates, Estimate
 from uav_collect.kernels.arrays import Bools, Floats
 from uav_collect.missions.batch_metrics import BatchMetrics
+from uav_collect.uav.policy_network import policy_rank
 
 SWEEP, HERT = RULES = ('sweep', 'hert')
 TOO_LONG = 2.0  # times the sweep's completion time in the same mission
@@ -36,6 +37,11 @@ class Flown:
     def n_complete(self) -> int:
         """Missions in which all data were collected."""
         return int(self.metrics.is_complete.sum())
+
+    @property
+    def rank(self) -> tuple[float, float]:
+        """How good the policy is: of two, the one of greater rank is better."""
+        return policy_rank(self.n_complete / self.metrics.n_missions, 1.0, self.mean_kbit_per_j)
 
     @property
     def n_incomplete(self) -> int:

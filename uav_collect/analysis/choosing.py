@@ -51,29 +51,30 @@ class Candidate:
 
 
 def candidates_for(
-    scenario: Scenario, given: Iterable[str] = ()
+    scenario: Scenario, given: Iterable[str] = (), own: Iterable[str] = ()
 ) -> tuple[list[Candidate], list[str]]:
-    """Who may fly a scenario: the shipped policies, the rules, and those that a user names.
+    """Who may fly a scenario: its own policies, the shipped ones, the rules, and who is named.
 
     Args:
-        given: names as `policy_for` takes them.
+        given: by a user, names as `policy_for` takes them.
+        own: files of policies that were refined for the scenario.
 
     Returns:
-        The candidates, the earlier preferred to an equal one, and a line for each shipped policy
-        that is left out though it was made for the scenario.
+        The candidates, the earlier preferred to an equal one, and a line for each policy that is
+        left out though it was made for the scenario.
 
     Raises:
         PolicyMismatchError: a policy that the user names does not fit, or there is none.
     """
-    shipped, left_out = _shipped(scenario)
+    made, left_out = _made_for(scenario, own)
     names = [*dict.fromkeys([*_RULES, *given])]
     named = [Candidate(name=it, policy=policy_for(it, scenario)) for it in names]
-    known = {it.name for it in shipped}
-    return [*shipped, *(it for it in named if it.name not in known)], left_out
+    known = {it.name for it in made}
+    return [*made, *(it for it in named if it.name not in known)], left_out
 
 
-def _shipped(scenario: Scenario) -> tuple[list[Candidate], list[str]]:
-    names: list[str] = []
+def _made_for(scenario: Scenario, own: Iterable[str]) -> tuple[list[Candidate], list[str]]:
+    names = [*own]
     found: list[Candidate] = []
     left_out: list[str] = []
     with suppress(PolicyMismatchError):  # most scenarios have none

@@ -33,6 +33,7 @@ class ChoiceRequest:
     candidates: str  # besides the shipped ones and the rules, separated by commas
     allocator: str
     guard_after: int
+    own: tuple[str, ...] = ()  # files of policies that were refined for the scenario
 
 
 Answer = tuple['Choice', list[str]]  # and lines about who could not be a candidate
@@ -94,7 +95,8 @@ def _found(request: ChoiceRequest) -> Answer | UavCollectError:
 
     try:
         scenario = from_yaml(request.scenario)
-        candidates, left_out = candidates_for(scenario, listed_names(request.candidates))
+        given = listed_names(request.candidates)
+        candidates, left_out = candidates_for(scenario, given, request.own)
         choice = choose(
             build_site(scenario),
             candidates,

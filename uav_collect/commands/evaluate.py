@@ -156,11 +156,13 @@ def _policy(name: str, arguments: argparse.Namespace, scenario: 'Scenario') -> '
     from uav_collect.analysis.choosing import candidates_for, choose
     from uav_collect.analysis.console import plain_console
     from uav_collect.scenario.site import build_site
+    from uav_collect.uav.own_policy import own_policies
     from uav_collect.uav.policy import listed_names, policy_for
 
     if name != BEST:
         return policy_for(name, scenario)
-    candidates, left_out = candidates_for(scenario, listed_names(arguments.candidates))
+    own = own_policies(arguments.scenario, scenario.n_uavs)
+    candidates, left_out = candidates_for(scenario, listed_names(arguments.candidates), own)
     for line in left_out:
         terminal.say(line)
     choice = choose(

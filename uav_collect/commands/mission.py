@@ -157,11 +157,14 @@ def _choice(arguments: argparse.Namespace, scenario: 'Scenario') -> 'Choice':
     Raises:
         PolicyMismatchError: a candidate that the user names cannot fly.
     """
+    from uav_collect.uav.own_policy import own_policies
+
     request = ChoiceRequest(
         scenario=scenario.to_yaml(),
         candidates=arguments.candidates,
         allocator=arguments.bandwidth,
         guard_after=arguments.guard_after,
+        own=tuple(own_policies(arguments.scenario, scenario.n_uavs)),
     )
     with interrupted_by_signals(), started_choice(request) as answer:
         interpret_kernels()  # here, but not in that process

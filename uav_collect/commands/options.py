@@ -208,7 +208,8 @@ def add_candidates_option(parser: argparse.ArgumentParser) -> None:
         default='',
         metavar='NAME,...',
         help=f'with --policy {BEST}: policies, as --policy names them, among which the best is'
-        ' chosen, besides those that are shipped for the scenario, sweep and hert',
+        ' chosen, besides those that are shipped for the scenario, what was refined for it, sweep'
+        ' and hert',
     )
 
 

@@ -153,13 +153,18 @@ def _layers(path: Path, library: tuple[Path, ...]) -> Iterator[tuple[Source, dic
         path = source.folder / _extended(values['extends'], extends, library)
 
 
+def is_path(name_or_path: str) -> bool:
+    """Whether a text is the path of a file rather than a name that folders are searched for."""
+    return name_or_path.endswith(_SUFFIXES) or os.sep in name_or_path
+
+
 def find(name_or_path: str, folders: Iterable[Path], *, field: str) -> Path:
     """The file that a name or a path stands for.
 
     Raises:
         ConfigError: no such file; the message lists the names there are.
     """
-    if name_or_path.endswith(_SUFFIXES) or os.sep in name_or_path:
+    if is_path(name_or_path):
         return Path(name_or_path)
     folders = tuple(folders)
     for folder in folders:

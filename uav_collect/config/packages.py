@@ -111,6 +111,7 @@ NEEDED = {
     'size': (*_SHOWING, 'matplotlib'),
     'bound': _SHOWING,
     'train': (*_SHOWING, 'matplotlib'),
+    'refine': _SHOWING,
     'train-fleet': _SHOWING,
     'curves': (*_SHOWING, 'matplotlib'),
     'figures': (*_SHOWING, 'matplotlib'),

@@ -215,12 +215,21 @@ def _file_of(name: str) -> Path | None:
     return next((file for file in files if os.path.isfile(file)), None)
 
 
-def _learned(file: Path) -> LearnedPolicy:
+def checked_name(file: Path) -> str:
+    """What the policy of a file is called.
+
+    Raises:
+        PolicyMismatchError: no policy's file can have this name.
+    """
     if file.stem in (STRONG, BEST, TOPIC, *(heuristic.label for heuristic in Heuristic)):
         raise PolicyMismatchError(f'{file}: must not be called as another policy is: rename it')
-    frozen = load_policy(file)
     # The same in every locale, and for files whose names are of another.
     name = os.fsencode(file.stem).decode(errors='backslashreplace')
     if not name.isprintable():
         raise PolicyMismatchError(f'{shown(str(file))}: its name must be printable: rename it')
-    return LearnedPolicy(name=name, frozen=frozen)
+    return name
+
+
+def _learned(file: Path) -> LearnedPolicy:
+    name = checked_name(file)
+    return LearnedPolicy(name=name, frozen=load_policy(file))
