@@ -69,8 +69,9 @@ KINDS: list[Callable[[], AECEnv]] = [
     partial(env, short(6)),
     partial(env, short(7), layout='paper'),
     partial(env, 'lillgrund', max_decisions=50),
+    partial(env, short(7), layout='relative'),
 ]
-NAMES = ['default', 'ends', 'one', 'six', 'seven', 'cut off']
+NAMES = ['default', 'ends', 'one', 'six', 'seven', 'cut off', 'relative']
 
 
 @pytest.mark.parametrize('make', KINDS, ids=NAMES)
@@ -102,6 +103,25 @@ def test_a_mission_leaves_the_log_of_a_rollout_to_the_byte(rule: str, allocator:
             world.step(event['action'])
         assert all(world.terminations.values())
         assert world.mission_log(rule).to_jsonl() == log.to_jsonl()
+
+
+def test_in_the_relative_layout_actions_are_in_the_uavs_own_frame() -> None:
+    home = {'cell': [7, 7]}
+    places = {'fleet.default.start': home, 'fleet.default.home': home}
+    scenario = load('paper_8x8', {'fleet.uavs': [{'speed_mps': 10.0}] * 2, **places})
+    [log] = fly(build_site(scenario), [SEED], 'sweep')
+    world = env(scenario, layout='relative')
+    world.reset(seed=SEED)
+    for _ in range(int((log.events['action'] != HOME).sum())):
+        observed, _, terminated, _, info = world.last()
+        advice = int(np.argmax(observed[-5:]))  # one-hot in the same frame, at the end
+        assert info['action_mask'][advice] == 1
+        assert not terminated
+        world.step(advice)
+    assert world.mission_log('sweep').events.tolist() == log.events.tolist()
+    world.reset(seed=SEED)
+    with pytest.raises(ValueError, match=r'action 3 of UAV 1 in mission .* legal are \[0, 1, 2\]'):
+        world.step(3)  # out of the area: in the frame the UAV is in its south-west
 
 
 def test_what_a_uav_sees_and_may_do_is_what_a_learned_policy_gets() -> None:
@@ -288,7 +308,7 @@ def test_an_agent_that_decides_must_act() -> None:
     ('argument', 'words'),
     [
         ({'reward': 'fuel'}, "reward is 'fuel': must be paper or energy"),
-        ({'layout': 'round'}, "layout is 'round': must be paper or egocentric"),
+        ({'layout': 'round'}, "layout is 'round': must be paper or egocentric or relative"),
         ({'bandwidth': 'cvxpy'}, "'cvxpy' cannot be stepped; there are exact, equal"),
         ({'max_decisions': 0}, 'max_decisions is 0: must be 1 or more'),
         ({'render_mode': 'human'}, "render_mode is 'human': must be 'rgb_array'"),

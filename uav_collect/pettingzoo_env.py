@@ -38,6 +38,7 @@ from uav_collect.scenario.load import load
 from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.uav.action_codes import N_ACTIONS, NONE
+from uav_collect.uav.frames import COMPASS_ACTIONS
 from uav_collect.uav.observation import Layout, observation_bound
 from uav_collect.world.reward import Reward
 from uav_collect.world.sensor_field import demand_of, lay_out, SensorField
@@ -59,7 +60,8 @@ def env(
     Args:
         scenario: a shipped one by its name, a YAML file, or one that is loaded.
         reward: paper or energy, see `reward`.
-        layout: of observations: egocentric, for up to 6 UAVs, or paper.
+        layout: of observations: egocentric, for up to 6 UAVs, paper, or relative, for up to 16,
+            where actions are in a frame of the UAV's own and the sweep has UAVs fly home.
         bandwidth: how a hover shares bandwidth: exact or equal.
         max_decisions: of the whole fleet, after which a mission is cut off.
         render_mode: rgb_array to draw the ways so far.
@@ -182,7 +184,7 @@ class MissionEnv(AECEnv):
         chosen = operator.index(action)
         if not -(2**63) <= chosen < 2**63:  # what no array holds
             raise ValueError(f'action of {agent} is {chosen}: must be 0..{N_ACTIONS - 1}')
-        reward = float(self._env.step(np.array([chosen])).reward[0])
+        reward = float(self._env.step(np.array([self._compass_action(chosen)])).reward[0])
         self._n_decisions += 1
         self._decided_s[agent] = now_s
         self._cumulative_rewards[agent] = 0.0
@@ -190,6 +192,21 @@ class MissionEnv(AECEnv):
             self.rewards[each] = reward * self._discount_per_s ** (now_s - decided_s)
         self._accumulate_rewards()
         self._look()
+
+    def _compass_action(self, chosen: int) -> int:
+        """An action of the UAV that decides, in whose frame it is given.
+
+        Raises:
+            ValueError: it is not legal.
+        """
+        mask = self.infos[self.agent_selection]['action_mask']
+        if not (0 <= chosen < N_ACTIONS and mask[chosen]):
+            uav = int(self._env.decisions.uav[0])
+            raise ValueError(
+                f'action {chosen} of UAV {uav + 1} in mission {self._seed} is not legal; legal '
+                f'are {np.flatnonzero(mask).tolist()}'
+            )
+        return int(COMPASS_ACTIONS[self._env.decisions.frame[0], chosen])
 
     def observe(self, agent: str) -> NDArray[np.float32]:
         """What an agent saw at its latest decision; zeros before its first."""
@@ -231,7 +248,8 @@ class MissionEnv(AECEnv):
             return
         agent = self.possible_agents[uav]
         self._seen[agent] = decisions.observation[0].astype(np.float32)
-        self.infos[agent] = self._info(agent, time_s, decisions.legal[0])
+        legal = decisions.legal[0][COMPASS_ACTIONS[decisions.frame[0]]]
+        self.infos[agent] = self._info(agent, time_s, legal)
         if not is_cut:
             self.agent_selection = agent
 

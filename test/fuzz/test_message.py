@@ -207,6 +207,7 @@ def test_a_policy_that_is_published_is_taken_whole_or_refused_in_one_line(
         sha256=hashlib.sha256(content).hexdigest(),
         epsilon=0.1,
         hover_share=0.5,
+        advice_share=0.1,
     )
     store = PolicyStore(brief(SCENARIO))
     problem = store.add(data.draw(changed(message)))

@@ -24,6 +24,7 @@ def explored_logs(
     frozen: FrozenPolicy,
     epsilon: float,
     allocator: str = 'exact',
+    advice_share: float = 0.0,
 ) -> list[bytes]:
     """The logs of missions flown at once in this process, with exploration."""
     rules = VectorEnvConfig(layout=frozen.header.layout, allocator=allocator, is_logged=True)
@@ -37,7 +38,7 @@ def explored_logs(
         values, hidden[rows] = frozen.step(decisions.observation[waiting], hidden[rows])
         of = decisions.legal[waiting], decisions.frame[waiting], decisions.advice[waiting]
         chosen[waiting] = frozen.actions(values, *of)
-        explored = env.explore(epsilon, HOVER_SHARE)
+        explored = env.explore(epsilon, HOVER_SHARE, advice_share)
         decisions = env.step(np.where(explored == NONE, chosen, explored))
     name = flown_version(frozen.header.version, epsilon)
     return [env.mission_log(world, name).to_jsonl() for world in range(len(seeds))]

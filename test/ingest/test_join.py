@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from random_policies import header, random_policy
 from reports import (
     changed,
     events_and_decisions,
@@ -20,8 +21,10 @@ from uav_collect.ingest.join import DropReason, ReportOutcome
 from uav_collect.ingest.mission_ids import MissionIds
 from uav_collect.ingest.reports import EventReport, FleetReport, MissionReport, TransitionReport
 from uav_collect.missions.experience import Episode, Records
+from uav_collect.scenario.model import Scenario
 from uav_collect.uav.action_codes import FAILSAFE, HOME, NONE
 from uav_collect.uav.observation import Layout
+from uav_collect.uav.policy_network import FrozenPolicy
 from uav_collect.world.reward import Reward
 
 # Little energy: half a minute of flight.
@@ -68,6 +71,17 @@ def setup_of_odd_lengths() -> MissionSetup:
     return MissionSetup(scenario=scenario)
 
 
+def deaf() -> Scenario:
+    """UAVs that hear nothing: the sweep turns home early."""
+    ends = {'home': {'cell': [3, 2]}}
+    return tiny(*({**each, **ends} for each in FLEET), radio__contact_range_m=0.0)
+
+
+def follower() -> FrozenPolicy:
+    """A policy that always takes the sweep's advice, unless it explores."""
+    return random_policy(header(Layout.RELATIVE, side=4, advice_bonus=1e6))
+
+
 def needed(reports: Sequence[FleetReport]) -> int:
     return sum(isinstance(report, EventReport) or is_decision(report) for report in reports)
 
@@ -84,6 +98,9 @@ def needed(reports: Sequence[FleetReport]) -> int:
         mission_setup(scenario=tiny(*FLEET, **ROUGH)),
         mission_setup(scenario=tiny(*FLEET, **FIELD)),
         mission_setup(scenario=tiny(*FLEET, **FIELD), layout=Layout.PAPER),
+        mission_setup(layout=Layout.RELATIVE),
+        mission_setup(scenario=tiny(*FLEET, **FIELD), layout=Layout.RELATIVE),
+        mission_setup(scenario=deaf(), layout=Layout.RELATIVE, flown=follower()),
     ],
 )
 def test_missions_joined_from_messages_are_the_rollouts_to_the_byte(flown: MissionSetup) -> None:

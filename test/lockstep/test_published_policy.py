@@ -113,6 +113,8 @@ def test_another_fleet_brings_no_trainer_back_that_is_gone(
         ({'epsilon': 1.1}, 'epsilon is 1.1'),
         ({'hover_share': 1.5}, 'hover_share is 1.5'),
         ({'hover_share': float('-inf')}, 'hover_share is -inf'),
+        ({'advice_share': 1.5}, 'advice_share is 1.5'),
+        ({'advice_share': float('nan')}, 'advice_share is nan'),
         ({'content': b''}, 'SHA-256'),
     ],
 )

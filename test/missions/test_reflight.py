@@ -3,9 +3,11 @@
 from dataclasses import replace
 
 import pytest
+from random_policies import header, random_policy
 from recordings import flown_with_injected
 from tiny_world import tiny, uav
 from uav_collect.errors import AllocationError
+from uav_collect.limits import GUARD_AFTER
 from uav_collect.missions.reflight import FlownBy, fly_again
 from uav_collect.missions.rollout import fly
 from uav_collect.recording.mission_log import FaultRecord, MissionLog
@@ -13,9 +15,11 @@ from uav_collect.recording.mission_messages import MessagePlace
 from uav_collect.scenario.load import load
 from uav_collect.scenario.model import FAULT_KINDS
 from uav_collect.scenario.site import build_site, Site
-from uav_collect.uav.action_codes import FAILSAFE, NONE
+from uav_collect.uav.action_codes import BY_POLICY, FAILSAFE, HOME, N_ACTIONS, NONE
 from uav_collect.uav.briefing import Briefing
+from uav_collect.uav.observation import Layout
 from uav_collect.uav.policy import Policy, policy_named
+from uav_collect.uav.policy_network import LearnedPolicy
 
 
 @pytest.fixture(scope='module')
@@ -64,6 +68,22 @@ def test_where_the_failsafe_took_over_the_uav_says_nothing_more(
 def test_an_allocator_that_there_is_not_is_refused(site: Site, log: MissionLog) -> None:
     with pytest.raises(AllocationError, match="'none' is unknown"):
         fly_again(site, log.header, crew('none'))
+
+
+def test_a_uav_that_its_policys_adviser_flies_home_is_flown_again() -> None:
+    site = build_site(tiny(uav(), uav(), radio__contact_range_m=0.0))
+    frozen = random_policy(header(Layout.RELATIVE, side=4, advice_bonus=1e6))
+    [log] = fly(site, [0], lambda: LearnedPolicy('mine', frozen))
+    home = log.events[(log.events['action'] == HOME) & (log.events['reason'] == BY_POLICY)]
+    assert len(home) > 0
+    by = FlownBy(policy=LearnedPolicy('mine', frozen), allocator='exact', guard_after=GUARD_AFTER)
+    crew_again = [by, replace(by, policy=LearnedPolicy('mine', frozen))]
+    flown = fly_again(site, log.header, crew_again, layouts=[Layout.RELATIVE])
+    assert flown.log.to_jsonl() == log.to_jsonl()
+    for event in home:
+        place = MessagePlace('transition', int(event['uav']), int(event['decision']))
+        seen = flown.messages[place]['observation']
+        assert not any(seen[Layout.RELATIVE.label][-N_ACTIONS:])  # type: ignore[index]
 
 
 class CountedPolicy:

@@ -19,7 +19,12 @@ SEEDS = [3, 4, 5]
 
 @pytest.mark.parametrize(
     ('layout', 'n_uavs', 'allocator'),
-    [(Layout.EGOCENTRIC, 2, 'exact'), (Layout.EGOCENTRIC, 3, 'equal'), (Layout.PAPER, 2, 'equal')],
+    [
+        (Layout.EGOCENTRIC, 2, 'exact'),
+        (Layout.EGOCENTRIC, 3, 'equal'),
+        (Layout.PAPER, 2, 'equal'),
+        (Layout.RELATIVE, 3, 'exact'),
+    ],
 )
 def test_missions_over_ros_equal_those_flown_at_once_in_one_process(
     layout: Layout, n_uavs: int, allocator: str, processes: Processes, tmp_path: Path
@@ -33,6 +38,27 @@ def test_missions_over_ros_equal_those_flown_at_once_in_one_process(
     assert world.wait_for_exit() == 0
     assert fleet.logs(SEEDS) == expected
     assert b'"policy": "mine"' in expected[0]
+
+
+def test_a_uav_flies_home_where_its_policys_adviser_would(
+    processes: Processes, tmp_path: Path
+) -> None:
+    home = {'cell': [9, 4]}
+    places = {'fleet__default__start': home, 'fleet__default__home': home}
+    scenario = scenario_of(2, radio__contact_range_m=0.0, **places)
+    policy = str(saved(tmp_path, 'mine', header(Layout.RELATIVE, advice_bonus=1e6), seed=1))
+    fleet = Fleet(processes=processes, scenario=scenario, folder=tmp_path / 'run')
+    fleet.start_agents(policy)
+    recorder = fleet.start_recorder(stop_after_missions=1)
+    world = fleet.start_world(seed=SEEDS[0], decision_timeout_s=ENOUGH_S)
+    (expected,), (sweep,) = (logs(scenario, SEEDS[:1], it) for it in (policy, 'sweep'))
+    assert world.wait_for_exit() == 0
+    assert recorder.wait_for_exit() == 0
+    assert fleet.log(SEEDS[0]) == expected
+    assert expected.splitlines()[1:] == sweep.splitlines()[1:]  # but for the header
+    assert sweep.count(b'"action": "home", "reason": "policy"') == 2
+    [mission] = read_missions(fleet.bag)
+    assert mission.log.to_jsonl() == expected
 
 
 @pytest.mark.parametrize('guard_after', [0, 30])

@@ -54,7 +54,9 @@ def test_a_mission_is_flown_by_one_version_and_equals_the_same_mission_in_one_pr
     fleet: Fleet,
 ) -> None:
     policies = {1: policy_of(1), 2: policy_of(2), 3: policy_of(3, Layout.PAPER)}
-    epsilons = {1: 0.3, 2: 0.0, 3: 1.0}
+    policies[4] = random_policy(header(Layout.RELATIVE, version='run@4', advice_bonus=0.1), seed=4)
+    epsilons = {1: 0.3, 2: 0.0, 3: 1.0, 4: 0.5}
+    advice_shares = {4: 0.3}
     names = {flown_version(f'run@{it}', epsilons[it]): it for it in policies}
     watched = (topics.EPOCH, topics.uav_topics(1).transition)
     with policy_publisher(*watched) as (trainer, listening):
@@ -65,7 +67,8 @@ def test_a_mission_is_flown_by_one_version_and_equals_the_same_mission_in_one_pr
             agent.wait_for('waiting for the first policy of a trainer on /trainer/policy')
         world.wait_for('waiting for UAV 1, UAV 2')
         for number, policy in policies.items():
-            trainer.publish(policy, epsilons[number])
+            advice_share = advice_shares.get(number, 0.0)
+            trainer.publish(policy, epsilons[number], advice_share=advice_share)
             version = flown_version(f'run@{number}', epsilons[number])
             listening.wait_until(lambda version=version: _flies(epochs, version, n_missions=2))
         n_missions = len({epoch.mission_id for epoch in epochs if epoch.terminal})
@@ -74,7 +77,13 @@ def test_a_mission_is_flown_by_one_version_and_equals_the_same_mission_in_one_pr
     assert {flown(log) for log in logs.values()} == set(names)
     for seed, log in logs.items():
         number = names[flown(log)]
-        [expected] = explored_logs(fleet.scenario, [seed], policies[number], epsilons[number])
+        [expected] = explored_logs(
+            fleet.scenario,
+            [seed],
+            policies[number],
+            epsilons[number],
+            advice_share=advice_shares.get(number, 0.0),
+        )
         assert log == expected, seed
     versions: dict[str, set[str]] = {}
     for topic in watched:

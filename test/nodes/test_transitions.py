@@ -19,17 +19,17 @@ from uav_collect.nodes import topics
 pytestmark = pytest.mark.ros
 
 SEED = 2
-LAYOUTS = (Layout.PAPER, Layout.EGOCENTRIC)  # by UAV
+LAYOUTS = [(Layout.PAPER, Layout.EGOCENTRIC), (Layout.RELATIVE, Layout.RELATIVE)]  # by UAV
 
 
-def in_process(scenario: Scenario) -> list[list[tuple[Any, ...]]]:
+def in_process(scenario: Scenario, layouts: tuple[Layout, ...]) -> list[list[tuple[Any, ...]]]:
     """For each UAV: event, decision, observation, legal actions and action of every decision."""
     pilots = Pilots(scenario, SEED, 'sweep')
     briefing = pilots.simulation.briefing
     taken: list[list[tuple[Any, ...]]] = [[], []]
     while (event := pilots.simulation.next_event()) is not None:
         decision = pilots.decide(event)
-        agent, layout = pilots.agents[event.uav], LAYOUTS[event.uav]
+        agent, layout = pilots.agents[event.uav], layouts[event.uav]
         out = Observer(layout, briefing, event.uav).observe(agent.belief, event.view, agent.legal)
         encoded = np.asarray(out, dtype=np.float32).tolist()
         legal = [bool(flag) for flag in agent.legal]
@@ -38,15 +38,16 @@ def in_process(scenario: Scenario) -> list[list[tuple[Any, ...]]]:
     return taken
 
 
+@pytest.mark.parametrize('layouts', LAYOUTS)
 def test_every_decision_is_reported_to_learners_as_it_would_be_in_process(
-    processes: Processes, tmp_path: Path
+    layouts: tuple[Layout, ...], processes: Processes, tmp_path: Path
 ) -> None:
     scenario = scenario_of()
-    expected = in_process(scenario)
+    expected = in_process(scenario, layouts)
     fleet = Fleet(processes=processes, scenario=scenario, folder=tmp_path / 'run')
     own = [topics.uav_topics(uav).transition for uav in (1, 2)]
     with listener(*own) as listening:
-        for uav, layout in enumerate(LAYOUTS, start=1):
+        for uav, layout in enumerate(layouts, start=1):
             fleet.start_agent(uav, observation_layout=layout.name.lower())
         fleet.start_world(seed=SEED)
         heard = [listening.heard[topic.name] for topic in own]
@@ -57,7 +58,7 @@ def test_every_decision_is_reported_to_learners_as_it_would_be_in_process(
             for each in messages
         ]
         assert reported == decisions
-        assert {each.layout for each in messages} == {LAYOUTS[uav - 1].label}
+        assert {each.layout for each in messages} == {layouts[uav - 1].label}
         assert {each.uav for each in messages} == {uav}
         assert {each.scenario_fingerprint for each in messages} == {fingerprint(scenario)}
         assert len({each.mission_id for each in messages}) == 1
@@ -77,5 +78,5 @@ def test_an_unknown_layout_is_refused_in_one_line(processes: Processes, tmp_path
     fleet = Fleet(processes=processes, scenario=scenario_of(1), folder=tmp_path / 'run')
     agent = fleet.start_agent(1, observation_layout='square')
     assert agent.wait_for_exit() == 2
-    complaint = "observation_layout 'square' is unknown; there are paper, egocentric"
+    complaint = "observation_layout 'square' is unknown; there are paper, egocentric, relative"
     assert agent.output == f'error: {complaint}\n'

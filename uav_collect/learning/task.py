@@ -217,6 +217,6 @@ def _check_same_size(scenarios: Sequence[Scenario], config: TrainingConfig) -> N
     }
     if len(sizes) > 1:
         raise ConfigError(
-            f'observation is {config.observation!r}: must be egocentric for scenarios of several '
-            'areas or fleets'
+            f'observation is {config.observation!r}: must be egocentric or relative for scenarios '
+            'of several areas or fleets'
         )

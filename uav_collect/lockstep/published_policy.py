@@ -57,7 +57,13 @@ class PublishedPolicy:
             self.message.epsilon,
             self.message.hover_share,
             mission_seed,
+            advice_share_of(self.message),
         )
+
+
+def advice_share_of(msg: Any) -> float:
+    """The share of advice in exploration; recordings of before have no such field."""
+    return float(getattr(msg, 'advice_share', 0.0))
 
 
 def checked_policy(msg: Any, briefing: Briefing) -> PublishedPolicy:
@@ -80,6 +86,8 @@ def checked_policy(msg: Any, briefing: Briefing) -> PublishedPolicy:
         raise PolicyMismatchError(f'epsilon is {msg.epsilon}: must be 0 to 1')
     if not (math.isfinite(msg.hover_share) and msg.hover_share <= 1.0):
         raise PolicyMismatchError(f'hover_share is {msg.hover_share}: must be at most 1')
+    if not 0.0 <= advice_share_of(msg) <= 1.0:
+        raise PolicyMismatchError(f'advice_share is {msg.advice_share}: must be 0 to 1')
     return PublishedPolicy(message=msg, frozen=frozen)
 
 

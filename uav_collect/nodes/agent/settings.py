@@ -46,8 +46,9 @@ PARAMETERS = (
     Parameter(
         name='observation_layout',
         default='',
-        description='layout, paper or egocentric, in which each decision is told to learners on '
-        '/uav_N/transition; empty: not at all, or with --policy topic that of the policy',
+        description='layout, paper, egocentric or relative, in which each decision is told to '
+        'learners on /uav_N/transition; empty: not at all, or with --policy topic that of the '
+        'policy',
     ),
     WORLD_INSTANCE,
 )

@@ -253,6 +253,7 @@ class TrainerNode(ProcessNode):
                 sha256=hashlib.sha256(content).hexdigest(),
                 epsilon=flown.epsilon,
                 hover_share=self._run.config.exploration.hover_share,
+                advice_share=self._run.config.advice_share,
             )
         )
 
