@@ -142,7 +142,8 @@ def go_on() -> None:
     one = trainer()
     task = one._tasks[0]
     with np.errstate(all='ignore'):
-        batch = task.minibatch(one.config, one.algorithm, np.random.default_rng(0))
+        n_missions = one.config.replay.missions_per_batch
+        batch = task.minibatch(n_missions, one.config, one.algorithm, np.random.default_rng(0))
         one._learner.loss(batch)
         task.source.collect(one._learner.networks.agent, 4, 0.5)
         checkpoint_bytes(one.state())

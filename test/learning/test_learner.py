@@ -86,11 +86,14 @@ def weights(networks: Networks) -> torch.Tensor:
 @pytest.mark.parametrize('double_q', [False, True])
 @pytest.mark.parametrize('trace', [0.0, 0.7])
 @pytest.mark.parametrize('fleet', [THREE[:1], THREE[:2], THREE])
+@pytest.mark.parametrize('hidden_size', [8, 16])  # by torch; by kernels
 def test_loss_and_gradients_are_those_of_a_plain_learner_over_padded_steps(
-    fleet: Sequence[dict[str, object]], trace: float, double_q: bool
+    hidden_size: int, fleet: Sequence[dict[str, object]], trace: float, double_q: bool
 ) -> None:
     scenario, sizes = tiny(*fleet), (7, 1, 12, 5)
-    settings = {'target__trace': trace, 'target__double_q': double_q}
+    settings = {
+        'target__trace': trace, 'target__double_q': double_q, 'network__hidden_size': hidden_size,
+    }  # fmt: skip
     learner = apart(learner_of(scenario=scenario, **settings))
     batch = drawn_batch(scenario=scenario, sizes=sizes)
     steps = padded(batch, sizes, small().reward.scale)

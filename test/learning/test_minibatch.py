@@ -1,12 +1,14 @@
 """A minibatch: observations packed by UAV, and for each decision who runs which action."""
 
+from dataclasses import replace
+
 from episodes import batch_of, drawn_episode, flown, hand_episode, HandDecision, small
 from interpreted import interpreted
 import numpy as np
 import pytest
 from tiny_world import tiny, uav
 from uav_collect.learning.minibatch import Algorithm, Minibatch, NO_DECISION
-from uav_collect.missions.experience import Episode
+from uav_collect.missions.experience import Episode, sparse_observations
 from uav_collect.scenario.load import load
 from uav_collect.scenario.model import Scenario
 from uav_collect.uav.briefing import brief
@@ -168,3 +170,26 @@ def rebuilt_of_a_large_area() -> str:
 
 def test_observations_of_large_areas_are_rebuilt_by_interpreted_kernels_too() -> None:
     assert interpreted(rebuilt_of_a_large_area) == '0.0'
+
+
+def test_where_observations_are_at_hand_the_minibatch_is_the_same() -> None:
+    scenario = tiny(*FLEET)
+    episodes, rebuilt = drawn_batch()
+    episodes = [
+        replace(it, observation=sparse_observations(it, small().layout, brief(scenario)))
+        for it in episodes
+    ]
+    at_hand = batch_of(episodes, scenario, small(), Algorithm.AQMIX)
+    for mine, theirs in zip(at_hand.sparse, rebuilt.sparse, strict=True):
+        assert mine.tolist() == theirs.tolist()
+
+
+def test_rows_of_zeros_stay_rows_of_zeros() -> None:
+    _, batch = drawn_batch()
+    empty = np.zeros_like(batch.sparse.start)
+    zeros = replace(batch, sparse=batch.sparse._replace(
+        column=empty[:0], value=np.zeros(0, dtype=np.float32), start=empty, stop=empty
+    ))  # fmt: skip
+    assert zeros.observation.shape == batch.observation.shape
+    assert not zeros.observation.any()
+    assert batch.observation.any(axis=1).all()

@@ -8,15 +8,26 @@ import numpy as np
 import pytest
 from tiny_world import tiny
 from uav_collect.learning.replay import Replay, replay_bytes
-from uav_collect.missions.experience import Episode, new_records, record_bytes, Records
+from uav_collect.missions.experience import (
+    Episode,
+    new_records,
+    record_bytes,
+    Records,
+    sparse_observations,
+)
 from uav_collect.scenario.load import load
 from uav_collect.uav.briefing import brief
+from uav_collect.uav.observation import Layout
 
 BRIEFING = brief(tiny())
 
 
 def episode(n_decisions: int, seed: int) -> Episode:
     return drawn_episode(BRIEFING, n_decisions, seed)
+
+
+def replay_of(capacity: int, most_observation_bytes: int = 10**6) -> Replay:
+    return Replay(capacity, BRIEFING, Layout.EGOCENTRIC, most_observation_bytes)
 
 
 def held(replay: Replay, n_draws: int = 200) -> dict[int, Episode]:
@@ -35,7 +46,7 @@ def same(one: Episode, other: Episode) -> bool:
 
 
 def test_missions_come_back_as_they_were() -> None:
-    replay, episodes = Replay(100, BRIEFING), [episode(9 + seed, seed) for seed in range(5)]
+    replay, episodes = replay_of(100), [episode(9 + seed, seed) for seed in range(5)]
     for each in episodes:
         replay.add(each)
     assert replay.n_missions == 5
@@ -45,7 +56,7 @@ def test_missions_come_back_as_they_were() -> None:
 
 
 def test_the_oldest_missions_make_room() -> None:
-    replay = Replay(30, BRIEFING)
+    replay = replay_of(30)
     for seed in range(3):
         replay.add(episode(10, seed))
     assert set(held(replay)) == {0, 1, 2}
@@ -55,7 +66,7 @@ def test_the_oldest_missions_make_room() -> None:
 
 
 def test_a_mission_never_lies_around_the_end_of_the_ring() -> None:
-    replay = Replay(30, BRIEFING)
+    replay = replay_of(30)
     for seed in range(3):
         replay.add(episode(9, seed))
     replay.add(episode(5, 3))  # 3 rows are left at the end: it starts over, in the first's place
@@ -63,7 +74,7 @@ def test_a_mission_never_lies_around_the_end_of_the_ring() -> None:
 
 
 def test_whatever_comes_the_latest_missions_are_held_whole() -> None:
-    rng, replay = np.random.default_rng(0), Replay(64, BRIEFING)
+    rng, replay = np.random.default_rng(0), replay_of(64)
     added: list[Episode] = []
     for seed in range(200):
         added.append(episode(int(rng.integers(1, 25)), seed))
@@ -79,11 +90,11 @@ def test_whatever_comes_the_latest_missions_are_held_whole() -> None:
 
 def test_a_mission_that_is_too_long_is_refused() -> None:
     with pytest.raises(ValueError, match='a mission of 31 decisions; the replay has room for 30'):
-        Replay(30, BRIEFING).add(episode(31, 0))
+        replay_of(30).add(episode(31, 0))
 
 
 def test_a_mission_that_fills_the_ring_is_held_alone() -> None:
-    replay = Replay(30, BRIEFING)
+    replay = replay_of(30)
     for seed in range(3):
         replay.add(episode(30 if seed == 1 else 4, seed))
         assert replay.n_missions == 1
@@ -91,7 +102,7 @@ def test_a_mission_that_fills_the_ring_is_held_alone() -> None:
 
 
 def test_every_mission_has_the_same_chance_however_long() -> None:
-    replay = Replay(100, BRIEFING)
+    replay = replay_of(100)
     for seed, size in enumerate((1, 50, 5, 10)):
         replay.add(episode(size, seed))
     drawn = replay.sample(20_000, np.random.default_rng(0))
@@ -100,7 +111,7 @@ def test_every_mission_has_the_same_chance_however_long() -> None:
 
 
 def test_the_generator_alone_decides_what_is_drawn() -> None:
-    replay = Replay(100, BRIEFING)
+    replay = replay_of(100)
     for seed in range(8):
         replay.add(episode(5, seed))
     first, second = (
@@ -110,7 +121,7 @@ def test_the_generator_alone_decides_what_is_drawn() -> None:
 
 
 def test_a_restored_replay_holds_the_same_and_goes_on_alike() -> None:
-    replay, other = Replay(40, BRIEFING), Replay(40, BRIEFING)
+    replay, other = replay_of(40), replay_of(40)
     for seed in range(7):
         replay.add(episode(9, seed))
     other.restore(read_back({'held': replay.state()}).part('held'))
@@ -123,11 +134,50 @@ def test_a_restored_replay_holds_the_same_and_goes_on_alike() -> None:
 
 
 def test_an_empty_replay_is_restored_empty() -> None:
-    replay = Replay(40, BRIEFING)
-    assert Replay(40, BRIEFING).state() is None
+    replay = replay_of(40)
+    assert replay_of(40).state() is None
     replay.add(episode(9, 0))
     replay.restore(None)
     assert (replay.n_missions, replay.n_decisions) == (0, 0)
+
+
+def observation_bytes(one: Episode) -> int:
+    return sparse_observations(one, Layout.EGOCENTRIC, BRIEFING).n_bytes
+
+
+@pytest.mark.parametrize('most_observation_bytes', [0, 10**6])
+def test_missions_come_with_their_observations_kept_or_not(most_observation_bytes: int) -> None:
+    replay = replay_of(30, most_observation_bytes)
+    for seed in range(9):
+        replay.add(episode(9, seed))
+        for found in replay.sample(5, np.random.default_rng(seed)):
+            expected = sparse_observations(found, Layout.EGOCENTRIC, BRIEFING)
+            pairs = zip(found.observation or (), expected, strict=True)
+            assert all(mine.tolist() == theirs.tolist() for mine, theirs in pairs)
+
+
+def test_observations_are_kept_as_long_as_there_is_room_and_go_with_their_missions() -> None:
+    episodes = [episode(10, seed) for seed in range(6)]
+    sizes = [observation_bytes(it) for it in episodes]
+    replay = replay_of(30, sizes[0] + sizes[1])
+    for each in episodes[:3]:
+        replay.add(each)
+    assert replay.n_bytes == replay_bytes(30, BRIEFING)  # none was asked for
+    held(replay)
+    n_kept = replay.n_bytes - replay_bytes(30, BRIEFING)
+    assert 0 < n_kept <= sizes[0] + sizes[1]
+    for each in episodes[3:]:
+        replay.add(each)
+    assert replay.n_bytes == replay_bytes(30, BRIEFING)
+
+
+def test_observations_that_are_kept_are_made_once() -> None:
+    replay = replay_of(30)
+    replay.add(episode(10, 0))
+    first, again = replay.sample(2, np.random.default_rng(0))
+    assert first.observation is again.observation is not None
+    replay.restore(read_back({'held': replay.state()}).part('held'))
+    assert replay.n_bytes == replay_bytes(30, BRIEFING)
 
 
 def test_its_bytes_are_what_was_announced() -> None:
@@ -154,7 +204,7 @@ def test_a_record_is_a_tenth_of_an_observation() -> None:
 
 
 def test_every_column_is_kept() -> None:
-    replay = Replay(20, BRIEFING)
+    replay = replay_of(20)
     one = episode(10, 0)
     replay.add(one)
     back = replay.sample(1, np.random.default_rng(0))[0]

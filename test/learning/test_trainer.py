@@ -9,7 +9,8 @@ import pytest
 from tiny_world import tiny, uav
 from uav_collect.errors import PolicyMismatchError
 from uav_collect.learning.minibatch import Algorithm
-from uav_collect.learning.replay import replay_bytes
+from uav_collect.learning.replay import Replay, replay_bytes
+from uav_collect.missions.experience import Episode
 from uav_collect.missions.rollout import fly
 from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
@@ -190,6 +191,55 @@ def test_it_learns_with_the_discount_of_its_settings_and_flies_the_scenario_as_i
     trainer = trainer_of(scenarios=[scenario])
     assert trainer.scenarios[0].reward.discount_per_s == scenario.reward.discount_per_s == 0.99
     assert trainer.config.reward.discount_per_s == 0.999
+
+
+@pytest.mark.parametrize('hidden_size', [8, 16])  # by torch; by kernels
+def test_what_is_learned_does_not_depend_on_the_memory_for_observations(
+    hidden_size: int, tmp_path: Path
+) -> None:
+    states = []
+    for observation_mb in (0, 512):
+        sizes = {'network__hidden_size': hidden_size, 'replay__observation_mb': observation_mb}
+        trainer = trainer_of(config=small('strong', **sizes))
+        trained(trainer)
+        states.append(state_of(trainer, tmp_path / str(observation_mb)))
+        assert (trainer.replay_bytes > replay_bytes(2000, brief(tiny(*FLEET)))) == bool(
+            observation_mb
+        )
+    assert differences(*states) == ['/settings: ' + ' and '.join(it['settings'] for it in states)]
+
+
+def test_compiled_a_training_is_the_same_every_time(tmp_path: Path) -> None:
+    config = small('strong', network__hidden_size=16)
+    states = []
+    for turn in range(2):
+        trainer = trainer_of(config=config)
+        trained(trainer)
+        states.append(state_of(trainer, tmp_path / str(turn)))
+    assert differences(*states) == []
+
+
+def test_an_update_takes_fewer_missions_as_long_as_epsilon_falls(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    settings = {'missions_per_batch_first': 2, 'missions_per_batch': 5}
+    config = small('strong', **{f'replay__{name}': it for name, it in settings.items()})
+    trainer, sizes = trainer_of(config=config), []
+    sample = Replay.sample
+
+    def counted(
+        replay: Replay, n_missions: int, rng: np.random.Generator, n_decisions: int
+    ) -> list[Episode]:
+        sizes.append((trainer.share_done(BUDGET), n_missions))
+        return sample(replay, n_missions, rng, n_decisions)
+
+    monkeypatch.setattr(Replay, 'sample', counted)
+    trained(trainer)
+    assert {n_missions for _, n_missions in sizes} == {2, 5}
+    # The share counts from before the decisions that were collected for an update.
+    share = config.exploration.decay_share
+    assert {n_missions for done, n_missions in sizes if done < share} == {2}
+    assert {n_missions for done, n_missions in sizes if done > share + 0.1} == {5}
 
 
 def test_the_replays_bytes_are_announced() -> None:

@@ -184,3 +184,11 @@ def test_the_learning_rate_stays_then_falls_to_the_end() -> None:
 def test_missions_are_cut_off_by_the_size_of_their_area() -> None:
     config = of_schedule(rollout__max_decisions_per_cell=1.6)
     assert [config.max_decisions(n_cells) for n_cells in (1, 64, 100)] == [2, 102, 160]
+
+
+def test_small_batches_come_first_where_settings_say_so() -> None:
+    sizes = {'replay.missions_per_batch': 16, 'replay.missions_per_batch_first': 4}
+    config = load_preset('strong', {**sizes, 'exploration.decay_share': 0.2})
+    assert [config.missions_per_batch(share) for share in (0.0, 0.19, 0.2, 1.0)] == [4, 4, 16, 16]
+    same = load_preset('strong', {**sizes, 'replay.missions_per_batch_first': 0})
+    assert [same.missions_per_batch(share) for share in (0.0, 1.0)] == [16, 16]

@@ -164,7 +164,7 @@ class CourseTasks:
         source = new_collector(site, config, self._algorithm, self._seed, self._device, number)
         return _Course(
             number=number,
-            task=new_task(site, source, config.replay.decisions // self._settings.at_once),
+            task=new_task(site, source, config, self._settings.at_once),
             sweep_kbit_per_j=_sweep_kbit_per_j(site, first_seed_of_part(self._seed, number)),
             lasts=lasts,
         )

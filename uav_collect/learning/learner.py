@@ -13,8 +13,9 @@ from torch import nn, Tensor
 from uav_collect.learning.minibatch import Algorithm, Minibatch
 from uav_collect.learning.mixer import Mixer, SetMixer
 from uav_collect.learning.network import Drqn
+from uav_collect.learning.recurrence import runs_compiled
 from uav_collect.learning.saved import SavedPart
-from uav_collect.missions.experience import N_UAV_SCALARS
+from uav_collect.missions.experience import N_UAV_SCALARS, SparseRows
 from uav_collect.training.config import TrainingConfig
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.observation import observation_size
@@ -96,7 +97,7 @@ class _Tensors:
 
     task: int
     step_sizes: list[int]
-    observation: Tensor
+    observation: Tensor | SparseRows
     legal: Tensor
     advice: Tensor
     row: Tensor
@@ -292,13 +293,16 @@ class Learner:
     def _on_device(self, minibatch: Minibatch, task: int) -> _Tensors:
         fleet, complete = self._tensor(minibatch.fleet), self._tensor(minibatch.complete)
         as_they_are = (
-            *('observation', 'legal', 'advice', 'row', 'action', 'latest', 'decides'),
+            *('legal', 'advice', 'row', 'action', 'latest', 'decides'),
             *('entry', 'next_entry', 'is_chained'),
         )
+        is_sparse = runs_compiled(self.networks.agent.gru.weight_hh)
+        is_sparse &= not self._config.optimiser.bf16
         return _Tensors(
             task=task,
             step_sizes=minibatch.step_sizes,
             state=self.networks.state(task, fleet, complete, minibatch.area),
+            observation=minibatch.sparse if is_sparse else self._tensor(minibatch.observation),
             reward=self._tensor((self._config.reward.scale * minibatch.reward).astype(np.float32)),
             discount=self._tensor(minibatch.discount.astype(np.float32)),
             **{name: self._tensor(getattr(minibatch, name)) for name in as_they_are},

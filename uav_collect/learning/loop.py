@@ -117,7 +117,7 @@ def train(
     if trainer.n_updates == 0 and run.initial is None:  # random weights are no policy
         raise TrainingRunError(
             f'{run.folder}: nothing was learned: {trainer.n_decisions:,} decisions came, too few'
-            f' for an update: it takes {run.config.replay.missions_per_batch} missions and'
+            f' for an update: it takes {run.config.missions_per_batch(0.0)} missions and'
             f' {run.config.rollout.decisions_per_update:,} decisions'
         )
     folder.save(trainer.policy(), LAST_POLICY)

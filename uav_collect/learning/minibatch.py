@@ -18,11 +18,17 @@ import numpy as np
 from numpy.typing import NDArray
 from uav_collect.kernels.arrays import Bools, Floats, Ints, Row
 from uav_collect.kernels.compile import kernel
-from uav_collect.missions.experience import Episode, N_UAV_SCALARS, observations, Records
+from uav_collect.missions.experience import (
+    Episode,
+    N_UAV_SCALARS,
+    Records,
+    sparse_observations,
+    SparseRows,
+)
 from uav_collect.uav.action_codes import N_ACTIONS
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.frames import COMPASS_ACTIONS, FRAME_ACTIONS
-from uav_collect.uav.observation import advice_shown, frames, Layout, observation_size
+from uav_collect.uav.observation import advice_columns, frames, Layout, observation_size
 
 NO_DECISION = -1  # no decision
 
@@ -39,7 +45,8 @@ class Algorithm(StrEnum):
 class Minibatch:
     """E decisions of several missions, in order, R = E rows, and L entries."""
 
-    observation: NDArray[np.float32]  # (R, observation_size), packed
+    sparse: SparseRows  # (R, ...), packed
+    observation_size: int
     step_sizes: list[int]  # rows of each step
     legal: Bools  # (R, N_ACTIONS), packed; actions are those in the frames of the UAVs
     advice: NDArray[np.float32]  # (R, N_ACTIONS), packed, one-hot; zeros where there is none
@@ -55,6 +62,11 @@ class Minibatch:
     is_chained: Bools  # (L,) whether what follows is the next of the entries
     reward: Floats  # (L,) until then, discounted to the entry
     discount: Floats  # (L,) of what follows
+
+    @property
+    def observation(self) -> NDArray[np.float32]:
+        """All numbers of the observations, packed, made anew, shape (R, observation_size)."""
+        return _dense(self.sparse, range(self.observation_size))
 
 
 def make_minibatch(
@@ -84,18 +96,18 @@ def make_minibatch(
     follows = np.append(entry[1:], NO_DECISION)
     reward, discount = _returns(records, mission, entry, next_entry, discount_per_s)
     size = observation_size(layout, len(briefing.is_open), briefing.n_uavs)
-    observation = np.empty((len(row), size), dtype=np.float32)
-    demand_bit = np.stack([episode.demand_bit for episode in episodes])
-    observations(layout, briefing, records, demand_bit, mission, row, observation)
+    rows = [it.observation or sparse_observations(it, layout, briefing) for it in episodes]
+    sparse = _packed_rows(rows, row)
     frame = frames(layout, briefing)[records.uav]
     is_legal = _bits(records.legal)[:, :N_ACTIONS] == 1
     legal = np.empty((len(row), N_ACTIONS), dtype=bool)
     legal[row] = np.take_along_axis(is_legal, COMPASS_ACTIONS[frame], axis=1)
     return Minibatch(
-        observation=observation,
+        sparse=sparse,
+        observation_size=size,
         step_sizes=step_sizes,
         legal=legal,
-        advice=advice_shown(layout, observation),
+        advice=_advice(sparse, layout, size),
         row=row,
         action=FRAME_ACTIONS[frame, np.maximum(records.action, 0)],
         latest=latest,
@@ -120,6 +132,39 @@ def _joined(episodes: Sequence[Episode]) -> Records:
         for name in Records._fields
     ]
     return Records(*tables)
+
+
+def _packed_rows(rows: Sequence[SparseRows], order: Ints) -> SparseRows:
+    """The rows of all missions, each at its place; the values stay in the order of missions."""
+    first = np.cumsum([0, *(len(it.value) for it in rows)])
+    start, stop = np.empty_like(order), np.empty_like(order)
+    start[order] = np.concatenate([at + it.start for at, it in zip(first, rows, strict=False)])
+    stop[order] = np.concatenate([at + it.stop for at, it in zip(first, rows, strict=False)])
+    return SparseRows(
+        column=np.concatenate([it.column for it in rows]),
+        value=np.concatenate([it.value for it in rows]),
+        start=start,
+        stop=stop,
+    )
+
+
+def _dense(rows: SparseRows, columns: range) -> NDArray[np.float32]:
+    """Columns of the rows, shape (R, columns)."""
+    dense = np.zeros((len(rows.start), len(columns)), dtype=np.float32)
+    # The values of a mission lie in order, but its rows are packed among others.
+    order = np.argsort(rows.start, kind='stable')
+    row = np.repeat(order, (rows.stop - rows.start)[order])
+    is_wanted = (rows.column >= columns.start) & (rows.column < columns.stop)
+    dense[row[is_wanted], rows.column[is_wanted] - columns.start] = rows.value[is_wanted]
+    return dense
+
+
+def _advice(rows: SparseRows, layout: Layout, size: int) -> NDArray[np.float32]:
+    """The advice that observations show, one-hot by action; zeros where they show none."""
+    columns = advice_columns(layout, size)
+    if not columns:
+        return np.zeros((len(rows.start), N_ACTIONS), dtype=np.float32)
+    return _dense(rows, columns)
 
 
 def _packing(records: Records, mission: Ints, n_uavs: int) -> tuple[Ints, list[int]]:

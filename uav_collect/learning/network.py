@@ -4,7 +4,9 @@ from collections.abc import Sequence
 
 import torch
 from torch import nn, Tensor
+from uav_collect.learning.encoder import encoded
 from uav_collect.learning.recurrence import hidden_states
+from uav_collect.missions.experience import SparseRows
 from uav_collect.uav.action_codes import N_ACTIONS
 
 
@@ -31,16 +33,17 @@ class Drqn(nn.Module):
         hidden = self.gru(torch.relu(self.encoder(observation)), hidden)
         return self.head(hidden), hidden
 
-    def forward(self, observation: Tensor, step_sizes: Sequence[int]) -> Tensor:
+    def forward(self, observation: Tensor | SparseRows, step_sizes: Sequence[int]) -> Tensor:
         """All decisions of many sequences, each the decisions of one UAV in one mission.
 
         Args:
             observation: rows step by step: the first decisions of all sequences, the second ones
-                of those that have one, ...; longer sequences first, shape (R, observation_size).
+                of those that have one, ...; longer sequences first, shape (R, observation_size);
+                sparse only where the GRU `runs_compiled`.
             step_sizes: how many sequences reach each step, descending; they sum to R.
 
         Returns:
             Q values, shape (R, N_ACTIONS).
         """
-        encoded = torch.relu_(self.encoder(observation))
-        return self.head(hidden_states(encoded, self.gru, step_sizes))
+        inputs = encoded(self.encoder, observation)
+        return self.head(hidden_states(inputs, self.gru, step_sizes))

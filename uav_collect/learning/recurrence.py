@@ -11,6 +11,16 @@ from uav_collect.kernels.compile import kernels_are_compiled
 from uav_collect.learning.gru_kernels import LANES, run_back, run_steps
 
 
+def runs_compiled(hidden: Tensor) -> bool:
+    """Whether kernels compute with such hidden states or weights, (..., H); torch does else.
+
+    Torch knows other devices and precisions, needs no whole vectors, and is faster where kernels
+    are interpreted.
+    """
+    is_single = hidden.dtype == torch.float32 and hidden.device.type == 'cpu'
+    return is_single and hidden.shape[-1] % LANES == 0 and kernels_are_compiled()
+
+
 def hidden_states(encoded: Tensor, gru: nn.GRUCell, step_sizes: Sequence[int]) -> Tensor:
     """The hidden states of many sequences, zero before their first step.
 
@@ -23,9 +33,7 @@ def hidden_states(encoded: Tensor, gru: nn.GRUCell, step_sizes: Sequence[int]) -
         Shape (R, H).
     """
     weights = gru.weight_ih, gru.weight_hh, gru.bias_ih, gru.bias_hh
-    is_single = encoded.dtype == torch.float32 and encoded.device.type == 'cpu'
-    has_kernel = is_single and gru.hidden_size % LANES == 0 and kernels_are_compiled()
-    way = CompiledRecurrence if has_kernel else Recurrence
+    way = CompiledRecurrence if runs_compiled(encoded) else Recurrence
     with torch.autocast(encoded.device.type, enabled=False):
         hidden: Tensor = way.apply(encoded, *(it.to(encoded.dtype) for it in weights), step_sizes)
     return hidden

@@ -1,7 +1,7 @@
 """The replay buffer: whole missions, their decisions as compact records in one ring."""
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -9,22 +9,40 @@ from numpy.typing import NDArray
 from uav_collect.kernels.arrays import Floats, Ints
 from uav_collect.learning.packing import packed, unpacked
 from uav_collect.learning.saved import SavedPart
-from uav_collect.missions.experience import Episode, new_records, record_bytes, Records
+from uav_collect.missions.experience import (
+    Episode,
+    new_records,
+    record_bytes,
+    Records,
+    sparse_observations,
+    SparseRows,
+)
 from uav_collect.uav.briefing import Briefing
+from uav_collect.uav.observation import Layout
 
 
 class Replay:
     """The missions recorded last, as many as there is room for."""
 
-    def __init__(self, capacity: int, briefing: Briefing) -> None:
+    def __init__(
+        self,
+        capacity: int,
+        briefing: Briefing,
+        layout: Layout,
+        most_observation_bytes: int = 0,
+    ) -> None:
         """Reserve the memory.
 
         Args:
             capacity: decisions that there is room for; `replay_bytes` tells what they need.
+            layout: of the observations that are learned from.
+            most_observation_bytes: for observations that are kept once they were asked for; the
+                others are rebuilt each time.
         """
-        self._capacity = capacity
-        self.n_bytes = replay_bytes(capacity, briefing)
-        self._briefing = briefing
+        self._capacity, self._briefing, self._layout = capacity, briefing, layout
+        self._most_observation_bytes = most_observation_bytes
+        self._observations: dict[int, SparseRows] = {}  # by the first row of their mission
+        self._n_observation_bytes = 0
         self._records = new_records(capacity, briefing)
         self._missions: deque[_Mission] = deque()
         self._next = 0
@@ -33,6 +51,11 @@ class Replay:
     def n_decisions(self) -> int:
         """How many decisions it holds."""
         return sum(mission.n_decisions for mission in self._missions)
+
+    @property
+    def n_bytes(self) -> int:
+        """Memory that is reserved, and what observations take now."""
+        return replay_bytes(self._capacity, self._briefing) + self._n_observation_bytes
 
     @property
     def n_missions(self) -> int:
@@ -61,6 +84,8 @@ class Replay:
     ) -> list[Episode]:
         """Missions drawn at random, each with the same chance, one perhaps twice.
 
+        Their observations are at hand.
+
         Args:
             n_missions: how many.
             rng: which ones.
@@ -70,7 +95,7 @@ class Replay:
         if n_decisions > 0:
             sizes = np.cumsum([self._missions[index].n_decisions for index in drawn])
             drawn = drawn[: int(np.searchsorted(sizes, n_decisions)) + 1]
-        return [self._episode(self._missions[index]) for index in drawn]
+        return [self._observed(self._missions[index]) for index in drawn]
 
     def state(self) -> dict[str, NDArray[Any]] | None:
         """What it holds, as arrays; None where it is empty; the inverse is `restore`."""
@@ -86,6 +111,7 @@ class Replay:
             CheckpointError: what it says that it held cannot be held.
         """
         self._missions = deque()
+        self._observations, self._n_observation_bytes = {}, 0
         self._next = 0
         if saved is None:
             return
@@ -112,7 +138,20 @@ class Replay:
     def _drop(self, start: int, stop: int) -> None:
         """Forget the missions that have rows in a range; they are the oldest ones."""
         while self._missions and start <= self._missions[0].first < stop:
-            self._missions.popleft()
+            dropped = self._observations.pop(self._missions.popleft().first, None)
+            if dropped is not None:
+                self._n_observation_bytes -= dropped.n_bytes
+
+    def _observed(self, mission: '_Mission') -> Episode:
+        """A mission with its observations, which are kept if there is room."""
+        episode = self._episode(mission)
+        rows = self._observations.get(mission.first)
+        if rows is None:
+            rows = sparse_observations(episode, self._layout, self._briefing)
+            if self._n_observation_bytes + rows.n_bytes <= self._most_observation_bytes:
+                self._observations[mission.first] = rows
+                self._n_observation_bytes += rows.n_bytes
+        return replace(episode, observation=rows)
 
     def _episode(self, mission: '_Mission') -> Episode:
         tables: list[Any] = [table[mission.rows] for table in self._records]
@@ -140,7 +179,7 @@ class _Mission:
 
 
 def replay_bytes(capacity: int, briefing: Briefing) -> int:
-    """Memory that a replay of so many decisions takes."""
+    """Memory that a replay of so many decisions takes, observations that it keeps left out."""
     return capacity * record_bytes(briefing)
 
 

@@ -32,20 +32,22 @@ class Task:
     source: EpisodeSource
     replay: Replay
 
-    def has_batch(self, config: TrainingConfig) -> bool:
-        """Whether enough has been collected for an update."""
-        settings = config.replay
-        if self.replay.n_missions >= settings.missions_per_batch:
+    def has_batch(self, n_missions: int, config: TrainingConfig) -> bool:
+        """Whether enough has been collected for an update by so many missions."""
+        if self.replay.n_missions >= n_missions:
             return True
-        return 0 < settings.most_rows <= self.replay.n_decisions
+        return 0 < config.replay.most_rows <= self.replay.n_decisions
 
     def minibatch(
-        self, config: TrainingConfig, algorithm: Algorithm, rng: np.random.Generator
+        self,
+        n_missions: int,
+        config: TrainingConfig,
+        algorithm: Algorithm,
+        rng: np.random.Generator,
     ) -> Minibatch:
         """Missions drawn from the replay, ready for an update."""
-        settings = config.replay
         return make_minibatch(
-            self.replay.sample(settings.missions_per_batch, rng, settings.most_rows),
+            self.replay.sample(n_missions, rng, config.replay.most_rows),
             self.briefing,
             config.layout,
             algorithm,
@@ -155,7 +157,7 @@ def make_tasks(
             if sources is None
             else (sources[index])
         )
-        tasks.append(new_task(site, source, config.replay.decisions // n_tasks))
+        tasks.append(new_task(site, source, config, n_tasks))
     return FixedTasks(tasks)
 
 
@@ -172,14 +174,16 @@ def new_collector(
     return Collector(learned, config, algorithm, seed, device, part)
 
 
-def new_task(site: Site, source: EpisodeSource, replay_size: int) -> Task:
+def new_task(site: Site, source: EpisodeSource, config: TrainingConfig, n_tasks: int) -> Task:
     """A task without experience.
 
     Args:
-        replay_size: decisions that its replay has room for.
+        n_tasks: that share the replay's room.
     """
-    briefing = briefing_of(site)
-    return Task(site=site, briefing=briefing, source=source, replay=Replay(replay_size, briefing))
+    briefing, settings = briefing_of(site), config.replay
+    sizes = settings.decisions // n_tasks, settings.most_observation_bytes // n_tasks
+    replay = Replay(sizes[0], briefing, config.layout, sizes[1])
+    return Task(site=site, briefing=briefing, source=source, replay=replay)
 
 
 def check_room(config: TrainingConfig, n_cells: int, n_tasks: int) -> None:
@@ -194,8 +198,9 @@ def check_room(config: TrainingConfig, n_cells: int, n_tasks: int) -> None:
     """
     replay, longest = config.replay, config.max_decisions(n_cells)
     room = replay.decisions // n_tasks
-    batch = replay.missions_per_batch * longest
-    takes = f'{replay.missions_per_batch} missions of up to {longest:,} decisions'
+    n_missions = max(replay.missions_per_batch, replay.missions_per_batch_first or 0)
+    batch = n_missions * longest
+    takes = f'{n_missions} missions of up to {longest:,} decisions'
     if replay.most_rows:
         # A mission may be dropped as another comes that is not in the batch yet.
         batch = min(batch, replay.most_rows + 2 * longest)

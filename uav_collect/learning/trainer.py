@@ -265,9 +265,9 @@ class Trainer:
         epsilon, n_decisions = config.epsilon(share_done), config.rollout.decisions_per_update
         for episode in task.source.collect(agent, n_decisions, epsilon):
             task.replay.add(episode)
-        loss = None
-        if task.has_batch(config) and not task.source.is_over:
-            batch = task.minibatch(config, self.algorithm, self._rng)
+        loss, n_missions = None, config.missions_per_batch(share_done)
+        if task.has_batch(n_missions, config) and not task.source.is_over:
+            batch = task.minibatch(n_missions, config, self.algorithm, self._rng)
             loss = self._learner.update(batch, config.learning_rate(share_done), index)
             speed.add_loss(loss)
             self._rota.count_update(index)

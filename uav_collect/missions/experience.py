@@ -2,7 +2,8 @@
 
 A record is a tenth of an encoded observation: maps are kept as bits, and what demand a UAV has
 seen as bits too, for a hover takes all of a cell's data, so that a cell holds all it had at first
-or nothing.
+or nothing. Observations that are learned from again and again may be kept beside it: four fifths
+of their numbers are zeros, which are left out.
 """
 
 from dataclasses import dataclass
@@ -11,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from uav_collect.kernels.arrays import Floats, new_row, Row
+from uav_collect.kernels.arrays import Floats, Ints, new_row, Row
 from uav_collect.kernels.compile import kernel
 from uav_collect.uav import actions
 from uav_collect.uav.action_codes import N_ACTIONS, NONE
@@ -19,7 +20,7 @@ from uav_collect.uav.belief import Belief, belief_of, Beliefs, new_beliefs
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.heuristics import choose, MEMORY_SIZE, shares_for
 from uav_collect.uav.moves import Moves, new_moves
-from uav_collect.uav.observation import encode, Layout
+from uav_collect.uav.observation import encode, Layout, observation_size
 from uav_collect.uav.sharing import Shares
 from uav_collect.uav.view import LocalView, VIEW_CELLS
 from uav_collect.world.dynamics import ACTIVE, Mission, place_at
@@ -91,6 +92,20 @@ def _dtype(name: str) -> np.dtype[Any]:
     return np.dtype(np.float32 if name == 'fleet' else np.float64)
 
 
+class SparseRows(NamedTuple):
+    """Observations, one row each, of which only what is not zero is kept."""
+
+    column: NDArray[np.int32]  # (V,) which number of its row each value is, rising
+    value: NDArray[np.float32]  # (V,)
+    start: Ints  # (N,) where the values of each row begin
+    stop: Ints  # (N,) where they end
+
+    @property
+    def n_bytes(self) -> int:
+        """Memory that they take."""
+        return sum(table.nbytes for table in self)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Episode:
     """The decisions of one mission, in order."""
@@ -99,6 +114,7 @@ class Episode:
     demand_bit: Floats  # (C,) at the start of the mission
     records: Records
     is_whole: bool  # False: cut off; the last decision's outcome is not known
+    observation: SparseRows | None = None  # of each decision, where they are at hand
 
     @property
     def n_decisions(self) -> int:
@@ -171,6 +187,23 @@ def write_fleet(
     fleet[first + 1] = y_m / (briefing.n_rows * briefing.cell_size_m)
     fleet[first + 2] = mission.energy_left_j[uav] / briefing.energy_budget_j[uav]
     fleet[first + 3] = 1.0 if mission.phase[uav] == ACTIVE else 0.0
+
+
+def sparse_observations(episode: Episode, layout: Layout, briefing: Briefing) -> SparseRows:
+    """The observations of a mission's decisions, as the UAVs encoded them."""
+    size = observation_size(layout, len(briefing.is_open), briefing.n_uavs)
+    n_rows, demand_bit = episode.n_decisions, episode.demand_bit[None]
+    order, mission = np.arange(n_rows), np.zeros(n_rows, dtype=np.int64)
+    dense = np.empty((n_rows, size), dtype=np.float32)
+    observations(layout, briefing, episode.records, demand_bit, mission, order, dense)
+    row, column = np.nonzero(dense)
+    stop = np.cumsum(np.bincount(row, minlength=n_rows))
+    return SparseRows(
+        column=column.astype(np.int32),
+        value=dense[row, column],
+        start=np.concatenate([[0], stop[:-1]]),
+        stop=stop,
+    )
 
 
 class _Rebuilt(NamedTuple):

@@ -19,6 +19,8 @@ from uav_collect.uav.observation import Layout
 from uav_collect.world.reward import crossing_units, KILOJOULE_J, Reward, RewardUnits
 
 _Share = Annotated[float, number(0, 1)]
+_OBSERVATION_MB = 512  # that every machine which trains has
+
 _Size = Annotated[int, whole(1, MAX_LAYER_SIZE)]
 
 
@@ -87,12 +89,23 @@ class OptimiserSettings(Section):
 
 
 class ReplaySettings(Section):
-    """How many decisions the replay holds, and how many missions an update takes."""
+    """What the replay holds, and how many missions an update takes."""
 
     decisions: Annotated[int, whole(1000, 10**9)]
     missions_per_batch: Annotated[int, whole(1, 4096)]
+    # As many as long as epsilon falls; absent or 0: as many as later.
+    missions_per_batch_first: Annotated[int | None, whole(0, 4096)] = None
     # Decisions from which on a batch takes no more missions; absent or 0: it takes them all.
     rows_per_batch: Annotated[int | None, whole(0, 10**6)] = None
+
+    # Memory for observations as they were encoded; absent: _OBSERVATION_MB.
+    observation_mb: Annotated[int | None, whole(0, 10**6)] = None
+
+    @property
+    def most_observation_bytes(self) -> int:
+        """Memory for observations that are kept as they were encoded; others are rebuilt."""
+        given = self.observation_mb
+        return 10**6 * (_OBSERVATION_MB if given is None else given)
 
     @property
     def most_rows(self) -> int:
@@ -171,6 +184,13 @@ class TrainingConfig(Section):
         settings = self.exploration
         share = share_done / settings.decay_share if settings.decay_share > 0 else 1.0
         return _between(settings.epsilon_first, settings.epsilon_last, share)
+
+    def missions_per_batch(self, share_done: float) -> int:
+        """Missions that an update takes after a share of the training."""
+        settings = self.replay
+        is_exploring = share_done < self.exploration.decay_share
+        first = settings.missions_per_batch_first or 0
+        return first if is_exploring and first > 0 else settings.missions_per_batch
 
     def learning_rate(self, share_done: float) -> float:
         """Learning rate after a share of the training."""

@@ -15,7 +15,6 @@ from enum import IntEnum
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from uav_collect.errors import ConfigError
 from uav_collect.kernels.arrays import Ints, new_row, Row
 from uav_collect.kernels.compile import kernel
@@ -117,15 +116,16 @@ def observation_bound(layout: Layout, briefing: Briefing, most_bit: float) -> fl
     return math.ceil(max(1.0, *bounds))
 
 
-def advice_shown(layout: Layout, observation: NDArray[np.float32]) -> NDArray[np.float32]:
-    """The advice in observations (N, observation_size), one-hot by action in the UAVs' frames.
+def advice_columns(layout: Layout, size: int) -> range:
+    """Which numbers of an observation show the advice, one-hot by action in the UAV's frame.
+
+    Args:
+        size: of the observation.
 
     Returns:
-        Shape (N, N_ACTIONS); zeros where the layout shows none.
+        None where the layout shows none.
     """
-    if layout.adviser == NONE:
-        return np.zeros((len(observation), N_ACTIONS), dtype=np.float32)
-    return observation[:, -N_ACTIONS:]
+    return range(0) if layout.adviser == NONE else range(size - N_ACTIONS, size)
 
 
 class Observer:

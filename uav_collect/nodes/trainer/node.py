@@ -124,10 +124,11 @@ class TrainerNode(ProcessNode):
             self._joiners[namespace] = self._new_joiner(ask)
 
     def _log_memory(self) -> None:
-        size = self._run.config.replay.decisions
-        n_bytes = replay_bytes(size, brief(self._run.scenarios[0]))
+        settings = self._run.config.replay
+        n_bytes = replay_bytes(settings.decisions, brief(self._run.scenarios[0]))
         self.get_logger().info(
-            f'the replay has room for {size:,} decisions: {n_bytes / 1e6:,.0f} MB'
+            f'the replay has room for {settings.decisions:,} decisions: {n_bytes / 1e6:,.0f} MB,'
+            f' and {settings.most_observation_bytes / 1e6:,.0f} MB for observations'
         )
 
     # What comes in.
