@@ -50,7 +50,7 @@ def test_a_uav_flies_home_where_its_policys_adviser_would(
     fleet = Fleet(processes=processes, scenario=scenario, folder=tmp_path / 'run')
     fleet.start_agents(policy)
     recorder = fleet.start_recorder(stop_after_missions=1)
-    world = fleet.start_world(seed=SEEDS[0], decision_timeout_s=ENOUGH_S)
+    world = fleet.start_world(seed=SEEDS[0])
     (expected,), (sweep,) = (logs(scenario, SEEDS[:1], it) for it in (policy, 'sweep'))
     assert world.wait_for_exit() == 0
     assert recorder.wait_for_exit() == 0
