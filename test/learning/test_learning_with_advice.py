@@ -24,7 +24,11 @@ torch = single_threaded_torch()
 from uav_collect.learning.collector import Collector
 from uav_collect.learning.learner import Learner
 from uav_collect.learning.network import Drqn
+from uav_collect.learning.saved import SavedPart
+from uav_collect.learning.trainer import Trainer
+from uav_collect.training.progress import Budget
 
+BUDGET = Budget(decisions=4000)
 FLEET = [{'speed_mps': 5.0}, {'speed_mps': 10.0}]
 
 
@@ -46,6 +50,7 @@ def collected(scenario: Scenario, n_missions: int, epsilon: float, **how: object
     collector = Collector(build_site(scenario), config, Algorithm.AQMIX, seed=0)
     torch.manual_seed(0)
     agent = Drqn(observation_size(Layout.RELATIVE, 1, 1), config.network.hidden_size)
+    agent.advice_bonus = config.advice_bonus(0.0)
     ended: list[Episode] = []
     while len(ended) < n_missions:
         ended += collector.collect(agent, 20, epsilon)
@@ -129,12 +134,41 @@ def test_targets_are_of_the_action_that_is_chosen_under_the_bonus(double_q: bool
 
 
 @pytest.mark.parametrize(
-    ('key', 'value'), [('network.advice_bonus', 0.5), ('exploration.advice_share', 0.1)]
+    ('key', 'value'),
+    [
+        ('network.advice_bonus', 0.5),
+        ('network.advice_bonus_last', 0.5),
+        ('exploration.advice_share', 0.1),
+    ],
 )
 def test_settings_of_advice_are_refused_where_observations_show_none(
     key: str, value: float
 ) -> None:
     with pytest.raises(ConfigError, match=rf'{key} is {value:g}: must be 0 where observation is'):
         load_preset('strong', {key: value})
-    assert load_preset('strong', {key: 0.0}).advice_bonus == 0.0
+    assert load_preset('strong', {key: 0.0}).advice_bonus(0.0) == 0.0
     assert load_preset('strong', {'observation': 'relative', key: value}).layout == Layout.RELATIVE
+
+
+def test_the_bonus_of_the_advice_fades_and_a_policy_keeps_what_it_was_validated_with() -> None:
+    settings = {'advice_bonus': 0.4, 'advice_bonus_last': 0.0, 'advice_decay_share': 0.5}
+    config = relative(**{f'network__{key}': value for key, value in settings.items()})
+    assert [config.advice_bonus(share) for share in (0.0, 0.25, 0.5, 1.0)] == [0.4, 0.2, 0.0, 0.0]
+    stays = relative(network__advice_bonus=0.4)
+    assert stays.advice_bonus(1.0) == 0.4
+    trainer = Trainer([tiny()], config, 'aqmix', 0)
+    bonuses = [
+        (trainer.snapshot().header.advice_bonus, trainer.share_done(BUDGET))
+        for _ in trainer.run(BUDGET)
+    ]
+    assert bonuses[-1][0] == 0.0
+    again = Trainer([tiny()], config, 'aqmix', 0)
+    again.restore(SavedPart(trainer.state()))
+    for of in (Trainer.snapshot, Trainer.best_policy):
+        policy, saved = of(trainer), of(again)
+        assert policy is not None and saved is not None
+        assert saved.header.advice_bonus == policy.header.advice_bonus
+    best = trainer.best_policy()
+    assert best is not None
+    share = best.header.decisions / BUDGET.decisions
+    assert best.header.advice_bonus == pytest.approx(config.advice_bonus(share), abs=0.05)

@@ -24,6 +24,7 @@ from uav_collect.scenario.site import build_site
 from uav_collect.training.config import load_preset, TrainingConfig
 from uav_collect.training.progress import Budget
 from uav_collect.training.time_left import minutes_text
+from uav_collect.uav.action_codes import NONE
 from uav_collect.uav.own_policy import own_policies
 from uav_collect.uav.policy import frozen_policy, shipped_policies
 from uav_collect.uav.policy_file import load_policy, save_policy
@@ -119,7 +120,7 @@ def _config(arguments: argparse.Namespace, start: Attempt | None) -> TrainingCon
         return load_preset(_PRESET_FROM_NOTHING, overrides)
     header = start.policy.header
     network: dict[str, object] = {'network.hidden_size': header.hidden_size}
-    if header.advice_bonus > 0.0:
+    if header.layout.adviser != NONE:
         network['network.advice_bonus'] = header.advice_bonus
     return load_preset(PRESETS[header.layout], {**network, **overrides})
 

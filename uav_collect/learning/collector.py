@@ -122,7 +122,7 @@ class Collector:
     def _choose_actions(self, agent: Drqn, waiting: AwaitedDecisions, epsilon: float) -> Ints:
         uav = torch.from_numpy(waiting.uav).to(self._device)
         observation = torch.from_numpy(waiting.observation).to(self._device, torch.float32)
-        turned, bonus = COMPASS_ACTIONS[waiting.frame], self._config.advice_bonus
+        turned, bonus = COMPASS_ACTIONS[waiting.frame], agent.advice_bonus
         is_legal = np.take_along_axis(waiting.legal, turned, axis=1)
         illegal = torch.from_numpy(~is_legal).to(self._device)
         is_advised = torch.from_numpy(turned == waiting.advice[:, None]).to(self._device)

@@ -133,6 +133,7 @@ class Learner:
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             networks = Networks(config, briefings, algorithm)
+        networks.agent.advice_bonus = config.advice_bonus(0.0)
         self.networks = networks.to(self._device)
         self.target = deepcopy(self.networks).requires_grad_(False)
         self.optimiser = torch.optim.Adam(
@@ -240,8 +241,9 @@ class Learner:
         config = self._config.target
         values = self._values(self.target, tensors)
         selector = online if config.double_q else values
-        if self._config.advice_bonus > 0.0:  # it is chosen by in flight, too
-            selector = selector + self._config.advice_bonus * tensors.advice
+        bonus = self.networks.agent.advice_bonus
+        if bonus > 0.0:  # it is chosen by in flight, too
+            selector = selector + bonus * tensors.advice
         best = selector.masked_fill(~tensors.legal, -torch.inf).argmax(dim=1)
         best_value = values.gather(1, best[:, None]).squeeze(1)[tensors.row]
         deciding = best_value[tensors.latest.clamp(min=0)]

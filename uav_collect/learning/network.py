@@ -19,6 +19,7 @@ class Drqn(nn.Module):
         self.encoder = nn.Linear(observation_size, hidden_size)
         self.gru = nn.GRUCell(hidden_size, hidden_size)
         self.head = nn.Linear(hidden_size, N_ACTIONS)
+        self.advice_bonus = 0.0  # on the value of what the adviser would do, when one is chosen
 
     def step(self, observation: Tensor, hidden: Tensor) -> tuple[Tensor, Tensor]:
         """One decision of many UAVs.

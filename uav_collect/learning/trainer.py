@@ -1,7 +1,7 @@
 """The trainer: collects experience, updates the networks, validates, and keeps the best policy."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 import math
 from pathlib import Path
 from typing import Any, get_type_hints
@@ -19,6 +19,7 @@ from uav_collect.learning.headers import (
 )
 from uav_collect.learning.learner import Learner
 from uav_collect.learning.minibatch import Algorithm
+from uav_collect.learning.network import Drqn
 from uav_collect.learning.random_state import restore_rng, rng_state
 from uav_collect.learning.recurrence import compile_steps
 from uav_collect.learning.saved import SavedPart
@@ -104,6 +105,10 @@ class Trainer:
         if initial is not None:
             check_same_network(initial, self._header(None, initial.weights))
             self._learner.load_weights(initial.weights)
+
+    @property
+    def _agent(self) -> Drqn:
+        return self._learner.networks.agent
 
     @property
     def n_decisions(self) -> int:
@@ -215,6 +220,8 @@ class Trainer:
             'validation': _validation_state(self._validation),
             'best': _validation_state(self._best),
             'best_weights': best and dict(best.weights),
+            'best_advice_bonus': best and best.header.advice_bonus,
+            'advice_bonus': self._agent.advice_bonus,
         }
 
     def restore(self, saved: SavedPart) -> None:
@@ -226,6 +233,7 @@ class Trainer:
         for name, value in self._identity().items():
             saved.must_be(name, value)
         self._learner.restore(saved.part('learner'))
+        self._agent.advice_bonus = saved.number('advice_bonus', low=0.0)
         self._rota.restore(saved)
         restore_rng(self._rng, saved.part('rng'))
         self._trained_s = saved.number('trained_s', low=0.0)
@@ -240,7 +248,9 @@ class Trainer:
                 name: weights.array(name, np.float32, like.shape)
                 for name, like in self._learner.weights().items()
             }
-            self._best_policy = FrozenPolicy(self._header(self._best, arrays), arrays)
+            bonus = saved.number('best_advice_bonus', low=0.0)
+            header = replace(self._header(self._best, arrays), advice_bonus=bonus)
+            self._best_policy = FrozenPolicy(header, arrays)
 
     def _identity(self) -> dict[str, object]:
         """What only checkpoints of this run have in common."""
@@ -261,7 +271,8 @@ class Trainer:
             The loss; None while too few missions have ended to learn from.
         """
         config, index = self.config, self._rota.next_turn()
-        task, agent = self._tasks[index], self._learner.networks.agent
+        task, agent = self._tasks[index], self._agent
+        agent.advice_bonus = config.advice_bonus(share_done)
         epsilon, n_decisions = config.epsilon(share_done), config.rollout.decisions_per_update
         for episode in task.source.collect(agent, n_decisions, epsilon):
             task.replay.add(episode)
@@ -352,7 +363,7 @@ class Trainer:
             validation=header_validation(validation, self._validator.n_missions),
             learned_on=learned.learned_on,
             learned_within=learned.learned_within,
-            advice_bonus=config.advice_bonus,
+            advice_bonus=self._agent.advice_bonus,
         )
 
     def _progress(

@@ -40,6 +40,9 @@ class NetworkSettings(Section):
     hidden_size: _Size
     # Added to the value of what the sweep advises, where observations show that; absent: 0.
     advice_bonus: Annotated[float | None, number(0, 1e9)] = None
+    # What it falls to, evenly over this share of the training; absent: it stays.
+    advice_bonus_last: Annotated[float | None, number(0, 1e9)] = None
+    advice_decay_share: Annotated[float | None, number(0, 1)] = None
 
 
 class MixerSettings(Section):
@@ -158,10 +161,11 @@ class TrainingConfig(Section):
         """Layout of the observations."""
         return Layout[self.observation.upper()]
 
-    @property
-    def advice_bonus(self) -> float:
-        """What is added to the value of what the layout's adviser would do."""
-        return self.network.advice_bonus or 0.0
+    def advice_bonus(self, share_done: float) -> float:
+        """What is added to the value of the advice after a share of the training."""
+        first, last = self.network.advice_bonus or 0.0, self.network.advice_bonus_last
+        decay_share = self.network.advice_decay_share or 1.0
+        return _between(first, first if last is None else last, share_done / decay_share)
 
     @property
     def advice_share(self) -> float:
@@ -236,7 +240,8 @@ def load_preset(
 def _refuse_advice(config: TrainingConfig, document: layers.Document) -> None:
     """Refuse settings of an advice that observations do not show."""
     values = {
-        ('network', 'advice_bonus'): config.advice_bonus,
+        ('network', 'advice_bonus'): config.network.advice_bonus,
+        ('network', 'advice_bonus_last'): config.network.advice_bonus_last,
         ('exploration', 'advice_share'): config.advice_share,
     }
     what = f'must be 0 where observation is {config.observation}, which shows no advice'
