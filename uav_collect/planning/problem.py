@@ -73,7 +73,7 @@ def problem_of(site: Site, mission_seed: int, allocator: str) -> PlanProblem:
         for cell in range(site.scenario.n_cells)
         if any(demand_bit[sensor] > 0.0 for sensor in range(first[cell], first[cell + 1]))
     ]
-    way_m = _ways_m(briefing, np.array(cells, dtype=np.int64))
+    way_m = ways_m(briefing, np.array(cells, dtype=np.int64))
     between_m = way_m[: len(cells), : len(cells)]
     problem = PlanProblem(
         n_cells=len(cells),
@@ -124,7 +124,7 @@ def _allowances_j(briefing: Briefing) -> Row[float]:
     )
 
 
-def _ways_m(briefing: Briefing, cells: Ints) -> Floats:
+def ways_m(briefing: Briefing, cells: Ints) -> Floats:
     """The shortest way between any two points, (N, N); 0 where no way leads."""
     n_cells, n_uavs = len(cells), briefing.n_uavs
     rows, columns = np.divmod(cells, briefing.n_columns)
