@@ -19,7 +19,6 @@ from uav_collect.analysis.choosing import (
 from uav_collect.analysis.metrics import mission_metrics
 from uav_collect.analysis.statistics import Estimate, estimates, MEASURES, mission_seeds
 from uav_collect.errors import PolicyMismatchError
-from uav_collect.kernels.compile import compilation
 from uav_collect.limits import MAX_SEED
 from uav_collect.missions.batch_metrics import BatchMetrics
 from uav_collect.missions.rollout import fly
@@ -28,6 +27,7 @@ from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.training.seeds import first_training_seed, VALIDATION_SEED
 from uav_collect.uav import policy as policy_module
+from uav_collect.uav.observation import Layout
 from uav_collect.uav.policy import policy_for
 
 
@@ -226,6 +226,15 @@ def test_how_many_missions_follows_from_area_candidates_and_kernels_alone(
     assert found == n_missions
 
 
+def test_a_network_that_sees_more_flies_fewer_missions(tmp_path: Path) -> None:
+    def planned(layout: Layout) -> int:
+        file = str(saved(tmp_path, layout.name.lower(), header(layout)))
+        candidates = named(load('paper_10x10'), file, 'sweep', 'hert')
+        return planned_missions(candidates, 100, is_compiled=False)
+
+    assert [planned(it) for it in Layout] == [70, 70, 60]
+
+
 def test_the_choice_is_the_same_however_many_missions_are_flown_at_once(
     scarce: Scenario, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -308,14 +317,11 @@ def test_the_table_has_an_arrow_before_who_flies() -> None:
     assert 'interpreted' in str(choice_of(tried('hert', 0.75), is_compiled=False))
 
 
-def test_what_is_compiled_takes_no_time_from_the_missions(
+def test_neither_what_is_compiled_at_first_nor_other_processes_cut_a_choice_short(
     scarce: Scenario, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(choosing_module, '_CHUNK_S', 1e-9)
-    site, candidates = build_site(scarce), named(scarce, 'sweep', 'hert')
-    compilation.begin()
-    try:
-        choice = choose(site, candidates, n_missions=5, most_s=1e-9)
-    finally:
-        compilation.end()
-    assert choice.n_missions == 5
+    computed_s = iter([100.0, 101.0, 102.0, 103.0])  # after each candidate has flown once more
+    monkeypatch.setattr(choosing_module, 'process_time', lambda: next(computed_s))
+    choice = choose(build_site(scarce), named(scarce, 'sweep', 'hert'), n_missions=9, most_s=2.0)
+    assert choice.n_missions == 3

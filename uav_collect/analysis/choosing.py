@@ -10,13 +10,14 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 import math
+from time import process_time
 
 import numpy as np
 from uav_collect.analysis.choice import Choice, MOST_MISSIONS, Tried
 from uav_collect.analysis.statistics import column_estimates, MEASURES, mission_seeds
 from uav_collect.errors import PolicyMismatchError
 from uav_collect.kernels.arrays import Bools, Floats
-from uav_collect.kernels.compile import compilation, kernels_are_compiled
+from uav_collect.kernels.compile import kernels_are_compiled
 from uav_collect.limits import GUARD_AFTER
 from uav_collect.missions.batch_metrics import BatchMetrics, joined, TOLERANCE
 from uav_collect.missions.rollout import fly_for_metrics
@@ -24,6 +25,7 @@ from uav_collect.scenario.load import fingerprint
 from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import Site
 from uav_collect.uav.heuristics import RulePolicy
+from uav_collect.uav.observation import Layout
 from uav_collect.uav.policy import (
     ANYWHERE,
     NamedPolicy,
@@ -37,8 +39,13 @@ CHOICE_SEED = 2**59  # of the first mission; users evaluate below, trainings fly
 _LEAST_MISSIONS = 10
 _WORK_S = 4.0  # that all candidates' missions take on a usual core
 _RULES = ('sweep', 'hert')
-# What a mission takes for each cell of the area [us]: by a rule, a network and a user's function.
-_COMPILED_US, _INTERPRETED_US = (1.5, 15.0, 400.0), (130.0, 250.0, 600.0)
+# What a mission takes for each cell of the area [us], by compiled and by interpreted kernels.
+_RULE_US, _FUNCTION_US = (1.5, 130.0), (400.0, 600.0)
+_NETWORK_US = {
+    Layout.PAPER: (15.0, 250.0),
+    Layout.EGOCENTRIC: (15.0, 250.0),
+    Layout.RELATIVE: (25.0, 400.0),
+}
 _CHUNK_S = 0.3  # the same, of what is flown between two looks at the clock
 
 
@@ -103,15 +110,14 @@ def planned_missions(candidates: Sequence[Candidate], n_cells: int, *, is_compil
 
 def _mission_s(candidate: Candidate, n_cells: int, *, is_compiled: bool) -> float:
     """What a mission takes on a usual core [s]."""
-    by_rule, by_network, by_function = _COMPILED_US if is_compiled else _INTERPRETED_US
     match candidate.policy:
         case RulePolicy():
-            cell_us = by_rule
-        case LearnedPolicy():
-            cell_us = by_network
+            compiled_us, interpreted_us = _RULE_US
+        case LearnedPolicy(frozen=network):
+            compiled_us, interpreted_us = _NETWORK_US[network.header.layout]
         case _:
-            cell_us = by_function
-    return cell_us * 1e-6 * n_cells
+            compiled_us, interpreted_us = _FUNCTION_US
+    return (compiled_us if is_compiled else interpreted_us) * 1e-6 * n_cells
 
 
 class Choosing:
@@ -217,20 +223,24 @@ def choose(
 
     Args:
         candidates, allocator, guard_after, n_missions: as for `Choosing`.
-        most_s: wall-clock time, but for what is compiled, after which no more missions are begun,
-            once each candidate has flown some; the choice tells how many they were.
+        most_s: processor time after which no more missions are begun, counted once each candidate
+            has flown some, as the first ones may compile kernels; the choice tells how many
+            missions they were. What else a machine is busy with changes nothing.
 
     Raises:
         PolicyMismatchError, ConfigError: as `Choosing.fly_some`.
     """
-    begun_s = compilation.now_s()
     choosing = Choosing(
         site, candidates, allocator=allocator, guard_after=guard_after, n_missions=n_missions
     )
+    begun_s = math.inf
     while not choosing.is_over:
         choosing.fly_some()
-        if choosing.is_even and compilation.now_s() - begun_s >= most_s:
-            break
+        if choosing.is_even:
+            now_s = process_time()
+            begun_s = min(begun_s, now_s)
+            if now_s - begun_s >= most_s:
+                break
     return choosing.choice()
 
 

@@ -20,7 +20,7 @@ from uav_collect.kernels.compile import interpret_unless_cached
 if TYPE_CHECKING:  # loaded by that process alone, unless there is a choice to be received
     from uav_collect.analysis.choice import Choice
 
-MOST_S = 30.0  # a safety net: what is planned takes a fraction of it
+MOST_S = 30.0  # of computing; a safety net: what is planned takes a fraction of it
 _KERNELS = ('batch_kernels.fly_batch', 'batch_kernels.answer')  # of rules, and of networks
 _SERVE = 'from uav_collect.commands.choice_process import serve; serve({})'
 
