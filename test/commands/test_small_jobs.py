@@ -6,7 +6,8 @@ import subprocess
 import sys
 
 import pytest
-from uav_collect.kernels.compile import sources_digest
+from uav_collect.kernels import compile as compile_module
+from uav_collect.kernels.compile import cache_folder
 
 ASK = """
 from uav_collect.commands.small_jobs import choose_kernels
@@ -43,11 +44,17 @@ def test_what_the_environment_asks_for_stands(tmp_path: Path, switch: str) -> No
     assert asked(tmp_path, 10, switch=switch) == (str(switch == 'compiled'), '')
 
 
-def test_kernels_that_are_compiled_are_used(tmp_path: Path) -> None:
-    folder = tmp_path / 'uav_collect' / sources_digest() / 'missions_1'
+@pytest.mark.parametrize('is_here', [True, False])
+def test_kernels_that_are_compiled_are_used_unless_by_sources_elsewhere(
+    is_here: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
+    if not is_here:
+        monkeypatch.setattr(compile_module, '_PACKAGE', tmp_path / 'clone' / 'uav_collect')
+    folder = cache_folder() / 'missions_1'
     folder.mkdir(parents=True)
     (folder / 'batch_kernels.fly_batch-180.py311.nbi').touch()
-    assert asked(tmp_path, 10) == ('True', '')
+    assert asked(tmp_path, 10)[0] == str(is_here)
 
 
 def test_kernels_that_were_imported_stay_as_they_are(tmp_path: Path) -> None:

@@ -111,19 +111,22 @@ def sources_digest(package: Path = _PACKAGE) -> str:
 
 
 def cache_folder() -> Path:
-    """Where compiled kernels are kept, one folder per state of the sources.
+    """Where compiled kernels are kept, one folder per state of the sources and place of them.
 
     numba looks only at a kernel's own file when it judges a cached copy; a changed callee in
-    another module would go unseen, so the name of the folder digests every source.
+    another module would go unseen, so the name of the folder digests every source. By its path it
+    looks, too: what the same sources have compiled elsewhere is of no use here.
     """
+    place = hashlib.sha256(os.fsencode(_PACKAGE)).hexdigest()[:8]
+    name = f'{sources_digest()}_{place}'
     wanted = Path(os.environ.get('XDG_CACHE_HOME') or os.path.expanduser('~/.cache'))
-    folder = wanted / 'uav_collect' / sources_digest()
+    folder = wanted / 'uav_collect' / name
     try:
         folder.mkdir(parents=True, exist_ok=True)
         is_usable = os.access(folder, os.W_OK)
     except OSError:
         is_usable = False
-    return folder if is_usable else _temporary_folder() / sources_digest()
+    return folder if is_usable else _temporary_folder() / name
 
 
 @cache
