@@ -18,6 +18,8 @@ from uav_collect.training import curves as curves
 from uav_collect.training.run_record import (
     CURVE_AXES,
     CURVE_MEASURES,
+    PANEL_COLUMNS,
+    PANEL_FILE,
     PROGRESS_COLUMNS,
     PROGRESS_FILE,
     read_columns,
@@ -379,3 +381,17 @@ def test_a_record_that_is_no_json_lacks_a_field_or_is_no_file_is_refused(tmp_pat
         with pytest.raises(TrainingRunError) as raised:
             read_run(path.parent)
         assert str(raised.value).startswith(f'{path}: {words}')
+
+
+def test_the_curve_of_a_panel_is_the_mean_of_its_conditions(tmp_path: Path) -> None:
+    run = write_run(tmp_path / 's0', {100: 1.0}, scenario='anywhere', courses='0123 4567',
+                    n_uavs=(), scenario_fingerprint='')  # fmt: skip
+    ratios = {(100, 1): 0.8, (100, 2): 1.2, (300, 1): 1.0, (300, 2): 1.1}
+    rows = [[str(n_decisions), '10', '6.0', str(place), str(ratio), *['1.0'] * 5]
+            for (n_decisions, place), ratio in ratios.items()]  # fmt: skip
+    lines = [','.join(row) for row in (PANEL_COLUMNS, *rows)]
+    (run / PANEL_FILE).write_text('\n'.join(lines) + '\n')
+    [ratio] = [one for one in CURVE_MEASURES if one.key == 'sweep_ratio']
+    [curve] = curves.learning_curves([run], ratio, DECISIONS)
+    assert curve.over.tolist() == [100, 300]
+    assert curve.mean == pytest.approx([1.0, 1.05])

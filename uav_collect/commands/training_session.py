@@ -15,7 +15,7 @@ from uav_collect.training.display import progress_display
 from uav_collect.training.folder import BEST_POLICY, CURVE
 from uav_collect.training.planned_run import PlannedRun
 from uav_collect.training.progress import Progress
-from uav_collect.training.run_record import CURVE_AXES, CURVE_MEASURES
+from uav_collect.training.run_record import CURVE_AXES, CURVE_MEASURES, PANEL_FILE
 from uav_collect.training.time_left import minutes_text
 
 
@@ -65,12 +65,15 @@ def train_with_display(run: PlannedRun, checkpoint_s: float, interruption: Inter
 def draw_curve(
     folders: Sequence[Path], picture: Path, table: Path | None = None, title: str = ''
 ) -> None:
-    """Draw the energy efficiency of runs over their decisions.
+    """Draw the energy efficiency of runs over their decisions; of a panel, over the sweep's.
 
     Raises:
         OSError: naming the file.
     """
-    measure, axis = CURVE_MEASURES[0], CURVE_AXES[0]
+    is_of_panel = all((folder / PANEL_FILE).exists() for folder in folders)
+    key = 'sweep_ratio' if is_of_panel else 'efficiency_kbit_per_j'
+    [measure] = [each for each in CURVE_MEASURES if each.key == key]
+    axis = CURVE_AXES[0]
     lines = learning_curves(folders, measure, axis)
     curves.write(lines, measure, axis, picture=picture, table=table, title=title)
 

@@ -22,6 +22,7 @@ from uav_collect.kernels.arrays import Floats
 from uav_collect.training.run_record import (
     CurveAxis,
     CurveMeasure,
+    PANEL_FILE,
     read_columns,
     read_run,
     RunRecord,
@@ -69,9 +70,9 @@ def learning_curves(
 def _common_settings(record: RunRecord) -> tuple[object, ...]:
     """Everything in which runs of one curve are the same: all but the seed."""
     return (
-        record.algorithm, record.scenario_text, record.scenario_fingerprint, record.preset,
-        record.overrides, record.training_fingerprint, record.initial, record.minutes,
-        record.decisions,
+        record.algorithm, record.scenario_text, record.scenario_fingerprint, record.courses,
+        record.preset, record.overrides, record.training_fingerprint, record.initial,
+        record.minutes, record.decisions,
     )  # fmt: skip
 
 
@@ -81,7 +82,9 @@ def _labels(records: Sequence[RunRecord]) -> list[str]:
     scenarios = [record.scenario_text for record in records]
     settings = [' '.join((record.preset, *record.overrides)) for record in records]
     others = [
-        _with_fingerprints(scenarios, [record.scenario_fingerprint for record in records]),
+        _with_fingerprints(
+            scenarios, [record.courses or record.scenario_fingerprint for record in records]
+        ),
         _with_fingerprints(settings, [record.training_fingerprint for record in records]),
         [f'from {record.initial or "scratch"}' for record in records],
         [record.budget_text for record in records],
@@ -144,7 +147,9 @@ def mean_curve(
 def _run_line(folder: Path, measure: CurveMeasure, axis: CurveAxis) -> tuple[Floats, Floats]:
     """Moments and values of one run, moments rising."""
     columns = read_columns(folder / measure.file, (axis.column, measure.key))
-    moments, values = rising(columns[axis.column] * axis.scale, columns[measure.key])
+    over, values = columns[axis.column] * axis.scale, columns[measure.key]
+    # A panel has a row for each condition at each moment.
+    moments, values = (averaged if measure.file == PANEL_FILE else rising)(over, values)
     if not len(moments):
         raise TrainingRunError(f'{folder / measure.file}: has no {measure.title} yet')
     return moments, values
@@ -155,6 +160,12 @@ def rising(over: Floats, values: Floats) -> tuple[Floats, Floats]:
     known = np.isfinite(values)
     moments, last_from_end = np.unique(over[known][::-1], return_index=True)
     return moments, values[known][::-1][last_from_end]
+
+
+def averaged(over: Floats, values: Floats) -> tuple[Floats, Floats]:
+    """The means of the values at each moment, moments rising."""
+    moments, places = np.unique(over, return_inverse=True)
+    return moments, np.bincount(places, values) / np.bincount(places)
 
 
 def to_csv(curves: Sequence[LearningCurve], measure: CurveMeasure, axis: CurveAxis) -> bytes:

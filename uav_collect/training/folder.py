@@ -20,18 +20,18 @@ from uav_collect.training.planned_run import (
     PlannedRun,
 )
 from uav_collect.training.run_record import (
-    PANEL_COLUMNS,
     PANEL_FILE,
     PROGRESS_COLUMNS,
     PROGRESS_FILE,
     read_rows,
     RUN_FILE,
+    TABLES,
     VALIDATION_COLUMNS,
     VALIDATION_FILE,
 )
 
 if TYPE_CHECKING:  # loaded when training, so that --help answers at once
-    from uav_collect.training.progress import Progress
+    from uav_collect.training.progress import Progress, ValidationResult
     from uav_collect.uav.policy_network import FrozenPolicy
 
 CHECKPOINT = 'checkpoint'
@@ -39,11 +39,6 @@ BEST_POLICY = 'policy.safetensors'
 LAST_POLICY = 'last.safetensors'
 CURVE = 'curve.png'
 TENSORBOARD = 'tensorboard'
-_COLUMNS = {
-    VALIDATION_FILE: VALIDATION_COLUMNS,
-    PROGRESS_FILE: PROGRESS_COLUMNS,
-    PANEL_FILE: PANEL_COLUMNS,
-}
 BEGINNING = '.beginning'  # in a folder whose run has no first checkpoint yet
 
 
@@ -77,19 +72,28 @@ class TrainingFolder:
         """
         row = asdict(progress)
         self._append(PROGRESS_FILE, row)
-        self._log_scalars('training', PROGRESS_COLUMNS, row, progress.n_decisions)
+        self._log_scalars('training', PROGRESS_COLUMNS[1:], row, progress.n_decisions)
         if progress.validation is not None:
             row = asdict(progress.validation)
             self._append(VALIDATION_FILE, row)
-            for number, condition in enumerate(progress.validation.conditions, 1):
-                self._append(PANEL_FILE, {**row, **asdict(condition), 'condition': number})
+            self._log_panel(progress.validation)
             self._log_scalars(
-                'validation', VALIDATION_COLUMNS, row, progress.validation.n_decisions
+                'validation', VALIDATION_COLUMNS[1:], row, progress.validation.n_decisions
             )
+
+    def _log_panel(self, validation: 'ValidationResult') -> None:
+        """Add each condition of a validation in a panel, if it was in one."""
+        row = asdict(validation)
+        for number, condition in enumerate(validation.conditions, 1):
+            self._append(PANEL_FILE, {**row, **asdict(condition), 'condition': number})
+        ratios = {each.name: each.sweep_ratio for each in validation.conditions}
+        if ratios:
+            scalars = {'mean': validation.sweep_ratio, **ratios}
+            self._log_scalars('sweep_ratio', tuple(scalars), scalars, validation.n_decisions)
 
     def _append(self, name: str, row: Mapping[str, Any]) -> None:
         file = self._tables[name]
-        left = files.csv_of([[row[column] for column in _COLUMNS[name]]])
+        left = files.csv_of([[row[column] for column in TABLES[name]]])
         with files.naming(Path(str(file.name))):
             while left:  # a disk may take a part only
                 left = left[file.write(left) :]
@@ -97,7 +101,7 @@ class TrainingFolder:
     def _log_scalars(
         self, group: str, columns: tuple[str, ...], row: Mapping[str, Any], n_decisions: int
     ) -> None:
-        scalars = {f'{group}/{column}': row[column] for column in columns[1:]}
+        scalars = {f'{group}/{column}': row[column] for column in columns}
         with files.naming(self.path / TENSORBOARD):
             self._add_scalars(n_decisions, scalars)
 
@@ -145,7 +149,7 @@ def open_training_folder(
         (run.folder / BEGINNING).unlink(missing_ok=True)
         tables = {
             name: stack.enter_context(_table(run.folder / name, columns, n_decisions))
-            for name, columns in _COLUMNS.items()
+            for name, columns in TABLES.items()
             if name != PANEL_FILE or run.courses is not None
         }
         with files.naming(run.folder / TENSORBOARD):

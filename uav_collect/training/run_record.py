@@ -49,6 +49,12 @@ PANEL_COLUMNS = (
     'complete_share', 'safe_share', 'sweep_complete_share', 'sweep_safe_share',
 )  # fmt: skip
 
+TABLES = {
+    VALIDATION_FILE: VALIDATION_COLUMNS,
+    PROGRESS_FILE: PROGRESS_COLUMNS,
+    PANEL_FILE: PANEL_COLUMNS,
+}
+
 # Columns that are nan before the first mission or update, or where a UAV has not landed.
 _MAY_BE_UNKNOWN = ('completion_s', 'loss', 'training_efficiency_kbit_per_j', 'training_reward')
 
@@ -88,6 +94,7 @@ CURVE_MEASURES = tuple(
             'kbit/J',
         ),
         (PROGRESS_FILE, 'training_reward', 'reward of a mission while exploring', '1'),
+        (PANEL_FILE, 'sweep_ratio', "energy efficiency over the sweep's, in the panel", '1'),
     )
 )  # fmt: skip
 CURVE_AXES = (
@@ -226,12 +233,12 @@ def _shown_text(text: str) -> str:
 
 
 def read_columns(path: Path, columns: tuple[str, ...]) -> dict[str, Floats]:
-    """Read some columns of a validation.csv or progress.csv, each (K,).
+    """Read some columns of one of the tables, each (K,).
 
     Raises:
         TrainingRunError: there is no such file, or it is not as a run writes it.
     """
-    header = VALIDATION_COLUMNS if path.name == VALIDATION_FILE else PROGRESS_COLUMNS
+    header = TABLES[path.name]
     try:
         rows = read_rows(path, header)
     except OSError as error:
