@@ -31,9 +31,10 @@ def interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv('UAV_COLLECT_KERNELS', 'interpreted')
 
 
-def test_it_answers_what_is_chosen_in_any_process() -> None:
+def test_it_answers_what_is_chosen_in_any_process(monkeypatch: pytest.MonkeyPatch) -> None:
     with started_choice(REQUEST) as answer:
         choice, left_out = answer()
+    monkeypatch.undo()  # here kernels run as they do in all tests
     scenario = tiny()
     here = choose(build_site(scenario), candidates_for(scenario)[0], n_missions=choice.n_missions)
     assert replace(here, is_compiled=False, n_planned=choice.n_planned) == choice

@@ -304,8 +304,8 @@ def test_cvxpy_flies_alike_whatever_was_flown_before() -> None:
 
 
 def test_an_unknown_policy_is_refused() -> None:
-    with pytest.raises(PolicyMismatchError, match="policy 'best' is unknown"):
-        logs(tiny(), [0], 'best')
+    with pytest.raises(PolicyMismatchError, match="policy 'wisest' is unknown"):
+        logs(tiny(), [0], 'wisest')
 
 
 @pytest.mark.parametrize('policy', ['sweep', by_agents('sweep')], ids=['batch', 'step by step'])
