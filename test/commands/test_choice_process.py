@@ -17,24 +17,20 @@ from uav_collect.scenario.site import build_site
 REQUEST = ChoiceRequest(
     scenario=tiny().to_yaml(), candidates='', allocator='exact', guard_after=12
 )
+INTERPRETED = {**os.environ, 'UAV_COLLECT_KERNELS': 'interpreted'}
 ASK = f"""
+import os
 from uav_collect.commands.choice_process import ChoiceRequest, started_choice
 if __name__ == '__main__':
-    with started_choice({REQUEST!r}) as answer:
+    with started_choice({REQUEST!r}, os.environ) as answer:
         choice, _ = answer()
     print(choice.is_compiled, choice.policy, choice.n_missions)
 """
 
 
-@pytest.fixture(autouse=True)
-def interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv('UAV_COLLECT_KERNELS', 'interpreted')
-
-
-def test_it_answers_what_is_chosen_in_any_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    with started_choice(REQUEST) as answer:
+def test_it_answers_what_is_chosen_in_any_process() -> None:
+    with started_choice(REQUEST, INTERPRETED) as answer:
         choice, left_out = answer()
-    monkeypatch.undo()  # here kernels run as they do in all tests
     scenario = tiny()
     here = choose(build_site(scenario), candidates_for(scenario)[0], n_missions=choice.n_missions)
     assert replace(here, is_compiled=False, n_planned=choice.n_planned) == choice
@@ -43,7 +39,7 @@ def test_it_answers_what_is_chosen_in_any_process(monkeypatch: pytest.MonkeyPatc
 
 def test_a_user_s_candidates_fly_too() -> None:
     request = replace(REQUEST, candidates='user_policies:homebird, random')
-    with started_choice(request) as answer:
+    with started_choice(request, INTERPRETED) as answer:
         choice, _ = answer()
     assert [it.policy for it in choice.tried] == [
         *('sweep', 'hert', 'user_policies:homebird', 'random'),
@@ -52,7 +48,7 @@ def test_a_user_s_candidates_fly_too() -> None:
 
 def test_what_was_refined_for_the_scenario_flies_too(tmp_path: Path) -> None:
     own = str(saved(tmp_path, 'field', header(side=4, n_uavs=2)))
-    with started_choice(replace(REQUEST, own=(own,))) as answer:
+    with started_choice(replace(REQUEST, own=(own,)), INTERPRETED) as answer:
         choice, _ = answer()
     assert [it.policy for it in choice.tried] == [own, 'sweep', 'hert']
 
@@ -61,7 +57,7 @@ def test_what_is_wrong_with_a_candidate_is_raised_here() -> None:
     request = replace(REQUEST, candidates='nope')
     with (
         pytest.raises(PolicyMismatchError, match="policy 'nope' is unknown"),
-        started_choice(request) as answer,
+        started_choice(request, INTERPRETED) as answer,
     ):
         answer()
 
@@ -70,7 +66,7 @@ def test_a_process_that_dies_is_one_line() -> None:
     request = replace(REQUEST, candidates='user_policies:killed')
     with (
         pytest.raises(FleetError, match=r'chooses the policy ended with status -?\d+$'),
-        started_choice(request) as answer,
+        started_choice(request, INTERPRETED) as answer,
     ):
         answer()
 

@@ -341,7 +341,8 @@ def check_meaning(policy: FrozenPolicy, content: bytes) -> None:
     for field in fields(policy.header):
         value = getattr(policy.header, field.name)
         if field.name not in texts:
-            assert field.name in {'learned_on', 'learned_within'}, texts
+            assert field.name in {'learned_on', 'learned_within', 'advice_bonus'}, texts
+            assert value == field.default
         elif isinstance(value, str):
             assert value == texts[field.name]
         elif isinstance(value, Layout):

@@ -232,9 +232,9 @@ def test_every_rule_has_a_name(name: str) -> None:
 
 def test_an_unknown_policy_is_named_with_those_there_are() -> None:
     with pytest.raises(
-        PolicyMismatchError, match="'best' is unknown; there are hert, hert-equal, sweep, random"
+        PolicyMismatchError, match="'wisest' is unknown; there are hert, hert-equal, sweep, random"
     ):
-        policy_named('best')
+        policy_named('wisest')
 
 
 def test_a_rule_must_begin_before_it_chooses() -> None:

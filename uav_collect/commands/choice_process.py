@@ -4,7 +4,7 @@ There kernels are compiled ones where there are any: all else of one mission tak
 interpreted, than to load them.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing import Pipe
@@ -40,11 +40,15 @@ Answer = tuple['Choice', list[str]]  # and lines about who could not be a candid
 
 
 @contextmanager
-def started_choice(request: ChoiceRequest) -> Iterator[Callable[[], Answer]]:
+def started_choice(
+    request: ChoiceRequest, environment: Mapping[str, str]
+) -> Iterator[Callable[[], Answer]]:
     """Choose in a process of its own while the block lasts; what it yields waits for the answer.
 
-    How kernels run there, the environment says at the start of the block, not later. It raises
-    what the choice raises, or FleetError if the process ends without an answer.
+    It raises what the choice raises, or FleetError if the process ends without an answer.
+
+    Args:
+        environment: of that process: says how kernels run there.
     """
     ours, theirs = Pipe()
     number = theirs.fileno()
@@ -53,7 +57,7 @@ def started_choice(request: ChoiceRequest) -> Iterator[Callable[[], Answer]]:
         stdin=subprocess.DEVNULL,
         pass_fds=[number],
         process_group=0,  # Ctrl-C is for this process, which ends that one
-        env={**os.environ, 'PYTHONPATH': os.pathsep.join(filter(None, sys.path))},
+        env={**environment, 'PYTHONPATH': os.pathsep.join(filter(None, sys.path))},
     )
     theirs.close()
 

@@ -4,6 +4,7 @@ import argparse
 from collections.abc import Iterator, Mapping
 from contextlib import nullcontext
 import json
+import os
 from pathlib import Path
 import subprocess
 import time
@@ -85,8 +86,9 @@ def run(arguments: argparse.Namespace) -> int:
     """Fly the mission; returns the exit status."""
     options.check_candidates(arguments, [arguments.policy])
     scenario = options.scenario_of(arguments)
-    choice = _choice(arguments, scenario) if arguments.policy == BEST else None
+    environment = dict(os.environ)  # says how kernels run where the policy is chosen
     interpret_kernels()  # all of one mission in this process takes less than to load compiled ones
+    choice = _choice(arguments, scenario, environment) if arguments.policy == BEST else None
     policy = arguments.policy if choice is None else choice.policy
     _check_policy(policy, scenario)
     folder = _make_folder(arguments.output, scenario.name)
@@ -151,7 +153,9 @@ def _report(folder: Path) -> int:
         return INTERRUPTED
 
 
-def _choice(arguments: argparse.Namespace, scenario: 'Scenario') -> 'Choice':
+def _choice(
+    arguments: argparse.Namespace, scenario: 'Scenario', environment: Mapping[str, str]
+) -> 'Choice':
     """Let candidates fly sampled missions, show what came of it; who is to fly.
 
     Raises:
@@ -166,8 +170,7 @@ def _choice(arguments: argparse.Namespace, scenario: 'Scenario') -> 'Choice':
         guard_after=arguments.guard_after,
         own=tuple(own_policies(arguments.scenario, scenario.n_uavs)),
     )
-    with interrupted_by_signals(), started_choice(request) as answer:
-        interpret_kernels()  # here, but not in that process
+    with interrupted_by_signals(), started_choice(request, environment) as answer:
         from uav_collect.analysis.console import plain_console
 
         with waiting_for('candidates that fly sampled missions'):
