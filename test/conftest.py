@@ -31,6 +31,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(skip)
 
 
+@pytest.fixture(autouse=True)
+def kernels_run_as_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A command that settles how kernels run in its process settles it for its test alone."""
+    monkeypatch.setenv('UAV_COLLECT_KERNELS', os.environ['UAV_COLLECT_KERNELS'])
+
+
 @pytest.fixture
 def ros_domain(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     """A ROS domain of the test's own, in this process and in those it starts."""
