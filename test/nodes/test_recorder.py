@@ -289,30 +289,67 @@ def test_a_mission_waits_for_recorders_no_longer_than_was_said(
     assert len(lines) == 1
 
 
-def test_a_recorder_that_is_held_up_has_not_waited(
-    fleet: FakeFleet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.fixture
+def recorder_here(fleet: FakeFleet, tmp_path: Path) -> Iterator[node.RecorderNode]:
+    """A recorder of one mission in this process."""
     rclpy.init(args=['--ros-args', '-p', 'stop_after_missions:=1'])
-    try:
-        recorder = node.RecorderNode(tmp_path / 'bag')
-        fleet.executor.add_node(recorder)
-        fleet.wait_for_recorder()
-        fleet.send_phase(Mission.STARTED)
-        fleet.send_event(0)
-        fleet.send_phase(Mission.ENDED, 2)
-        fleet.wait_until(lambda: recorder._missions_left == 0)
-        later = SimpleNamespace(monotonic=lambda: time.monotonic() + 60.0, sleep=time.sleep)
-        monkeypatch.setattr(node, 'time', later)
-        for _ in range(3):
-            recorder._look()
-        assert recorder.end_status is None
-        fleet.send_event(1, terminal=True)
-        fleet.wait_until(lambda: recorder.end_status is not None)
-        recorder.on_stop()
-        assert recorder.end_status == 0
-        recorder.destroy_node()
-    finally:
-        rclpy.try_shutdown()
+    recorder = node.RecorderNode(tmp_path / 'bag')
+    fleet.executor.add_node(recorder)
+    fleet.wait_for_recorder()
+    yield recorder
+    fleet.executor.remove_node(recorder)
+    recorder.destroy_node()
+    rclpy.try_shutdown()
+
+
+def test_a_recorder_waits_for_the_scenario_of_what_it_has_recorded(
+    fleet: FakeFleet, recorder_here: node.RecorderNode, tmp_path: Path
+) -> None:
+    for phase in (Mission.STARTED, Mission.ABORTED):
+        mission = Mission(mission_id='m', phase=phase, scenario_fingerprint='late')
+        fleet.send('/world/mission', mission)
+    fleet.wait_until(lambda: recorder_here._missions_left == 0)
+    for _ in range(round(2.0 * node._QUIET_S / node._LOOK_PERIOD_S)):
+        recorder_here._look()
+    assert recorder_here.end_status is None
+    fleet.send('/world/scenario', Scenario(world_instance='w', fingerprint='late'))
+    fleet.wait_until(lambda: recorder_here.end_status is not None)
+    recorder_here.on_stop()
+    assert recorder_here.end_status == 0
+    assert recorded(tmp_path / 'bag') == sent_by(fleet)
+
+
+def test_a_recording_without_the_scenario_of_its_mission_says_so(
+    processes: Processes, fleet: FakeFleet, tmp_path: Path
+) -> None:
+    recorder = start(processes, tmp_path / 'bag', 'stop_after_missions:=1')
+    fleet.wait_for_recorder()
+    for phase in (Mission.STARTED, Mission.ABORTED):
+        mission = Mission(mission_id='m', phase=phase, scenario_fingerprint='never')
+        fleet.send('/world/mission', mission)
+    assert recorder.wait_for_exit() == 1
+    recorder.wait_for('not recorded: /world/scenario lacks 1 of mission m')
+
+
+def test_a_recorder_that_is_held_up_has_not_waited(
+    fleet: FakeFleet,
+    recorder_here: node.RecorderNode,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    fleet.send_phase(Mission.STARTED)
+    fleet.send_event(0)
+    fleet.send_phase(Mission.ENDED, 2)
+    fleet.wait_until(lambda: recorder_here._missions_left == 0)
+    later = SimpleNamespace(monotonic=lambda: time.monotonic() + 60.0, sleep=time.sleep)
+    monkeypatch.setattr(node, 'time', later)
+    for _ in range(3):
+        recorder_here._look()
+    assert recorder_here.end_status is None
+    fleet.send_event(1, terminal=True)
+    fleet.wait_until(lambda: recorder_here.end_status is not None)
+    recorder_here.on_stop()
+    assert recorder_here.end_status == 0
     assert recorded(tmp_path / 'bag') == sent_by(fleet)
 
 

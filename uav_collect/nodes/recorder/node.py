@@ -71,6 +71,8 @@ _LOOK_PERIOD_S = 0.05  # between looks for publishers that are not heard yet
 _DRAIN_LOOK_S = _LOOK_PERIOD_S / 10  # between looks for what is still to come
 _MOST_WORLDS = 8  # kept in mind
 _SCENARIO_FIELDS = ('world_instance', 'fingerprint', 'n_uavs')
+_MISSION_FIELDS = ('mission_id', 'scenario_fingerprint')
+_MOST_SCENARIOS = 64  # that missions name and nobody has told
 _DRAIN_S = 3.0  # longest wait, when it is stopped, for what was published before
 _SILENT_S = 1.0  # the same without any message
 _QUIET_S = 0.3  # without any message, when the last mission has ended, it was the last
@@ -138,6 +140,9 @@ class RecorderNode(ProcessNode):
         types = MessageTypes(_definition_text)
         self._bag = self._open(output, types)
         self._scenarios = HeadReader(names.scenario.type_name, _SCENARIO_FIELDS, types.fields)
+        self._scenario_of = HeadReader(names.mission.type_name, _MISSION_FIELDS, types.fields)
+        self._fingerprints: set[str] = set()  # of scenarios that are recorded
+        self._unexplained: dict[str, str] = {}  # a mission of each that is not, by fingerprint
         self._completeness = Completeness(types.fields, names.namespace)
         self._types, self._log_times = types, LogTimes()
         self._missions_left = self._value('stop_after_missions') or math.inf
@@ -213,7 +218,11 @@ class RecorderNode(ProcessNode):
     def _lacks(self) -> list[Lack]:
         """What is missing of the topics that are recorded."""
         lacks = self._completeness.lacks()
-        return [it for it in lacks if self._takes_all or converter_for(it.topic) is not None]
+        wanted = [it for it in lacks if self._takes_all or converter_for(it.topic) is not None]
+        if self._unexplained:
+            number, mission_id = len(self._unexplained), next(iter(self._unexplained.values()))
+            wanted.append(Lack(self._names.scenario.name, number, number, mission_id))
+        return wanted
 
     def _record(self, topic: Topic) -> None:
         """Subscribe to a topic, and keep what comes in the bag."""
@@ -221,6 +230,8 @@ class RecorderNode(ProcessNode):
         take: Taker | None = self._completeness.taker(topic.name)
         if topic == self._names.scenario:
             take = self._take_scenario
+        if topic == self._names.mission:
+            take = partial(self._take_mission, take)
         if self._own is not None:
             self._own.add_topic(topic)
         stamps = StampReader(topic.type_name, self._types.fields)
@@ -276,9 +287,19 @@ class RecorderNode(ProcessNode):
             if self._missions_left == 0:
                 self._ended_s = self._now_s
 
+    def _take_mission(self, take: Taker | None, message: bytes) -> Taken | None:
+        """Note what a mission says, and that it cannot be read without its scenario."""
+        mission_id, scenario_fingerprint = self._scenario_of.read(message)
+        is_known = scenario_fingerprint in ('', *self._fingerprints)
+        if not is_known and len(self._unexplained) < _MOST_SCENARIOS:
+            self._unexplained.setdefault(scenario_fingerprint, mission_id)
+        return None if take is None else take(message)
+
     def _take_scenario(self, message: bytes) -> None:
         """Record the fleet of a world."""
         world_instance, scenario_fingerprint, n_uavs = self._scenarios.read(message)
+        self._fingerprints.add(scenario_fingerprint)
+        self._unexplained.pop(scenario_fingerprint, None)
         if world_instance not in self._worlds:
             self._log_times.begin_world()
         self._worlds.pop(world_instance, None)
