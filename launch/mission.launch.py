@@ -6,6 +6,7 @@ All end when the world does, which is after its last mission, or when any of the
 launch` then returns 1. Wrong arguments are refused before anything starts.
 """
 
+import os
 from pathlib import Path
 import uuid
 
@@ -122,7 +123,7 @@ def _choice(name: str, scenario: Scenario, of_agents: dict, output_dir: str) -> 
         guard_after=of_agents['guard_after'],
         own=tuple(own_policies(name, scenario.n_uavs)),
     )
-    with started_choice(request) as answer:
+    with started_choice(request, os.environ) as answer:
         choice, left_out = answer()
     of_agents |= {'policy': choice.policy, 'candidates': ''}
     for line in (*left_out, str(choice)):
