@@ -104,7 +104,13 @@ class Interrupts:
         self.n_raised = 0
 
     def raise_one(self, signal_number: int, frame: FrameType | None) -> None:
-        """Handle a signal by KeyboardInterrupt, which is a way to end."""
+        """Handle a signal by KeyboardInterrupt, which is a way to end.
+
+        While kernels are compiled who listens ends the process: interrupted, the compiler would
+        complain of what it has half built.
+        """
+        if compilation.is_going_on and _is_open():
+            return
         self.n_raised += 1
         watchdog.acknowledge()
         signal.default_int_handler(signal_number, frame)
