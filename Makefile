@@ -132,7 +132,7 @@ help:  ## this list
 	@echo '  PYTHON     which Python to use (the first 3.11 or 3.12 of python3, python3.12, python3.11)'
 
 setup: $(BUILT)  ## everything that missions need, in .venv, build and install (2 minutes once)
-	@echo 'set-up: ready; "make mission" flies, README.md shows how to reach the executables'
+	@echo 'set-up: ready; "make mission" flies, docs/how_to/nodes.md shows how to reach the executables'
 
 field: $(INSTALLED)  ## make a scenario of a list of loggers, with a map, as LIST=loggers.csv UAVS=3
 	@$(VENV)/bin/python -m uav_collect field $(FIELD_OPTIONS)

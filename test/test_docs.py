@@ -1,92 +1,39 @@
 """What README.md, CONTRIBUTING.md and docs/ name is there, and what they show works."""
 
-import argparse
 import ast
 from collections.abc import Iterator
 from contextlib import redirect_stdout
+from importlib import import_module
 from io import StringIO
 import json
 import os
 from pathlib import Path
 import re
-import shlex
 import subprocess
 import sys
 
+from documents import all_blocks, blocks, DOCUMENTS, name_of, page, ROOT
 from interpreted import interpreted
 import pytest
-from uav_collect.__main__ import SUMMARIES
-from uav_collect.commands import (
-    bound,
-    curves,
-    evaluate,
-    field,
-    figures,
-    mission,
-    report,
-    size,
-    train,
-    train_fleet,
-    verify,
-)
 from uav_collect.scenario.load import load, scenario_names
 from uav_collect.scenario.site import build_site
+import yaml
 
 from tools.structure import ORDER, read, Sources
 
-ROOT = Path(__file__).parent.parent
-DOCUMENTS = [
-    *(ROOT / name for name in ('README.md', 'CONTRIBUTING.md', 'CHANGELOG.md')),
-    *sorted((ROOT / 'docs').glob('*.md')),
-]
 README = (ROOT / 'README.md').read_text()
 CONTRIBUTING = (ROOT / 'CONTRIBUTING.md').read_text()
-GLOSSARY = (ROOT / 'docs' / 'glossary.md').read_text()
+GLOSSARY = page('glossary.md')
+# Pages of docs/ but for the one that a command writes.
+WRITTEN = [path for path in DOCUMENTS if path.parent != ROOT and path.name != 'results.md']
+OWN_POLICY, OWN_ALGORITHM = page('tutorials/own_policy.md'), page('tutorials/own_algorithm.md')
 CODE = '\n'.join(
     path.read_text()
     for folder in ('uav_collect', 'msg_defs', 'setup.py')
     for path in [ROOT / folder, *(ROOT / folder).rglob('*')]
     if path.suffix in ('.py', '.msg', '.srv')
 )
-PAPER_MAP = (ROOT / 'docs' / 'paper_map.md').read_text()
-COMMANDS = {
-    **{
-        'verify': verify,
-        'curves': curves,
-        'evaluate': evaluate,
-        'field': field,
-        'mission': mission,
-        'report': report,
-    },
-    **{
-        'size': size,
-        'train': train,
-        'bound': bound,
-        'figures': figures,
-        'train-fleet': train_fleet,
-    },
-}
-ABROAD = {
-    'ros2',
-    'rviz2',
-    'colcon',
-    'ray',
-    'fastdds',
-    'source',
-    'export',
-}  # programs that are not ours
-
-
-def blocks(text: str, language: str) -> list[str]:
-    return re.findall(rf'^```{language}\n(.*?)^```', text, re.MULTILINE | re.DOTALL)
-
-
-def command_lines() -> Iterator[list[str]]:
-    """The commands that the documents show, without leading variables."""
-    for document in DOCUMENTS:
-        for block in blocks(document.read_text(), 'sh'):
-            for line in filter(None, block.splitlines()):
-                yield shlex.split(line, comments=True)
+PAPER_MAP = page('paper_map.md')
 
 
 def defined_names(path: Path) -> set[str]:
@@ -144,15 +91,55 @@ def is_a_key(path: str) -> bool:
     return True
 
 
-def executables() -> set[str]:
-    return set(re.findall(r"'(\w+) = uav_collect\.", (ROOT / 'setup.py').read_text()))
+def anchors(document: Path) -> set[str]:
+    """The places of a document that links can lead to: its headings."""
+    text = re.sub(r'^```.*?^```', '', document.read_text(), flags=re.MULTILINE | re.DOTALL)
+    titles = re.findall(r'^#+ (.*)$', text, re.MULTILINE)
+    return {re.sub(r'[^\w -]', '', title.lower()).strip().replace(' ', '-') for title in titles}
 
 
-@pytest.mark.parametrize('path', DOCUMENTS, ids=lambda path: path.name)
-def test_every_file_that_a_document_links_is_there(path: Path) -> None:
-    targets = re.findall(r'\]\(([^)#]+)[^)]*\)', path.read_text())
-    local = [target for target in targets if '://' not in target]
-    assert [target for target in local if not (path.parent / target).exists()] == []
+@pytest.mark.parametrize('path', DOCUMENTS, ids=name_of)
+def test_everything_that_a_document_links_is_there(path: Path) -> None:
+    links = re.findall(r'\]\(([^)#\s]*)#?([^)]*)\)', path.read_text())
+    local = [(path.parent / file if file else path, at) for file, at in links if ':' not in file]
+    assert [str(file) for file, _ in local if not file.exists()] == []
+    to_places = [(file, at) for file, at in local if at and file.suffix == '.md']
+    assert [(str(file), at) for file, at in to_places if at not in anchors(file)] == []
+
+
+def test_the_readme_is_read_in_five_minutes() -> None:
+    assert len(README.split()) <= 900
+
+
+@pytest.mark.parametrize('path', WRITTEN, ids=name_of)
+def test_every_page_opens_with_a_paragraph(path: Path) -> None:
+    title, opening = path.read_text().split('\n\n')[:2]
+    assert re.fullmatch('# .+', title)
+    assert re.match(r'[A-Z]', opening)
+    assert len(opening.split()) >= 20
+
+
+@pytest.mark.parametrize('path', DOCUMENTS, ids=name_of)
+def test_every_block_of_code_can_be_read(path: Path) -> None:
+    found = [block for block in all_blocks() if block.document == path]
+    assert {block.language for block in found} <= {'sh', 'python', 'yaml', 'csv', 'text'}
+    for block in found:
+        if block.language == 'python':
+            assert [*names_that_lead_nowhere(block.text)] == []
+        if block.language == 'yaml':
+            assert yaml.safe_load(block.text)
+
+
+def names_that_lead_nowhere(program: str) -> Iterator[str]:
+    """What a program takes out of our package that is not there."""
+    for node in ast.walk(ast.parse(program)):
+        if isinstance(node, ast.ImportFrom) and (node.module or '').startswith('uav_collect'):
+            home = import_module(str(node.module))
+            yield from (it.name for it in node.names if not hasattr(home, it.name))
+
+
+def test_a_name_that_leads_nowhere_is_seen() -> None:
+    assert [*names_that_lead_nowhere('from uav_collect import fly, swim')] == ['swim']
 
 
 def test_every_function_and_test_in_the_paper_map_is_there() -> None:
@@ -232,29 +219,10 @@ def test_every_option_in_the_paper_map_is_a_key_of_a_scenario() -> None:
     assert [path for path in paths if not is_a_key(path)] == []
 
 
-@pytest.mark.parametrize('words', [*command_lines()], ids=' '.join)
-def test_every_command_shown_can_be_given(words: list[str]) -> None:
-    program, *arguments = words
-    targets = set(re.findall(r'^([\w-]+):.*##', (ROOT / 'Makefile').read_text(), re.MULTILINE))
-    if program == 'make':
-        assert {word for word in arguments if '=' not in word} <= targets
-    elif program == '.venv/bin/python' and arguments[:2] == ['-m', 'uav_collect']:
-        name, *options = arguments[2:]
-        assert name in SUMMARIES
-        if name in COMMANDS:
-            parser = argparse.ArgumentParser(exit_on_error=False)
-            COMMANDS[name].add_arguments(parser)
-            parser.parse_args(options)
-    elif program == 'ros2' and arguments[0] == 'run':
-        assert arguments[1] == 'uav_collect'
-        assert arguments[2] in executables()
-    else:
-        assert program in executables() | ABROAD
-
-
 @pytest.mark.parametrize('name', scenario_names())
-def test_every_shipped_scenario_is_in_the_readme(name: str) -> None:
-    assert re.search(rf'^\| .*`{name}`.* \|', README, re.MULTILINE)
+def test_every_shipped_scenario_is_in_the_first_tutorial(name: str) -> None:
+    text = page('tutorials/first_mission.md')
+    assert re.search(rf'^\| .*`{name}`.* \|', text, re.MULTILINE)
 
 
 def test_every_room_has_its_line_in_contributing_in_the_order_of_imports() -> None:
@@ -262,16 +230,17 @@ def test_every_room_has_its_line_in_contributing_in_the_order_of_imports() -> No
     assert re.findall(r'`(\w+)(?:/|\.py)`', ' '.join(cells)) == [*ORDER]
 
 
-def test_every_topic_is_in_the_readme_with_its_type() -> None:
+def test_every_topic_is_in_the_reference_with_its_type() -> None:
     topics = pytest.importorskip('uav_collect.nodes.topics', reason='needs the messages of ROS')
     for topic in topics.fleet_topics(1):
         name = topic.name.replace('uav_1', 'uav_N')
-        assert f'| `{name}` | `{topic.type_name}` |' in README
+        assert f'| `{name}` | `{topic.type_name}` |' in page('reference/topics.md')
 
 
-def test_the_scenario_in_the_readme_is_valid(tmp_path: Path) -> None:
-    [yaml], [csv] = blocks(README, 'yaml'), blocks(README, 'csv')
-    (tmp_path / 'my_field.yaml').write_text(yaml)
+def test_the_scenario_of_the_documents_is_valid(tmp_path: Path) -> None:
+    text = page('how_to/own_scenario.md')
+    [described], [csv] = blocks(text, 'yaml'), blocks(text, 'csv')
+    (tmp_path / 'my_field.yaml').write_text(described)
     (tmp_path / 'my_field.csv').write_text(csv)
     scenario = load(tmp_path / 'my_field.yaml')
     assert build_site(scenario).n_sensors == csv.count('\n') - 1
@@ -279,8 +248,8 @@ def test_the_scenario_in_the_readme_is_valid(tmp_path: Path) -> None:
 
 
 def in_a_process_of_its_own(arguments: list[str], folder: Path) -> str:
-    """What Python prints that runs in a folder, with the policy of the README in it."""
-    (folder / 'my_policies.py').write_text(blocks(README, 'python')[0])
+    """What Python prints that runs in a folder, with the tutorial's policy in it."""
+    (folder / 'my_policies.py').write_text(blocks(OWN_POLICY, 'python')[0])
     variables = {'PYTHONPATH': str(ROOT), 'UAV_COLLECT_KERNELS': 'interpreted'}
     return subprocess.run(
         [sys.executable, *arguments],
@@ -292,15 +261,15 @@ def in_a_process_of_its_own(arguments: list[str], folder: Path) -> str:
     ).stdout
 
 
-def test_the_policy_in_the_readme_flies(tmp_path: Path) -> None:
+def test_the_policy_of_the_tutorial_flies(tmp_path: Path) -> None:
     options = ['--policy', 'my_policies:nearest', '--missions', '3', '--json', 'figures.json']
     in_a_process_of_its_own(['-m', 'uav_collect', 'evaluate', *options], tmp_path)
     [flown] = json.loads((tmp_path / 'figures.json').read_text()).values()
     assert flown['complete_share']['mean'] == flown['safe_share']['mean'] == 1.0
 
 
-def test_the_ten_lines_in_the_readme_fly_and_draw_a_mission(tmp_path: Path) -> None:
-    _, program, _ = blocks(README, 'python')
+def test_the_ten_lines_of_the_tutorial_fly_and_draw_a_mission(tmp_path: Path) -> None:
+    _, program = blocks(OWN_POLICY, 'python')
     assert len(program.splitlines()) == 10
     assert program.count('missions=100') == 1
     script = program.replace('missions=100', 'missions=2')
@@ -311,13 +280,13 @@ def test_the_ten_lines_in_the_readme_fly_and_draw_a_mission(tmp_path: Path) -> N
 
 
 def learned() -> str:
-    """What the program in the README prints after fewer missions."""
-    *_, program = blocks(README, 'python')
+    """What the program of the tutorial prints after fewer missions."""
+    [program] = blocks(OWN_ALGORITHM, 'python')
     assert program.count('range(300)') == 1
     with redirect_stdout(StringIO()) as printed:
-        exec(program.replace('range(300)', 'range(6)'), {'__name__': 'readme'})
+        exec(program.replace('range(300)', 'range(6)'), {'__name__': 'tutorial'})
     return printed.getvalue()
 
 
-def test_the_learner_in_the_readme_runs() -> None:
+def test_the_learner_of_the_tutorial_runs() -> None:
     assert re.fullmatch(r'\d+% of the data at first, \d+% in the end\n', interpreted(learned))
