@@ -12,6 +12,7 @@ from uav_collect.__main__ import main
 from uav_collect.analysis.against_rules import Flown
 from uav_collect.limits import FAILED, INTERRUPTED, UNUSABLE
 from uav_collect.scenario.load import fingerprint
+from uav_collect.training.config import load_preset
 from uav_collect.uav.observation import Layout
 from uav_collect.uav.policy import policy_for
 from uav_collect.uav.policy_file import load_policy, save_policy
@@ -133,6 +134,20 @@ def test_it_goes_on_from_what_was_refined_before(
 
     assert main(['refine', '--scenario', str(field), '--decisions', '1', *QUICK]) == 0
     assert f'from {field.with_suffix(".safetensors")}: ' in capsys.readouterr().out
+
+
+@pytest.mark.usefixtures('ever_better')
+def test_from_nothing_it_learns_with_the_advice_of_the_sweep(
+    field: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(refine_session, 'shipped_policies', lambda: ())
+
+    assert main(['refine', '--scenario', str(field), '--decisions', '400', *QUICK]) == 0
+    assert '\nfrom nothing: ' in capsys.readouterr().out
+    kept = load_policy(field.with_suffix('.safetensors')).header
+    assert (kept.layout, kept.preset) == (Layout.RELATIVE, 'field_anywhere')
+    bonuses = [load_preset(kept.preset).advice_bonus(share) for share in (0.0, 0.1, 0.2)]
+    assert bonuses == pytest.approx([0.2, 0.1, 0.0])
 
 
 @pytest.mark.usefixtures('ever_better')

@@ -30,7 +30,7 @@ from uav_collect.uav.policy import frozen_policy, shipped_policies
 from uav_collect.uav.policy_file import load_policy, save_policy
 from uav_collect.uav.policy_network import FrozenPolicy
 
-_PRESET_FROM_NOTHING = 'strong'
+_PRESET_FROM_NOTHING = 'field_anywhere'
 _FROM_NOTHING = 'from nothing: no policy that is there has a network for this fleet'
 _ALGORITHM = 'aqmix'
 _N_CHOOSING, _N_JUDGING = 100, 200  # missions
