@@ -51,7 +51,7 @@ _OF_AGENTS = {
     'policy': 'what decides: hert, hert-equal, sweep, random, a learned policy or its file, '
     'module:name, strong or best',
     'candidates': 'policies, separated by commas, among which best is chosen besides those '
-    'shipped for the scenario, sweep and hert',
+    'shipped for the scenario or refined for it, sweep and hert',
     'bandwidth': 'how bandwidth is shared: exact, equal or cvxpy',
     'guard_after': 'decisions without news after which a guard takes over from a learned policy '
     'or a function; 0: never',

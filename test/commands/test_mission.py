@@ -26,6 +26,8 @@ from uav_collect.recording.origin import CHOICE_KEY
 from uav_collect.scenario.load import fingerprint, load
 from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
+from uav_collect.uav.policy import frozen_policy
+from uav_collect.uav.policy_file import save_policy
 
 TIGHT = 'fleet.default.energy_budget_kj=60'  # random weights fly until it is used up
 SEED = 2
@@ -150,21 +152,23 @@ def test_the_best_policy_flies_unless_another_is_named_and_the_folder_says_why(
 
 
 @pytest.mark.ros
-def test_a_candidate_of_the_user_s_flies_if_it_is_best(
+def test_what_lies_beside_the_scenario_flies_if_it_is_best(
     processes: Processes, scenario: Scenario, tmp_path: Path
 ) -> None:
     run, small = tmp_path / 'run', tmp_path / 'small.yaml'
     small.write_text('extends: paper_8x8\nname: small\n')  # no policy is shipped for it
-    names = ['--candidates', 'random,paper_8x8_n2_aqmix', '--policy', 'best']
+    own = small.with_suffix('.safetensors')
+    save_policy(own, frozen_policy('paper_8x8_n2_aqmix'))
+    names = ['--candidates', 'random', '--policy', 'best']
     words = ['-m', 'uav_collect', 'mission', '--scenario', str(small), *names]
     flown = processes.run('mission', sys.executable, *words, '--output', str(run))
     assert flown.wait_for_exit() == 0
     choice = read_choice(run)
     assert choice is not None
-    assert [it.policy for it in choice.tried] == ['sweep', 'hert', 'random', 'paper_8x8_n2_aqmix']
-    assert choice.policy == 'paper_8x8_n2_aqmix'
-    assert read(run / 'mission_0.jsonl').header.uavs[1].policy == choice.policy
-    assert (run / f'{choice.policy}.safetensors').is_file()
+    assert [it.policy for it in choice.tried] == [str(own), 'sweep', 'hert', 'random']
+    assert choice.policy == str(own)
+    assert read(run / 'mission_0.jsonl').header.uavs[1].policy == 'small'
+    assert (run / own.name).read_bytes() == own.read_bytes()
 
 
 @pytest.mark.ros

@@ -83,8 +83,17 @@ def policy_named(name: str) -> NamedPolicy:
 
 
 def listed_names(text: str) -> list[str]:
-    """The policies that a user names in one text, separated by commas; none if it is empty."""
-    return [name for each in text.split(',') if (name := each.strip())]
+    """The policies that a user names in one text, separated by commas; none if it is empty.
+
+    Raises:
+        PolicyMismatchError: a name is empty.
+    """
+    names = [name.strip() for name in text.split(',')] if text else []
+    if not all(names):
+        raise PolicyMismatchError(
+            f'candidates are {shown(text)}: must be policies, separated by commas'
+        )
+    return names
 
 
 def policy_for(name: str, scenario: Scenario) -> NamedPolicy:

@@ -12,7 +12,7 @@ import uuid
 
 from rclpy.clock import Clock, ClockType
 from uav_collect.errors import ConfigError, NodeError, PolicyMismatchError
-from uav_collect.limits import UNUSABLE
+from uav_collect.limits import BEST, UNUSABLE
 from uav_collect.lockstep.checks import observation_problem, radio_problem
 from uav_collect.lockstep.inbox import Inbox
 from uav_collect.lockstep.published_policy import PolicyStore, TopicPolicy
@@ -79,6 +79,7 @@ class AgentNode(ProcessNode):
             log=self.get_logger().info,
         )
         self._scenario_msg: Any = None  # of the world that is flown for
+        self._own_policy: Any = None  # refined for that, see `PolicyChoice.policy_for`
         self._instance = str(uuid.uuid4())
         self._layout = _layout_named(self._value('observation_layout'))
         self._inbox: Inbox | None = None
@@ -131,7 +132,8 @@ class AgentNode(ProcessNode):
     def _on_world(self, msg: Any) -> None:
         """Try to join the fleet of a world, by its scenario."""
         self._inbox, self._is_member, self._unfit = None, False, ''
-        self._scenario_msg = msg
+        self._scenario_msg, self._own_policy = msg, None
+        self._asked_s, self._n_refusals = -math.inf, 0
         self._prepare(lambda: True)
 
     @_gives_up_on_error
@@ -154,9 +156,12 @@ class AgentNode(ProcessNode):
         scenario = self._checked_scenario(msg)
         briefing, uav = brief(scenario), self._uav - 1
         self._briefing, self._n_sensors = briefing, len(msg.sensor_id)
-        policy = self._topic_policy(briefing) or self._choice.policy_for(scenario)
+        policy = self._topic_policy(briefing) or self._choice.policy_for(
+            scenario, self._own_policy
+        )
         if policy is None:
-            return  # it is being chosen
+            self._ask_to_join()  # the world says what else may be chosen, unless that is known
+            return
         for line in remarks(policy, scenario):
             self.get_logger().warning(line)
         topic_policy = policy if isinstance(policy, TopicPolicy) else None
@@ -213,12 +218,22 @@ class AgentNode(ProcessNode):
             )
         return scenario
 
+    @property
+    def _is_to_choose(self) -> bool:
+        """Whether the world is to say first what was refined for its scenario."""
+        is_open = self._scenario_msg is not None and self._own_policy is None
+        return is_open and self._choice.is_by_missions and not self._unfit
+
     def _ask_to_join(self) -> None:
-        """Ask the world to join its fleet, unless that is done or just was."""
+        """Ask the world to join its fleet, unless that is done or just was.
+
+        Who is to choose a policy asks as BEST, and again with what it has chosen.
+        """
         now_s = time.monotonic()
         if self._is_member or now_s - self._asked_s < _ANSWER_S or self.end_status is not None:
             return
-        if self._inbox is None or not self._joining.client.service_is_ready():
+        policy = None if self._inbox is None else self._inbox.agent.policy
+        if not (policy or self._is_to_choose) or not self._joining.client.service_is_ready():
             self._log_waiting()
             return
         self._asked_s = now_s
@@ -229,12 +244,29 @@ class AgentNode(ProcessNode):
             agent_instance=self._instance,
             host=socket.gethostname(),
             pid=os.getpid(),
-            policy=self._inbox.agent.policy.name,
-            policy_version=self._inbox.agent.policy.version,
+            policy=BEST if policy is None else policy.name,
+            policy_version='' if policy is None else policy.version,
             allocator=self._allocator,
             guard_after=self._guard,
         )
-        self._joining.call(request, self._on_answer)
+        take = partial(self._on_own_policy, request) if policy is None else self._on_answer
+        self._joining.call(request, take)
+
+    @_gives_up_on_error
+    def _on_own_policy(self, request: Any, answer: Any) -> None:
+        """Choose, now that the world says what was refined for its scenario; else ask again."""
+        asked = request.world_instance, request.scenario_fingerprint
+        is_late = asked != (self._world.instance, self._world.scenario_fingerprint)
+        if is_late or not self._is_to_choose:
+            return
+        self._asked_s = -math.inf
+        if answer is None or answer.world_instance != request.world_instance:
+            return
+        if answer.waits_for_policy:
+            self._own_policy = answer.policy
+            self._prepare(lambda: True)
+        elif not answer.retry:
+            self._give_up(answer.reason)
 
     @_gives_up_on_error
     def _on_answer(self, answer: Any) -> None:

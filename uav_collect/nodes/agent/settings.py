@@ -27,7 +27,7 @@ PARAMETERS = (
         name='candidates',
         default='',
         description='policies, separated by commas, among which best is chosen besides those '
-        'shipped for the scenario, sweep and hert (--candidates)',
+        'shipped for the scenario or refined for it, sweep and hert (--candidates)',
     ),
     Parameter(
         name='bandwidth',

@@ -11,7 +11,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
 from uav_collect.config.arguments import Parser
 from uav_collect.errors import ConfigError, NodeError
-from uav_collect.limits import FAILED
+from uav_collect.limits import BEST, FAILED
 from uav_collect.lockstep.checks import names_problem
 from uav_collect.lockstep.published_policy import PolicyStore
 from uav_collect.lockstep.roster import Pilot, Roster
@@ -28,6 +28,7 @@ from uav_collect.nodes.trainer_listener import subscribe_to_trainers
 from uav_collect.nodes.world.control import WorldControl
 from uav_collect.nodes.world.diagnostics import WorldDiagnostics
 from uav_collect.nodes.world.mission import mission_msg, mission_summary, MissionInFlight
+from uav_collect.nodes.world.own_policy import own_policy_msg
 from uav_collect.nodes.world.publishers import ViewerPublisher, WorldPublishers
 from uav_collect.nodes.world.recorders import WorldRecorders
 from uav_collect.nodes.world.rivals import RivalWatch
@@ -39,7 +40,7 @@ from uav_collect.scenario.site import build_site, Site
 from uav_collect.uav.actions import check_can_start
 from uav_collect.uav.briefing import briefing_of
 from uav_collect.uav.policy import TOPIC
-from uav_collect_msgs.msg import Mission
+from uav_collect_msgs.msg import Mission, Policy
 from uav_collect_msgs.srv import Join, Vouch
 
 _DESCRIPTION = """
@@ -76,6 +77,7 @@ class WorldNode(ProcessNode):
         self._identity = WorldIdentity(started_s=time.time(), instance=settings.world_instance)
         self.roster = Roster(scenario.n_uavs)
         self._policies = PolicyStore(briefing)
+        self._own_policy = own_policy_msg(settings.scenario, briefing, self.get_logger().warning)
         first_seed = settings.seed if settings.missions else None
         self._schedule = MissionSchedule(n_missions=settings.missions, next_seed=first_seed)
         self._pacer = SimulationPacer(settings.real_time_factor)
@@ -151,6 +153,9 @@ class WorldNode(ProcessNode):
             self._diagnostics.warn('join refused', f'a request to join is refused: {problem}')
             return response
         pilot = convert.pilot_from_request(request)
+        if pilot.policy == BEST:  # it is to choose, and joins when it has
+            response.waits_for_policy, response.policy = True, self._own_policy
+            return response
         response.waits_for_policy = pilot.policy == TOPIC and self._policies.latest is None
         if response.waits_for_policy:
             return response
@@ -237,7 +242,7 @@ class WorldNode(ProcessNode):
 
     def fly_over(self, site: Site) -> None:
         """Take another scenario; its agents have to join anew."""
-        self.site = site
+        self.site, self._own_policy = site, Policy()  # beside a text or a shipped file lies none
         self.roster.change_fleet(site.scenario.n_uavs)
         self._gathering_since_s = time.monotonic()
         for refusal in self._policies.recheck(briefing_of(site)):
