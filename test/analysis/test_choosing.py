@@ -215,7 +215,7 @@ def test_its_missions_are_none_that_anybody_tests_or_trains_on() -> None:
         (10, ('sweep',), False, 200),
         (20, ('sweep', 'hert', 'paper_10x10_n2_aqmix'), True, 200),
         (20, ('sweep', 'hert', 'paper_10x10_n2_aqmix'), False, 10),
-        (64, ('sweep', 'hert', 'paper_10x10_n2_aqmix'), True, 50),
+        (64, ('sweep', 'hert', 'paper_10x10_n2_aqmix'), True, 40),
     ],
 )
 def test_how_many_missions_follows_from_area_candidates_and_kernels_alone(
@@ -226,13 +226,14 @@ def test_how_many_missions_follows_from_area_candidates_and_kernels_alone(
     assert found == n_missions
 
 
-def test_a_network_that_sees_more_flies_fewer_missions(tmp_path: Path) -> None:
-    def planned(layout: Layout) -> int:
-        file = str(saved(tmp_path, layout.name.lower(), header(layout)))
+def test_a_network_that_sees_more_or_is_larger_flies_fewer_missions(tmp_path: Path) -> None:
+    def planned(layout: Layout, hidden_size: int = 16) -> int:
+        file = str(saved(tmp_path, 'mine', header(layout, hidden_size=hidden_size)))
         candidates = named(load('paper_10x10'), file, 'sweep', 'hert')
         return planned_missions(candidates, 100, is_compiled=False)
 
     assert [planned(it) for it in Layout] == [70, 70, 60]
+    assert [planned(it, 256) for it in Layout] == [60, 60, 40]
 
 
 def test_the_choice_is_the_same_however_many_missions_are_flown_at_once(

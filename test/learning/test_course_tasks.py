@@ -1,5 +1,6 @@
 """Training on courses: the same run every time, each course for a while, turns where they help."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -7,16 +8,18 @@ from episodes import single_threaded_torch, small
 import numpy as np
 import pytest
 from small_courses import small_courses, small_settings
-from tiny_world import tiny
+from tiny_world import tiny, uav
 from uav_collect.errors import ConfigError
 from uav_collect.learning.minibatch import Algorithm
 from uav_collect.training.config import TrainingConfig
+from uav_collect.training.panel import Condition, Panel
 from uav_collect.uav.policy_file import policy_bytes, policy_from_bytes
 
 torch = single_threaded_torch()
 from trainer_states import differences, state_of
 from uav_collect.learning.course_tasks import CourseTasks
 from uav_collect.learning.trainer import Trainer
+from uav_collect.learning.validation import PanelValidator
 from uav_collect.training.progress import Budget
 
 DECISIONS = 2500
@@ -141,6 +144,19 @@ def test_settings_that_do_not_do_for_courses_are_refused(
     config = small_settings(name='small', **settings)
     with pytest.raises(ConfigError, match=wrong):
         tasks_of(config)
+
+
+def test_fleets_that_the_observation_has_no_room_for_are_refused_before_training() -> None:
+    courses, config = small_courses(), small_settings()
+    fleet = replace(courses.distribution.fleet, n_uavs=(2, 17))
+    large = replace(courses.distribution, fleet=fleet)
+    wrong = r'courses small: fleet.n_uavs is \[2, 17\]: must end at 16 at most'
+    with pytest.raises(ConfigError, match=wrong):
+        CourseTasks(large, config, Algorithm.AQMIX, 0, 'cpu')
+    condition = Condition(name='many', scenario=tiny(*[uav()] * 17))
+    panel = Panel(name='mine', conditions=(condition,))
+    with pytest.raises(ConfigError, match='panel mine: many has 17 UAVs: must be 16 at most'):
+        PanelValidator(panel, 1, config.layout)
 
 
 def test_a_scenario_that_cannot_hold_a_batch_is_refused_before_training() -> None:

@@ -99,6 +99,9 @@ WRONG = {
     'exploration: {hover_share: -1.5}': 'exploration.hover_share is -1.5: must be a number',
     'replay: {decisions: 10}': 'replay.decisions is 10: must be a whole number from 1000',
     'rollout: {bandwidth: cvxpy}': "rollout.bandwidth is 'cvxpy': must be 'equal' or 'exact'",
+    'network: {hidden_size: 8, advice_decay_share: 0.5}': (
+        'network.advice_decay_share is 0.5: must come with network.advice_bonus_last'
+    ),
     'rollout: 5': 'rollout is 5: must be a mapping of keys',
 }
 
@@ -167,6 +170,19 @@ def test_epsilon_falls_over_a_share_of_the_training_and_stays() -> None:
     found = [config.epsilon(share) for share in (0.0, 0.25, 0.5, 0.75, 1.0)]
     assert found == pytest.approx([1.0, 0.6, 0.2, 0.2, 0.2])
     assert of_schedule(exploration__decay_share=0.0).epsilon(0.0) == pytest.approx(0.03)
+
+
+@pytest.mark.parametrize(
+    ('decay_share', 'bonuses'),
+    [(0.5, [0.2, 0.1, 0.0, 0.0]), (0, [0.0] * 4), (1, [0.2, 0.15, 0.1, 0.0])],
+)
+def test_the_bonus_of_the_advice_falls_over_a_share_of_the_training(
+    decay_share: float, bonuses: list[float]
+) -> None:
+    config = load_preset('anywhere', {'network.advice_decay_share': decay_share})
+    assert [config.advice_bonus(share) for share in (0.0, 0.25, 0.5, 1.0)] == pytest.approx(
+        bonuses
+    )
 
 
 def test_the_learning_rate_stays_then_falls_to_the_end() -> None:

@@ -180,6 +180,10 @@ def test_a_panel_written_out_reads_back_the_same(tmp_path: Path) -> None:
         ('{name: one, scenario: paper_8x8, uavs: 0}', 'conditions.0.uavs is 0: must be a whole'),
         ('{name: one, scenario: paper_8x8, set: 3}', 'conditions.0.set is 3: must be a mapping'),
         ('{name: one, scenario: paper_8x8, set: {radio.reach: 3}}', 'radio.reach is an unknown'),
+        (
+            '{name: one, scenario: paper_8x8, sets: {}}',
+            'conditions.0.sets is an unknown key: must be one of name, scenario, set, uavs',
+        ),
         ('{scenario: paper_8x8}', 'conditions.0.name is missing'),
         (
             '{name: one, scenario: paper_8x8}\n- {name: one, scenario: paper_8x8}',

@@ -1,7 +1,7 @@
 """What candidates achieved in the same sampled missions of a scenario, and which one is best."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from uav_collect.analysis.metrics import percent
 from uav_collect.analysis.short_names import short_names
@@ -19,6 +19,8 @@ class Tried:
     policy: str  # as it is named to agents
     version: str
     estimates: Mapping[str, Estimate]  # by key of MEASURES
+    # Processor time of its missions [s], which is another one each time; None: nobody counted it.
+    computing_s: float | None = field(default=None, compare=False)
 
     @property
     def rank(self) -> tuple[float, float]:
@@ -101,7 +103,7 @@ def _table(choice: Choice) -> list[str]:
     """The candidates and what they achieved, a line each, an arrow before the one that flies."""
     names = short_names([it.policy for it in choice.tried], _MOST_NAME)
     rows = [
-        ('candidate', 'kbit/J', '95 % interval', 'time', 'energy', 'complete', 'safe'),
+        ('candidate', 'kbit/J', '95 % interval', 'time', 'energy', 'complete', 'safe', 'tried in'),
         *(
             (
                 names[it.policy],
@@ -111,6 +113,7 @@ def _table(choice: Choice) -> list[str]:
                 f'{it.estimates["energy_kj"].mean:.1f} kJ',
                 percent(it.estimates['complete_share'].mean),
                 percent(it.estimates['safe_share'].mean),
+                '' if it.computing_s is None else f'{it.computing_s:.1f} s',
             )
             for it in choice.tried
         ),

@@ -42,10 +42,12 @@ _RULES = ('sweep', 'hert')
 # What a mission takes for each cell of the area [us], by compiled and by interpreted kernels.
 _RULE_US, _FUNCTION_US = (1.5, 130.0), (400.0, 600.0)
 _NETWORK_US = {
-    Layout.PAPER: (15.0, 250.0),
-    Layout.EGOCENTRIC: (15.0, 250.0),
-    Layout.RELATIVE: (25.0, 400.0),
+    Layout.PAPER: (12.0, 240.0),
+    Layout.EGOCENTRIC: (12.0, 240.0),
+    Layout.RELATIVE: (20.0, 390.0),
 }
+# And besides, for a recurrence of so many units; it grows with their square.
+_RECURRENCE_US, _RECURRENCE_UNITS = (8.0, 10.0), 64
 _CHUNK_S = 0.3  # the same, of what is flown between two looks at the clock
 
 
@@ -114,7 +116,13 @@ def _mission_s(candidate: Candidate, n_cells: int, *, is_compiled: bool) -> floa
         case RulePolicy():
             compiled_us, interpreted_us = _RULE_US
         case LearnedPolicy(frozen=network):
-            compiled_us, interpreted_us = _NETWORK_US[network.header.layout]
+            size = (network.header.hidden_size / _RECURRENCE_UNITS) ** 2
+            compiled_us, interpreted_us = (
+                own_us + size * recurrence_us
+                for own_us, recurrence_us in zip(
+                    _NETWORK_US[network.header.layout], _RECURRENCE_US, strict=True
+                )
+            )
         case _:
             compiled_us, interpreted_us = _FUNCTION_US
     return (compiled_us if is_compiled else interpreted_us) * 1e-6 * n_cells
@@ -151,6 +159,7 @@ class Choosing:
         self._at_once = max(1, int(_CHUNK_S / slowest_s))
         self._flown: dict[str, list[BatchMetrics]] = {it.name: [] for it in candidates}
         self._n_flown = dict.fromkeys(self._flown, 0)  # missions
+        self._computing_s = dict.fromkeys(self._flown, 0.0)
 
     @property
     def n_missions(self) -> int:
@@ -175,7 +184,7 @@ class Choosing:
             ConfigError: the fleet has not the energy to start.
         """
         candidate = min(self._candidates, key=lambda it: self._n_flown[it.name])
-        start = self._n_flown[candidate.name]
+        start, begun_s = self._n_flown[candidate.name], process_time()
         seeds = mission_seeds(CHOICE_SEED, self.n_planned)[start : start + self._at_once]
         metrics = fly_for_metrics(
             self._site,
@@ -186,6 +195,7 @@ class Choosing:
         )
         self._flown[candidate.name].append(metrics)
         self._n_flown[candidate.name] += len(seeds)
+        self._computing_s[candidate.name] += process_time() - begun_s
         return len(seeds)
 
     def choice(self) -> Choice:
@@ -202,7 +212,9 @@ class Choosing:
             n_missions=self.n_missions,
             n_planned=self.n_planned,
             is_compiled=self._is_compiled,
-            tried=tuple(_tried(it, values[it.name]) for it in self._candidates),
+            tried=tuple(
+                _tried(it, values[it.name], self._computing_s[it.name]) for it in self._candidates
+            ),
         )
         if choice.next_best is None:
             return choice
@@ -244,13 +256,14 @@ def choose(
     return choosing.choice()
 
 
-def _tried(candidate: Candidate, values: Floats) -> Tried:
+def _tried(candidate: Candidate, values: Floats, computing_s: float) -> Tried:
     keys = [measure.key for measure in MEASURES]
     found = column_estimates(values, CHOICE_SEED)
     return Tried(
         policy=candidate.name,
         version=candidate.policy.version,
         estimates=dict(zip(keys, found, strict=True)),
+        computing_s=computing_s,
     )
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from uav_collect import files
 from uav_collect.commands import options, terminal
-from uav_collect.errors import BagError, FilmError, in_one_line, MissionLogError
+from uav_collect.errors import BagError, FilmError, in_one_line, MissionLogError, StoreError
 from uav_collect.kernels.compile import interpret_kernels
 from uav_collect.kernels.patience import waiting_for
 from uav_collect.limits import UNUSABLE
@@ -70,8 +70,11 @@ def run(arguments: argparse.Namespace) -> int:
     from uav_collect.analysis.choice_file import read_choice
     from uav_collect.analysis.console import plain_console
 
-    if (choice := read_choice(arguments.path)) is not None:
-        plain_console().print(f'{choice}\n', soft_wrap=True)
+    try:
+        if (choice := read_choice(arguments.path)) is not None:
+            plain_console().print(f'{choice}\n', soft_wrap=True)
+    except StoreError as error:  # the missions are whole all the same
+        terminal.say(str(error))
     return show_missions(arguments)
 
 

@@ -191,6 +191,12 @@ def check_settings(
         )
     if algorithm is not Algorithm.AIQL and not config.mixer.is_of_sets:
         raise ConfigError("mixer.kind is 'fleet': must be set to learn on courses")
+    most, n_uavs = config.layout.max_uavs, distribution.fleet.n_uavs
+    if n_uavs[1] > most:
+        raise ConfigError(
+            f'courses {distribution.name}: fleet.n_uavs is {[*n_uavs]}: must end at {most} at'
+            f' most, for which observation {config.observation!r} has room'
+        )
     side = distribution.area.cells_per_side[1]
     check_room(config, side * side, settings.at_once)
     return settings

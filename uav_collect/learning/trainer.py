@@ -93,7 +93,7 @@ class Trainer:
         else:
             distribution = courses.distribution
             self._rota = CourseTasks(distribution, config, self.algorithm, seed, device)
-            self._validator = PanelValidator(courses.panel, n_missions)
+            self._validator = PanelValidator(courses.panel, n_missions, config.layout)
             self._learned = learned_on_courses(distribution)
         briefings = [task.briefing for task in self._tasks]
         self._learner = Learner(config, briefings, self.algorithm, seed, device)

@@ -7,6 +7,7 @@ from typing import Any, Protocol
 import numpy as np
 from uav_collect.analysis.metrics import mission_metrics, MissionMetrics
 from uav_collect.analysis.statistics import MEASURES, mission_seeds
+from uav_collect.errors import ConfigError
 from uav_collect.learning.task import Task
 from uav_collect.missions.rollout import fly
 from uav_collect.recording.mission_log import MissionLog
@@ -14,6 +15,7 @@ from uav_collect.scenario.site import build_site
 from uav_collect.training.panel import Panel
 from uav_collect.training.progress import ConditionResult
 from uav_collect.training.seeds import VALIDATION_SEED
+from uav_collect.uav.observation import Layout
 from uav_collect.uav.policy_network import LearnedPolicy
 
 
@@ -65,8 +67,19 @@ class ScenarioValidator:
 class PanelValidator:
     """Flies missions in each condition of a panel, and compares with the sweep's in the same."""
 
-    def __init__(self, panel: Panel, n_missions: int) -> None:
-        """Lay out the conditions; so many missions are flown in each."""
+    def __init__(self, panel: Panel, n_missions: int, layout: Layout) -> None:
+        """Lay out the conditions; so many missions are flown in each.
+
+        Raises:
+            ConfigError: the layout of the policies has no room for a fleet.
+        """
+        for condition in panel.conditions:
+            if condition.scenario.n_uavs > layout.max_uavs:
+                raise ConfigError(
+                    f'panel {panel.name}: {condition.name} has {condition.scenario.n_uavs} UAVs:'
+                    f' must be {layout.max_uavs} at most, for which observations {layout.label}'
+                    ' have room'
+                )
         self._names = [condition.name for condition in panel.conditions]
         self._sites = [build_site(condition.scenario) for condition in panel.conditions]
         self._seeds = mission_seeds(VALIDATION_SEED, n_missions)

@@ -40,7 +40,7 @@ class NetworkSettings(Section):
     hidden_size: _Size
     # Added to the value of what the sweep advises, where observations show that; absent: 0.
     advice_bonus: Annotated[float | None, number(0, 1e9)] = None
-    # What it falls to, evenly over this share of the training; absent: it stays.
+    # What it falls to, evenly over this share of the training, or all of it; absent: it stays.
     advice_bonus_last: Annotated[float | None, number(0, 1e9)] = None
     advice_decay_share: Annotated[float | None, number(0, 1)] = None
 
@@ -164,8 +164,11 @@ class TrainingConfig(Section):
     def advice_bonus(self, share_done: float) -> float:
         """What is added to the value of the advice after a share of the training."""
         first, last = self.network.advice_bonus or 0.0, self.network.advice_bonus_last
-        decay_share = self.network.advice_decay_share or 1.0
-        return _between(first, first if last is None else last, share_done / decay_share)
+        decay_share = self.network.advice_decay_share
+        if decay_share is None:
+            decay_share = 1.0
+        share = share_done / decay_share if decay_share > 0 else 1.0
+        return _between(first, first if last is None else last, share)
 
     @property
     def advice_share(self) -> float:
@@ -234,6 +237,14 @@ def load_preset(
     config = validated(TrainingConfig, document)
     if config.layout.adviser == NONE:
         _refuse_advice(config, document)
+    if config.network.advice_decay_share is not None and config.network.advice_bonus_last is None:
+        raise ConfigError(
+            document.problem(
+                ('network', 'advice_decay_share'),
+                f'is {config.network.advice_decay_share:g}: must come with'
+                ' network.advice_bonus_last, to which the bonus falls',
+            )
+        )
     return config
 
 

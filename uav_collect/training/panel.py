@@ -22,6 +22,7 @@ from uav_collect.scenario.model import Scenario
 from uav_collect.training.resolved import resolved_scenario, with_value
 
 _MOST_CONDITIONS = 200
+_KEYS = ('name', 'scenario', 'set', 'uavs')  # of a condition in a file
 
 
 class Condition(Section):
@@ -72,6 +73,10 @@ def _resolved(document: Document, keys: Keys) -> Document:
     condition = document.at(keys)
     if not isinstance(condition, dict) or not isinstance(condition.get('scenario'), str):
         return document
+    for key in condition:
+        if key not in _KEYS:
+            what = f'is an unknown key: must be one of {", ".join(_KEYS)}'
+            raise ConfigError(document.problem((*keys, key), what))
     overrides = condition.get('set', {})
     if not isinstance(overrides, Mapping) or not all(isinstance(key, str) for key in overrides):
         what = f'is {shown(overrides)}: must be a mapping of keys as demand.cell_share'
