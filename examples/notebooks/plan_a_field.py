@@ -1,0 +1,59 @@
+# ---
+# jupyter:
+#   jupytext:
+#     text_representation: {extension: .py, format_name: percent}
+# ---
+
+# %% [markdown]
+# # Plan a field
+#
+# Twelve loggers stand along a creek. How large should the cells be, where should the drones
+# start, and how long does it take two of them to read everything? This notebook goes from the
+# list of loggers to a flight over them.
+
+# %%
+import os
+from pathlib import Path
+import subprocess
+import sys
+
+import uav_collect
+
+MISSIONS = int(os.environ.get('UAV_COLLECT_NOTEBOOK_MISSIONS', '100'))
+
+# %% [markdown]
+# The list is a table with a name and a place for each logger. Yours may be a spreadsheet or a
+# map.
+
+# %%
+PLACES_M = [(40 + 55 * n, 60 + 90 * (n % 3) + 12 * n) for n in range(12)]
+ROWS = [f'logger {n},{x_m},{y_m}' for n, (x_m, y_m) in enumerate(PLACES_M, start=1)]
+Path('loggers.csv').write_text('\n'.join(['id,x_m,y_m', *ROWS]) + '\n')
+
+# %% [markdown]
+# `field` makes a scenario of it: cells by how far a logger is heard, a base, and a fleet. It
+# says why each value is what it is, in `loggers.yaml`, and draws a map, `loggers.png`.
+
+# %%
+FIELD = ['field', 'loggers.csv', '--uavs', '2', '--force']
+subprocess.run([sys.executable, '-m', 'uav_collect', *FIELD], check=True)
+print(Path('loggers.yaml').read_text()[:600])
+
+# %% [markdown]
+# Two rules fly the same missions. What differs from mission to mission is how much data each
+# logger holds, and how well it is heard.
+
+# %%
+compared = uav_collect.evaluate('loggers.yaml', ['sweep', 'hert'], missions=MISSIONS)
+print(compared)
+
+# %% [markdown]
+# This is one mission by the better of the two, and who flew where. The less is left unread
+# the better: nothing should be.
+
+# %%
+best = max(compared.estimates, key=lambda it: compared.estimates[it]['efficiency_kbit_per_j'].mean)
+mission = uav_collect.fly('loggers.yaml', best, seed=1)
+mission.draw('flight.png')
+print(mission)
+print('left unread:', mission.unread or 'nothing')
