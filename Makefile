@@ -6,7 +6,7 @@
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup field mission train policy train-fleet curves figures test test-ubuntu fuzz chaos soak golden check format bench clean distclean
+.PHONY: help setup field mission train policy train-fleet curves figures test test-ubuntu docs fuzz chaos soak golden check format bench clean distclean
 
 VENV := .venv
 PYTHON ?=
@@ -15,6 +15,7 @@ INSTALLED := $(VENV)/.installed-$(ROS)
 DEVELOPED := $(VENV)/.developed-$(ROS)
 LEARNS := $(VENV)/.learns-$(ROS)
 CLUSTERS := $(VENV)/.clusters-$(ROS)
+DOCUMENTS := $(VENV)/.documents-$(ROS)
 BUILT := install/.built
 UBUNTU := build/ubuntu_24_04
 
@@ -163,6 +164,11 @@ test-ubuntu: $(BUILT) $(DEVELOPED) $(UBUNTU)/.built  ## fly and read settings wi
 	  UAV_COLLECT_UBUNTU=$(CURDIR)/$(UBUNTU)/packages $(VENV)/bin/python -m pytest test/nodes/test_ubuntu.py
 	@PYTHONPATH=$(UBUNTU)/packages $(VENV)/bin/python -m pytest test/scenario test/training/test_config.py
 
+docs: $(BUILT) $(DOCUMENTS)  ## build the site of docs/ in build/site, to be read without a network
+	@. install/setup.sh && NO_MKDOCS_2_WARNING=1 PYTHONPATH=.$${PYTHONPATH:+:$$PYTHONPATH} \
+	  $(VENV)/bin/python -m mkdocs build -q
+	@echo 'site: build/site/index.html'
+
 fuzz: $(BUILT) $(DEVELOPED) $(LEARNS)  ## try every surface by nonsense, as MINUTES=30 SURFACES='log bag'
 	@. install/setup.sh && $(VENV)/bin/python tools/fuzz.py $(if $(MINUTES),--minutes '$(MINUTES)') $(SURFACES)
 
@@ -213,6 +219,11 @@ $(LEARNS): $(INSTALLED) requirements/train.txt requirements/locked/train.txt too
 $(CLUSTERS): $(LEARNS) requirements/locked/cluster.txt
 	@echo 'set-up: installing Ray (0.1 GB to fetch)'
 	@sh tools/install_locked.sh $(VENV) cluster
+	@touch $@
+
+$(DOCUMENTS): $(INSTALLED) requirements/locked/documents.txt
+	@echo 'set-up: installing what requirements/documents.txt lists (10 MB to fetch)'
+	@sh tools/install_locked.sh $(VENV) documents
 	@touch $@
 
 # Modules of messages fit the numpy that they were built with, or a newer one.

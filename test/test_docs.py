@@ -230,13 +230,6 @@ def test_every_room_has_its_line_in_contributing_in_the_order_of_imports() -> No
     assert re.findall(r'`(\w+)(?:/|\.py)`', ' '.join(cells)) == [*ORDER]
 
 
-def test_every_topic_is_in_the_reference_with_its_type() -> None:
-    topics = pytest.importorskip('uav_collect.nodes.topics', reason='needs the messages of ROS')
-    for topic in topics.fleet_topics(1):
-        name = topic.name.replace('uav_1', 'uav_N')
-        assert f'| `{name}` | `{topic.type_name}` |' in page('reference/topics.md')
-
-
 def test_the_scenario_of_the_documents_is_valid(tmp_path: Path) -> None:
     text = page('how_to/own_scenario.md')
     [described], [csv] = blocks(text, 'yaml'), blocks(text, 'csv')

@@ -9,7 +9,15 @@ import pytest
 from uav_collect.__main__ import command_named
 import yaml
 
-ABROAD = {'colcon', 'export', 'fastdds', 'ray', 'rviz2', 'source'}  # programs that are not ours
+ABROAD = {
+    'colcon',
+    'export',
+    'fastdds',
+    'jupytext',
+    'ray',
+    'rviz2',
+    'source',
+}  # programs that are not ours
 NODES = ROOT / 'uav_collect' / 'nodes'
 MODULES = {  # of executables that are not commands
     **{'world_sim': 'world', 'uav_agent': 'agent', 'recorder': 'recorder', 'trainer': 'trainer'},

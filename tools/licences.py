@@ -22,6 +22,7 @@ _PERMITTED = {
     'BSD-3-Clause',
     'BSL-1.0',
     'CC0-1.0',
+    'ISC',
     'MIT',
     'MIT-0',
     'MIT-CMU',

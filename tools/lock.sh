@@ -37,11 +37,12 @@ lock wheels $own requirements/ros.txt
 lock dev requirements/dev.txt requirements/pettingzoo.txt
 lock train requirements/train.txt
 lock cluster requirements/cluster.txt
+lock documents requirements/documents.txt
 resolve --no-deps requirements/ubuntu_24_04.txt > "$tools/ubuntu_24_04.txt"
 
 mkdir -p "$locked"
 rm -f "$locked"/*.txt
-for name in sourced wheels dev cluster ubuntu_24_04; do cp "$tools/$name.txt" "$locked"; done
+for name in sourced wheels dev cluster documents ubuntu_24_04; do cp "$tools/$name.txt" "$locked"; done
 cuda='^(nvidia|cuda|triton)'
 leave "$cuda|^torch==" "$tools/train.txt" > "$locked/train.txt"
 pick "$cuda" "$tools/train.txt" > "$locked/cuda.txt"
