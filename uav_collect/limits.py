@@ -30,7 +30,7 @@ MAX_GUARD_AFTER = 10_000
 
 BEST = 'best'  # stands for the policy that does best in sampled missions of the scenario at hand
 
-ALGORITHMS = ('aqmix', 'qmix', 'aiql')  # of a training
+ALGORITHMS = ('aqmix', 'qmix', 'aiql', 'branches')  # of a training
 DEVICES = ('cpu', 'cuda')  # that updates are computed on
 FLEET_ALGORITHMS = ('aqmix', 'aiql')  # those whose UAVs do not wait for each other
 

@@ -39,7 +39,7 @@ def names(tasks: CourseTasks) -> list[str]:
     return [task.site.scenario.name for task in tasks.tasks]
 
 
-@pytest.mark.parametrize('algorithm', ['aqmix', 'aiql'])
+@pytest.mark.parametrize('algorithm', ['aqmix', 'aiql', 'branches'])
 def test_a_run_that_stopped_half_way_ends_as_the_one_that_went_on(
     algorithm: str, tmp_path: Path
 ) -> None:

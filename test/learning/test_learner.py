@@ -24,6 +24,8 @@ from bench.learning import padded, plain_loss, values_by_step
 
 THREE = uav(5.0), uav(10.0), uav(7.5)
 RATE = 1e-3
+# test_branches.py has the other one.
+Q_LEARNERS = Algorithm.AQMIX, Algorithm.QMIX, Algorithm.AIQL
 COUNT_PAGES = """
 import resource
 import numpy as np
@@ -132,7 +134,7 @@ def test_an_agents_values_are_those_of_the_plain_rollout_at_every_decision() -> 
     torch.testing.assert_close(packed[batch.row], in_order)
 
 
-@pytest.mark.parametrize('algorithm', Algorithm)
+@pytest.mark.parametrize('algorithm', Q_LEARNERS)
 def test_missions_of_a_batch_do_not_see_each_other(algorithm: Algorithm) -> None:
     learner = apart(learner_of(algorithm, target__trace=0.7))
     scenario, sizes = tiny(), (7, 1, 12, 5)
@@ -143,7 +145,7 @@ def test_missions_of_a_batch_do_not_see_each_other(algorithm: Algorithm) -> None
     torch.testing.assert_close(learner.targets(together), goals, rtol=1e-5, atol=1e-6)
 
 
-@pytest.mark.parametrize('algorithm', Algorithm)
+@pytest.mark.parametrize('algorithm', Q_LEARNERS)
 def test_every_parameter_gets_a_gradient(algorithm: Algorithm) -> None:
     learner = learner_of(algorithm)
     found = gradients(learner.networks, learner.loss(drawn_batch(algorithm)))
@@ -153,7 +155,7 @@ def test_every_parameter_gets_a_gradient(algorithm: Algorithm) -> None:
     assert [name for name, gradient in found.items() if not gradient.abs().sum() > 0.0] == []
 
 
-@pytest.mark.parametrize('algorithm', Algorithm)
+@pytest.mark.parametrize('algorithm', Q_LEARNERS)
 def test_it_overfits_one_batch(algorithm: Algorithm) -> None:
     sizes = {'network__hidden_size': 32, 'mixer__embedding_size': 32}
     learner, batch = learner_of(algorithm, **sizes), drawn_batch(algorithm)
@@ -214,7 +216,7 @@ def test_targets_come_from_the_target_network_and_values_from_the_online_one() -
     assert not torch.equal(apart(learner).targets(batch), goals)
 
 
-@pytest.mark.parametrize('algorithm', Algorithm)
+@pytest.mark.parametrize('algorithm', Q_LEARNERS)
 def test_a_restored_learner_goes_on_as_the_one_that_was_saved(algorithm: Algorithm) -> None:
     batch, learner = drawn_batch(algorithm), learner_of(algorithm)
     for _ in range(3):

@@ -188,6 +188,7 @@ def test_its_bytes_are_what_was_announced() -> None:
         *(2 * 2 + 2 + 2,),  # both maps, the true one, what was seen
         *(2 * 4 * 4,),  # the fleet
         *(1 + 8 + 8,),  # action, reward, duration
+        *(1 + 5 * 4,),  # whether it was branched, and what each action is worth
     )
     assert record_bytes(BRIEFING) == sum(bytes_of_one)
     assert replay_bytes(1000, BRIEFING) == 1000 * sum(bytes_of_one)

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from tiny_world import tiny, uav
 from uav_collect.errors import PolicyMismatchError
-from uav_collect.learning.minibatch import Algorithm
 from uav_collect.learning.replay import Replay, replay_bytes
 from uav_collect.missions.experience import Episode
 from uav_collect.missions.rollout import fly
@@ -51,7 +50,7 @@ def loaded(folder: Path, trainer: Trainer | None = None) -> Trainer:
     return trainer
 
 
-@pytest.mark.parametrize('algorithm', [it.value for it in Algorithm])
+@pytest.mark.parametrize('algorithm', ['aqmix', 'qmix', 'aiql'])
 def test_a_run_that_stopped_half_way_ends_as_the_one_that_went_on(
     algorithm: str, tmp_path: Path
 ) -> None:

@@ -179,7 +179,8 @@ def test_epsilon_falls_over_a_share_of_the_training_and_stays() -> None:
 def test_the_bonus_of_the_advice_falls_over_a_share_of_the_training(
     decay_share: float, bonuses: list[float]
 ) -> None:
-    config = load_preset('anywhere', {'network.advice_decay_share': decay_share})
+    ends = {'network.advice_bonus': 0.2, 'network.advice_bonus_last': 0.0}
+    config = load_preset('anywhere', {**ends, 'network.advice_decay_share': decay_share})
     assert [config.advice_bonus(share) for share in (0.0, 0.25, 0.5, 1.0)] == pytest.approx(
         bonuses
     )

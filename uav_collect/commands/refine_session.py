@@ -32,7 +32,6 @@ from uav_collect.uav.policy_network import FrozenPolicy
 
 _PRESET_FROM_NOTHING = 'field_anywhere'
 _FROM_NOTHING = 'from nothing: no policy that is there has a network for this fleet'
-_ALGORITHM = 'aqmix'
 _N_CHOOSING, _N_JUDGING = 100, 200  # missions
 _TELL_EVERY_S = 60.0
 
@@ -129,7 +128,8 @@ def _trainer(arguments: argparse.Namespace, scenario: Scenario, start: Attempt |
     initial = None if start is None else start.policy
     with waiting_for('the replay and the first missions to begin'):
         config = _config(arguments, start)
-        trainer = Trainer([scenario], config, _ALGORITHM, arguments.seed, initial=initial)
+        algorithm = 'aqmix' if config.branches is None else 'branches'
+        trainer = Trainer([scenario], config, algorithm, arguments.seed, initial=initial)
         trainer.warm_up()
     return trainer
 

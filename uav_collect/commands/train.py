@@ -19,6 +19,7 @@ on.
 _PRESET = 'strong'
 _COURSES_PRESET = 'anywhere'
 _ALGORITHM = 'aqmix'
+_COURSES_ALGORITHM = 'branches'
 _MINUTES = 30.0
 
 
@@ -58,7 +59,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _add_learning_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        '--algorithm', choices=ALGORITHMS, help=f'how it learns (default: {_ALGORITHM})'
+        '--algorithm',
+        choices=ALGORITHMS,
+        help=f'how it learns (default: {_ALGORITHM}; on courses {_COURSES_ALGORITHM})',
     )
     parser.add_argument(
         '--preset',
@@ -120,7 +123,7 @@ def _train_all(training: TrainingPlan, checkpoint_s: float) -> int:
 def _fill_in(arguments: argparse.Namespace) -> None:
     """Fill in the defaults of options that were not given."""
     for name, default in (
-        ('algorithm', _ALGORITHM),
+        ('algorithm', _ALGORITHM if arguments.courses is None else _COURSES_ALGORITHM),
         ('preset', _PRESET if arguments.courses is None else _COURSES_PRESET),
         ('seed', [0]),
         ('device', 'cpu'),

@@ -8,6 +8,7 @@ from uav_collect.kernels.arrays import Ints
 from uav_collect.learning.minibatch import Algorithm
 from uav_collect.learning.network import Drqn
 from uav_collect.learning.saved import SavedPart
+from uav_collect.learning.units import branch_share, reward_units
 from uav_collect.missions.experience import Episode
 from uav_collect.missions.vector_env import (
     AwaitedDecisions,
@@ -20,7 +21,6 @@ from uav_collect.training.config import TrainingConfig
 from uav_collect.training.progress import RecentMissions
 from uav_collect.training.seeds import first_seed_of_part
 from uav_collect.uav.action_codes import NONE
-from uav_collect.uav.briefing import briefing_of
 from uav_collect.uav.frames import COMPASS_ACTIONS
 
 
@@ -56,9 +56,12 @@ class Collector:
                 layout=config.layout,
                 allocator=config.rollout.bandwidth,
                 reward=config.reward_kind,
-                energy_unit_j=config.reward_units(briefing_of(site)).energy_j,
+                energy_unit_j=reward_units(config, site).energy_j,
                 is_synchronous=algorithm is Algorithm.QMIX,
                 max_decisions=self._max_decisions,
+                branch_share=(
+                    branch_share(config, site) if algorithm is Algorithm.BRANCHES else 0.0
+                ),
             ),
         )
         size = (n_worlds, site.scenario.n_uavs, config.network.hidden_size)

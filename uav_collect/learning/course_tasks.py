@@ -16,16 +16,14 @@ from uav_collect.learning.task import (
     states_of,
     Task,
 )
-from uav_collect.missions.rollout import fly_for_metrics
-from uav_collect.scenario.site import build_site, Site
+from uav_collect.learning.units import swept
+from uav_collect.scenario.site import build_site
 from uav_collect.training.config import CourseSettings, TrainingConfig
 from uav_collect.training.course_draw import draw_course
 from uav_collect.training.courses import CourseDistribution
-from uav_collect.training.seeds import first_seed_of_part
 from uav_collect.uav.observation import Layout
 
 _TURNS_KEY = 3  # of the run's seed: whose turn it is
-_N_SWEPT = 16  # missions by which a course's sweep is judged
 
 
 @dataclass
@@ -165,7 +163,7 @@ class CourseTasks:
         return _Course(
             number=number,
             task=new_task(site, source, config, self._settings.at_once),
-            sweep_kbit_per_j=_sweep_kbit_per_j(site, first_seed_of_part(self._seed, number)),
+            sweep_kbit_per_j=swept(site, self._seed, number).kbit_per_j,
             lasts=lasts,
         )
 
@@ -189,7 +187,7 @@ def check_settings(
             f'observation is {config.observation!r}: must be one that no area changes, to learn on'
             ' courses'
         )
-    if algorithm is not Algorithm.AIQL and not config.mixer.is_of_sets:
+    if algorithm.mixes and not config.mixer.is_of_sets:
         raise ConfigError("mixer.kind is 'fleet': must be set to learn on courses")
     most, n_uavs = config.layout.max_uavs, distribution.fleet.n_uavs
     if n_uavs[1] > most:
@@ -200,10 +198,3 @@ def check_settings(
     side = distribution.area.cells_per_side[1]
     check_room(config, side * side, settings.at_once)
     return settings
-
-
-def _sweep_kbit_per_j(site: Site, first_seed: int) -> float:
-    """The sweep's mean efficiency in the first missions of a course."""
-    seeds = range(first_seed, first_seed + _N_SWEPT)
-    flown = fly_for_metrics(site, seeds, 'sweep', 'equal')
-    return float(np.mean(flown.efficiency_kbit_per_j))

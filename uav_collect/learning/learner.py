@@ -23,6 +23,10 @@ from uav_collect.uav.observation import observation_size
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3  # names of glibc's mallopt
 _LARGEST_ARRAY_BYTES = 32 * 2**20  # no larger threshold is taken
 _KEPT_BYTES = 2**31 - 1
+# How much more an action is taken to be worth than the advised one. What is lost by leaving a cell
+# behind is rare and large: cut off, it would be taken for a gain.
+_LEAST_WORTH, _MOST_WORTH = -20.0, 4.0
+_LEAST_VARIANCE = 0.1  # of that, where hardly anything differs
 
 
 class Networks(nn.Module):
@@ -39,7 +43,7 @@ class Networks(nn.Module):
         size = observation_size(config.layout, len(first.is_open), first.n_uavs)
         self.agent = Drqn(size, config.network.hidden_size)
         self.mixers = nn.ModuleList()
-        if algorithm is Algorithm.AIQL:
+        if not algorithm.mixes:
             return
         if config.mixer.is_of_sets:
             self.mixers.append(_set_mixer(config))
@@ -100,6 +104,7 @@ class _Tensors:
     observation: Tensor | SparseRows
     legal: Tensor
     advice: Tensor
+    worth: Tensor
     row: Tensor
     action: Tensor
     latest: Tensor
@@ -129,7 +134,8 @@ class Learner:
             briefings: of each task: the fleets and areas that one agent network learns to fly;
                 those of other tasks may follow where one mixer does for all.
         """
-        self._config, self._device = config, torch.device(device)
+        self._config, self._algorithm = config, algorithm
+        self._device = torch.device(device)
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             networks = Networks(config, briefings, algorithm)
@@ -220,12 +226,29 @@ class Learner:
         """Mean squared error of the entries' action values against their targets."""
         tensors = self._on_device(minibatch, task)
         values = self._values(self.networks, tensors)
+        if self._algorithm is Algorithm.BRANCHES:
+            return self._branch_loss(values, tensors)
         chosen = self._chosen_values(values, tensors)
         by_uav = self._by_uav(chosen, tensors)
         team = self._team_values(self.networks, chosen, by_uav, tensors, tensors.entry)
         with torch.no_grad():
             target = self._targets(values.detach(), tensors)
         return nn.functional.mse_loss(team, target)
+
+    def _branch_loss(self, values: Tensor, tensors: _Tensors) -> Tensor:
+        """How wrong it is what actions are worth more than the advised one, as branches tell.
+
+        The mean squared error, in shares of how much that differs in the batch: fields on which
+        any deviation changes all that follows tell little, and count as little.
+        """
+        advice = tensors.advice.argmax(dim=1, keepdim=True)
+        worth = tensors.worth - tensors.worth.gather(1, advice)
+        is_known = ~worth.isnan() & (tensors.advice == 0.0)
+        if not is_known.any():
+            return 0.0 * values.sum()
+        wanted = worth[is_known].clamp(_LEAST_WORTH, _MOST_WORTH)
+        found = (values - values.gather(1, advice))[is_known] / self._config.reward.scale
+        return nn.functional.mse_loss(found, wanted) / (wanted.var(correction=0) + _LEAST_VARIANCE)
 
     def targets(self, minibatch: Minibatch, task: int = 0) -> Tensor:
         """What the entries' action values are to become, shape (L,)."""
@@ -295,7 +318,7 @@ class Learner:
     def _on_device(self, minibatch: Minibatch, task: int) -> _Tensors:
         fleet, complete = self._tensor(minibatch.fleet), self._tensor(minibatch.complete)
         as_they_are = (
-            *('legal', 'advice', 'row', 'action', 'latest', 'decides'),
+            *('legal', 'advice', 'worth', 'row', 'action', 'latest', 'decides'),
             *('entry', 'next_entry', 'is_chained'),
         )
         is_sparse = runs_compiled(self.networks.agent.gru.weight_hh)

@@ -39,6 +39,12 @@ class Algorithm(StrEnum):
     AQMIX = 'aqmix'
     QMIX = 'qmix'
     AIQL = 'aiql'
+    BRANCHES = 'branches'  # not at all: each learns what `missions.branches` says of its actions
+
+    @property
+    def mixes(self) -> bool:
+        """Whether there is a mixer."""
+        return self in (Algorithm.AQMIX, Algorithm.QMIX)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,6 +56,7 @@ class Minibatch:
     step_sizes: list[int]  # rows of each step
     legal: Bools  # (R, N_ACTIONS), packed; actions are those in the frames of the UAVs
     advice: NDArray[np.float32]  # (R, N_ACTIONS), packed, one-hot; zeros where there is none
+    worth: NDArray[np.float32]  # (R, N_ACTIONS), packed, by branches; nan: there were none
     row: Ints  # (E,) packed row of each decision
     action: Ints  # (E,)
     latest: Ints  # (E, U) the latest decision of each UAV, or NO_DECISION
@@ -102,12 +109,17 @@ def make_minibatch(
     is_legal = _bits(records.legal)[:, :N_ACTIONS] == 1
     legal = np.empty((len(row), N_ACTIONS), dtype=bool)
     legal[row] = np.take_along_axis(is_legal, COMPASS_ACTIONS[frame], axis=1)
+    worth = np.empty((len(row), N_ACTIONS), dtype=np.float32)
+    is_known = is_legal & (records.branched == 1)[:, None]
+    known = np.where(is_known, records.worth, np.nan)
+    worth[row] = np.take_along_axis(known, COMPASS_ACTIONS[frame], axis=1)
     return Minibatch(
         sparse=sparse,
         observation_size=size,
         step_sizes=step_sizes,
         legal=legal,
         advice=_advice(sparse, layout, size),
+        worth=worth,
         row=row,
         action=FRAME_ACTIONS[frame, np.maximum(records.action, 0)],
         latest=latest,

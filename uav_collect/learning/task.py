@@ -16,6 +16,7 @@ from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site, Site
 from uav_collect.training.config import TrainingConfig
+from uav_collect.uav.action_codes import NONE
 from uav_collect.uav.briefing import Briefing, briefing_of
 from uav_collect.uav.observation import observation_size
 from uav_collect.uav.policy_network import LearnedPolicy
@@ -184,6 +185,26 @@ def new_task(site: Site, source: EpisodeSource, config: TrainingConfig, n_tasks:
     sizes = settings.decisions // n_tasks, settings.most_observation_bytes // n_tasks
     replay = Replay(sizes[0], briefing, config.layout, sizes[1])
     return Task(site=site, briefing=briefing, source=source, replay=replay)
+
+
+def check_algorithm(algorithm: Algorithm, config: TrainingConfig) -> None:
+    """Refuse settings that an algorithm cannot learn by.
+
+    Raises:
+        ConfigError: one line that says which setting to change.
+    """
+    if algorithm is not Algorithm.BRANCHES:
+        return
+    if config.branches is None:
+        raise ConfigError(
+            f'preset {config.name}: branches is missing: must be there to learn by the algorithm '
+            'branches, as the preset anywhere has it'
+        )
+    if config.layout.adviser == NONE:
+        raise ConfigError(
+            f'observation is {config.observation!r}: must be relative to learn by the algorithm '
+            'branches, which are flown on as the adviser would'
+        )
 
 
 def check_room(config: TrainingConfig, n_cells: int, n_tasks: int) -> None:

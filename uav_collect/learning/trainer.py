@@ -23,7 +23,13 @@ from uav_collect.learning.network import Drqn
 from uav_collect.learning.random_state import restore_rng, rng_state
 from uav_collect.learning.recurrence import compile_steps
 from uav_collect.learning.saved import SavedPart
-from uav_collect.learning.task import EpisodeSource, FixedTasks, make_tasks, Task
+from uav_collect.learning.task import (
+    check_algorithm,
+    EpisodeSource,
+    FixedTasks,
+    make_tasks,
+    Task,
+)
 from uav_collect.learning.validation import PanelValidator, ScenarioValidator, Validator
 from uav_collect.revision import git_revision
 from uav_collect.scenario.model import Scenario
@@ -95,6 +101,7 @@ class Trainer:
             self._rota = CourseTasks(distribution, config, self.algorithm, seed, device)
             self._validator = PanelValidator(courses.panel, n_missions, config.layout)
             self._learned = learned_on_courses(distribution)
+        check_algorithm(self.algorithm, config)
         briefings = [task.briefing for task in self._tasks]
         self._learner = Learner(config, briefings, self.algorithm, seed, device)
         self._rng = np.random.Generator(np.random.Philox(key=[seed, _REPLAY_KEY]))

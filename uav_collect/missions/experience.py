@@ -52,10 +52,12 @@ class Records(NamedTuple):
     action: _Table  # what was chosen; NONE where that is not known yet
     reward: _Table  # until the next decision of the mission, discounted to this one
     duration_s: _Table
+    branched: _Table  # 1 where what each action is worth is known, see `branches`
+    worth: _Table  # (N, N_ACTIONS) that; 0 where an action is not legal
 
 
 _BITS = {'legal', 'complete', 'true_complete', 'seen'}
-_SMALL = {'uav', 'previous_action', 'action'}
+_SMALL = {'uav', 'previous_action', 'action', 'branched'}
 
 
 def n_map_bytes(n_cells: int) -> int:
@@ -68,7 +70,7 @@ def new_records(n_rows: int, briefing: Briefing) -> Records:
     n_bytes = n_map_bytes(briefing.n_rows * briefing.n_columns)
     widths = {
         'complete': briefing.n_uavs * n_bytes, 'true_complete': n_bytes, 'seen': n_bytes,
-        'fleet': briefing.n_uavs * N_UAV_SCALARS,
+        'fleet': briefing.n_uavs * N_UAV_SCALARS, 'worth': N_ACTIONS,
     } | dict.fromkeys(('peer_x_m', 'peer_y_m', 'peer_s'), briefing.n_uavs)  # fmt: skip
     tables: dict[str, Any] = {}
     for name in Records._fields:
@@ -89,7 +91,7 @@ def _dtype(name: str) -> np.dtype[Any]:
         return np.dtype(np.int8)
     if name in ('decision', 'cell'):
         return np.dtype(np.int32)
-    return np.dtype(np.float32 if name == 'fleet' else np.float64)
+    return np.dtype(np.float32 if name in ('fleet', 'worth') else np.float64)
 
 
 class SparseRows(NamedTuple):
@@ -151,6 +153,7 @@ def record(
     records.action[row] = NONE
     records.reward[row] = 0.0
     records.duration_s[row] = 0.0
+    records.branched[row] = 0
     bits = 0
     for action in range(N_ACTIONS):
         bits |= legal[action] << action

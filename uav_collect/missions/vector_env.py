@@ -22,6 +22,7 @@ from uav_collect.missions.batch_kernels import (
 )
 from uav_collect.missions.batch_metrics import BatchMetrics
 from uav_collect.missions.batch_start import new_batch, restart
+from uav_collect.missions.branches import Branches
 from uav_collect.missions.event_log import grown_log, logged_events, mission_header
 from uav_collect.missions.experience import Episode, N_UAV_SCALARS, Records, write_fleet
 from uav_collect.physics.bandwidth import EQUAL, EXACT
@@ -57,6 +58,7 @@ class VectorEnvConfig:
     is_logged: bool = False  # missions leave a log
     max_decisions: int = 0  # so many decisions of a mission are recorded for a learner
     guard_after: int = NONE  # decisions without news after which a UAV's guard decides; 0: never
+    branch_share: float = 0.0  # of recorded decisions: what each action is worth, see `branches`
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,6 +110,11 @@ class VectorEnv:
         check_can_start(site.scenario, self._batch.briefing)
         layout = Layout.EGOCENTRIC if config.layout is None else config.layout
         self._frames = frames(layout, self._batch.briefing)
+        self._branches = (
+            Branches(site, self._batch, config.energy_unit_j)
+            if config.branch_share > 0.0
+            else None
+        )
         self._fly(new_row(len(mission_seeds), NONE))
 
     @property
@@ -326,6 +333,8 @@ class VectorEnv:
     def _answer(self, actions: Ints) -> None:
         """Carry out a legal action of each mission that waits; any for those that are over."""
         row = np.ascontiguousarray(actions, dtype=np.int64)
+        if self._branches is not None:
+            self._branches.record(self._batch, row != NONE, self._config.branch_share)
         self._fly(row if self._is_compiled else row.tolist())
 
     def _fly(self, answers: Any) -> None:  # noqa: ANN401 - a row

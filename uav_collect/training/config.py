@@ -30,8 +30,9 @@ class RewardSettings(Section):
     goal: Literal['paper', 'energy']
     discount_per_s: Annotated[float, number(1e-6, 1, 'per s')]
     scale: Annotated[float, number(1e-6, 1e6)]
-    # What energy and time count in: kJ and s, or crossings of a cell; absent: kJ and s.
-    unit: Annotated[str | None, words('absolute', 'crossing')] = None
+    # What energy and time count in: kJ and s; crossings of a cell; or, for energy, what the sweep
+    # spends on a cell. Absent: kJ and s.
+    unit: Annotated[str | None, words('absolute', 'crossing', 'sweep')] = None
 
 
 class NetworkSettings(Section):
@@ -140,6 +141,13 @@ class CourseSettings(Section):
     least_need: Annotated[float, number(1e-3, 1)]
 
 
+class BranchSettings(Section):
+    """How the algorithm `branches` gets to know what actions are worth."""
+
+    # At which each legal action is tried, of as many as a mission of the sweep takes.
+    decisions_per_mission: Annotated[float, number(1e-3, 1e6)]
+
+
 class TrainingConfig(Section):
     """All settings of a training."""
 
@@ -155,6 +163,7 @@ class TrainingConfig(Section):
     rollout: RolloutSettings
     validation: ValidationSettings
     courses: CourseSettings | None = None  # absent: it cannot learn on courses
+    branches: BranchSettings | None = None  # absent: there are none
 
     @property
     def layout(self) -> Layout:
@@ -181,8 +190,8 @@ class TrainingConfig(Section):
         return Reward[self.reward.goal.upper()]
 
     def reward_units(self, briefing: Briefing) -> RewardUnits:
-        """What a second and a joule are worth in a scenario."""
-        if self.reward.unit == 'crossing':
+        """What a second and a joule are worth in a scenario, see also `learning.units`."""
+        if self.reward.unit in ('crossing', 'sweep'):
             return crossing_units(self.reward.discount_per_s, briefing)
         return RewardUnits(discount_per_s=self.reward.discount_per_s, energy_j=KILOJOULE_J)
 

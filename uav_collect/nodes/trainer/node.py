@@ -35,6 +35,7 @@ from uav_collect.kernels.compile import kernels_are_compiled
 from uav_collect.learning.background import BackgroundTraining, BehaviourPolicy, Ending
 from uav_collect.learning.learner import keep_freed_memory
 from uav_collect.learning.replay import replay_bytes
+from uav_collect.learning.units import reward_units
 from uav_collect.limits import FAILED, UNUSABLE
 from uav_collect.nodes import topics
 from uav_collect.nodes.parameters import help_text
@@ -50,7 +51,7 @@ from uav_collect.nodes.trainer.vouching import MissionVouching
 from uav_collect.recording.bag_messages import messages
 from uav_collect.scenario.site import build_site
 from uav_collect.training.display import progress_display
-from uav_collect.uav.briefing import brief, briefing_of
+from uav_collect.uav.briefing import brief
 from uav_collect.uav.policy_file import policy_bytes
 from uav_collect_msgs.msg import Policy
 
@@ -152,7 +153,7 @@ class TrainerNode(ProcessNode):
         """What joins the missions of one world into episodes as the run learns from them."""
         scenario, config = self._run.scenarios[0], self._run.config
         site = build_site(scenario)
-        units = config.reward_units(briefing_of(site))
+        units = reward_units(config, site)
         builder = EpisodeBuilder(site, config.layout, config.reward_kind, *units)
         if kernels_are_compiled():
             builder.warm_up()
