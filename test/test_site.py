@@ -103,6 +103,14 @@ def test_what_a_page_links_besides_pages_comes_along() -> None:
     assert [*links.sources_linked(text, 'install.md')] == ['LICENSE']
 
 
+def test_a_page_that_the_navigation_does_not_name_is_found() -> None:
+    nav = ['index.md', {'Install': 'install.md'}, {'How to': ['how_to/nodes.md', 'glossary.md']}]
+    pages = links.left_out(nav)
+    assert 'security.md' in pages
+    assert {'install.md', 'how_to/nodes.md', 'glossary.md'} & {*pages} == set()
+    assert links.left_out([nav, pages]) == []
+
+
 def test_what_a_page_loads_from_elsewhere_is_seen() -> None:
     own = '<script src="../assets/a.js"></script><a href="https://example.org">text</a>'
     assert links.loaded_from_elsewhere(own) == []

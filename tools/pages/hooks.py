@@ -10,11 +10,18 @@ from typing import Any
 from mkdocs.exceptions import PluginError
 from mkdocs.structure.files import File, Files
 
-from tools.pages.links import led, loaded_from_elsewhere, PAGES, ROOT, sources_linked
+from tools.pages.links import led, left_out, loaded_from_elsewhere, PAGES, ROOT, sources_linked
 from tools.pages.reference import filled
 
 # Lets the search work where the site is read from the disk.
 _WORKER = 'iframe-worker.js'
+
+
+def on_config(config: Any) -> Any:  # noqa: ANN401 - mkdocs' own
+    """Give pages that the navigation does not name a place at its end."""
+    if pages := left_out(config.nav):
+        config.nav.append({'More': pages})
+    return config
 
 
 def on_files(files: Files, *, config: Any) -> Files:  # noqa: ANN401 - mkdocs' own

@@ -5,6 +5,7 @@ import os
 from pathlib import Path
 import posixpath
 import re
+from typing import Any
 
 ROOT = Path(__file__).parents[2]
 # Pages of the site, by the files at the root of the repository that they are.
@@ -44,6 +45,25 @@ def led(markdown: str, page: str) -> str:
 def loaded_from_elsewhere(html: str) -> list[str]:
     """The addresses that a page asks the network for as it is shown."""
     return _LOADED.findall(html)
+
+
+def left_out(nav: Any) -> list[str]:  # noqa: ANN401 - as YAML has it
+    """The pages of docs/ that a navigation does not name, by their paths there.
+
+    Args:
+        nav: of mkdocs.yml: paths, titles with paths, titles with more of the same.
+    """
+    pages = {path.relative_to(ROOT / 'docs').as_posix() for path in (ROOT / 'docs').rglob('*.md')}
+    return sorted(pages - {*_named(nav)})
+
+
+def _named(nav: Any) -> Iterator[str]:  # noqa: ANN401
+    match nav:
+        case str():
+            yield nav
+        case list() | dict():
+            for part in nav.values() if isinstance(nav, dict) else nav:
+                yield from _named(part)
 
 
 def _path_of(page: str, target: str) -> str:

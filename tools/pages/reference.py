@@ -68,6 +68,12 @@ def _in_a_cell(text: str) -> str:
     return text.replace('|', '\\|')
 
 
+def targets() -> str:
+    """What make does, by what it is asked for."""
+    found = re.findall(r'^([\w-]+):.*?##  ?(.*)$', (ROOT / 'Makefile').read_text(), re.MULTILINE)
+    return table(('make', 'what'), [(f'`make {name}`', escape(what)) for name, what in found])
+
+
 def commands() -> str:
     """What each command says of itself when asked for help."""
     parts = []
@@ -230,6 +236,7 @@ def _boxes(floors: list[list[str]]) -> Iterator[str]:
 GENERATED: dict[str, Callable[[], str]] = {
     **{'architecture': architecture, 'commands': commands, 'keys': keys, 'messages': messages},
     **{'parameters': parameters, 'python': python, 'services': services, 'topics': topics},
+    **{'targets': targets},
 }
 
 
