@@ -165,8 +165,8 @@ test-ubuntu: $(BUILT) $(DEVELOPED) $(UBUNTU)/.built  ## fly and read settings wi
 	@PYTHONPATH=$(UBUNTU)/packages $(VENV)/bin/python -m pytest test/scenario test/training/test_config.py
 
 docs: $(BUILT) $(DOCUMENTS)  ## build the site of docs/ in build/site, to be read without a network
-	@. install/setup.sh && NO_MKDOCS_2_WARNING=1 PYTHONPATH=.$${PYTHONPATH:+:$$PYTHONPATH} \
-	  $(VENV)/bin/python -m mkdocs build -q
+	@. install/setup.sh && export PYTHONPATH=.$${PYTHONPATH:+:$$PYTHONPATH} && \
+	  UAV_COLLECT_KERNELS=interpreted NO_MKDOCS_2_WARNING=1 $(VENV)/bin/python -m mkdocs build -q
 	@echo 'site: build/site/index.html'
 
 fuzz: $(BUILT) $(DEVELOPED) $(LEARNS)  ## try every surface by nonsense, as MINUTES=30 SURFACES='log bag'
