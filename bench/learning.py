@@ -23,8 +23,15 @@ import torch
 from torch import nn, Tensor
 from uav_collect.learning.collector import Collector
 from uav_collect.learning.learner import keep_freed_memory, Learner, Networks
-from uav_collect.learning.minibatch import Algorithm, make_minibatch, Minibatch, NO_DECISION
+from uav_collect.learning.minibatch import (
+    Algorithm,
+    make_excerpt_minibatch,
+    make_minibatch,
+    Minibatch,
+    NO_DECISION,
+)
 from uav_collect.learning.network import Drqn
+from uav_collect.learning.replay import Replay
 from uav_collect.missions.experience import Episode, sparse_observations
 from uav_collect.missions.vector_env import VectorEnv, VectorEnvConfig
 from uav_collect.scenario.load import load
@@ -32,9 +39,10 @@ from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.training.config import load_preset, TrainingConfig
 from uav_collect.uav.action_codes import NONE
-from uav_collect.uav.briefing import brief
+from uav_collect.uav.briefing import brief, Briefing
 
 N_EVENTS = 120
+EXCERPT_DECISIONS, BURN_IN = 8, 4  # as paper has them
 SIZES = (('paper', 2), ('paper', 6), ('strong', 2))  # preset, UAVs
 PLAIN_TARGETS = {('paper', 2): 1.75, ('paper', 6): 3.3}  # times faster than the plain learner
 FLOOR_TARGET = 0.65  # of the speed that one large product has
@@ -233,12 +241,31 @@ def case(preset: str, n_uavs: int) -> Case:
         'bf16': lambda: half.update(batch, RATE),
         'ready': lambda: ready(episodes),
         'rebuilt': lambda: ready(flown),
+        'excerpts': excerpt_update(config, briefing, flown),
     }
     if torch.cuda.is_available():
         device = Learner(config, [briefing], Algorithm.AQMIX, seed=0, device='cuda')
         calls['cuda'] = lambda: device.update(batch, RATE)
     check(packed, batch, steps, config)
     return Case(preset, n_uavs, n_flops(packed, batch), calls)
+
+
+def excerpt_update(
+    config: TrainingConfig, briefing: Briefing, flown: Sequence[Episode]
+) -> Callable[[], object]:
+    """An update by as many excerpts of the missions, drawn and made ready each time."""
+    learner = Learner(config, [briefing], Algorithm.AQMIX, seed=0)
+    replay = Replay(len(flown) * (N_EVENTS + 1), briefing, config.layout)
+    for episode in flown:
+        replay.add(episode)
+    rng = np.random.default_rng(0)
+
+    def update() -> object:
+        drawn = replay.sample_excerpts(len(flown), EXCERPT_DECISIONS, rng)
+        how = config.layout, Algorithm.AQMIX, config.reward.discount_per_s
+        return learner.update(make_excerpt_minibatch(drawn, BURN_IN, briefing, *how), RATE)
+
+    return update
 
 
 def check(learner: Learner, batch: Minibatch, steps: Padded, config: TrainingConfig) -> None:
@@ -280,6 +307,7 @@ LABELS = {
     'cuda': 'packed, CUDA, wall time',
     'ready': 'making the minibatch ready',
     'rebuilt': 'the same, observations rebuilt',
+    'excerpts': 'packed, of excerpts of 8, ready and learned',
 }
 
 

@@ -197,7 +197,7 @@ def as_folder(path: Path) -> None:
         ('run.json', edited('"cpu"', '"tpu"'), "device is 'tpu'"),
         ('run.json', edited('training/1', 'training/2'), "format is 'uav_collect.training/2'"),
         ('run.json', as_pipe, 'run.json'),
-        ('progress.csv', edited('\n', '\nx'), 'progress.csv:2: is no row of 13 numbers'),
+        ('progress.csv', edited('\n', '\nx'), 'progress.csv:2: is no row of 15 numbers'),
         ('progress.csv', edited('n_updates', 'n_update'), 'progress.csv:1: is no table'),
         ('validation.csv', as_pipe, 'validation.csv'),
         ('validation.csv', as_folder, 'validation.csv'),

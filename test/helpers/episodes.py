@@ -37,7 +37,8 @@ def small(preset: str = 'paper', **overrides: object) -> TrainingConfig:
         'mixer.pool_side': 2, 'replay.decisions': 2000, 'replay.missions_per_batch': 4,
         'rollout.missions_at_once': 4, 'rollout.max_decisions_per_cell': 2.5,
         'rollout.decisions_per_update': 40, 'validation.missions': 2,
-        'validation.every_updates': 4,
+        'validation.every_updates': 4, 'validation.every_missions': 0,
+        'replay.sequence_decisions': 0,
     }  # fmt: skip
     values = {name.replace('__', '.'): value for name, value in overrides.items()}
     return load_preset(preset, sizes | values)

@@ -68,6 +68,8 @@ class ScriptedTrainer:
             decisions_per_s=1.0,
             updates_per_s=1.0,
             loss=1.0,
+            mean_value=1.0,
+            gradient_norm=1.0,
             epsilon=0.0,
             learning_rate=0.0,
             training_efficiency_kbit_per_j=0.0,

@@ -211,3 +211,15 @@ def test_for_one_uav_aqmix_and_qmix_are_the_same_to_the_bit(trace: float) -> Non
         batch = batch_of(episodes, scenario, config, algorithm)
         losses.append([learner.update(batch, 1e-3) for _ in range(3)])
     assert losses[0] == losses[1]
+
+
+def test_what_follows_comes_to_count_as_the_target_warms_up() -> None:
+    # After 0, 1 and 4 updates of 4: none, a quarter, all of 0.5^2 (5 + 2) and of (1 + 5).
+    batch, learner = (
+        by_hand(THREE_EVENTS, AQMIX),
+        constant_learner(AQMIX, target__warm_up_updates=4),
+    )
+    found = []
+    for learner.n_updates in (0, 1, 4):
+        found.append(learner.targets(batch).tolist())
+    assert found == [[1.0, 2.0, 4.0], [2.5, 2.4375, 4.0], [7.0, 3.75, 4.0]]

@@ -101,6 +101,45 @@ def test_a_run_over_several_areas_and_fleets_is_resumed_alike(tmp_path: Path) ->
     assert differences(one, other) == []
 
 
+def papers_loop(**overrides: object) -> TrainingConfig:
+    """One mission at a time, an update at every event, a validation after every two missions."""
+    settings = {
+        'replay__sequence_decisions': 3, 'replay__burn_in_decisions': 2,
+        'replay__missions_per_batch': 2, 'rollout__missions_at_once': 1,
+        'rollout__decisions_per_update': 1, 'validation__every_missions': 2,
+    }  # fmt: skip
+    return small('paper', **settings | overrides)
+
+
+@pytest.mark.parametrize('algorithm', [it.value for it in Algorithm])
+def test_the_papers_loop_updates_at_every_event_and_is_resumed_alike(
+    algorithm: str, tmp_path: Path
+) -> None:
+    budget, longest = Budget(decisions=120), papers_loop().max_decisions(16)
+    straight, stopped = (trainer_of(algorithm, config=papers_loop()) for _ in range(2))
+    progress = trained(straight, budget)
+    assert 120 - longest - 1 <= straight.n_updates < straight.n_decisions == 120
+    assert np.isfinite([progress[-1].mean_value, progress[-1].gradient_norm]).all()
+    validated = [it.n_missions for it in progress if it.validation is not None]
+    assert [it // 2 for it in validated[:-1]] == [*range(1, len(validated))]
+    next(it for it in stopped.run(budget) if it.validation is not None)
+    stopped.save(tmp_path / 'half')
+    resumed = loaded(tmp_path / 'half', trainer_of(algorithm, config=papers_loop()))
+    trained(resumed, budget)
+    one, other = state_of(straight, tmp_path / 'one'), state_of(resumed, tmp_path / 'other')
+    assert differences(one, other) == []
+
+
+def test_updates_wait_for_the_decisions_that_are_to_be_held_first() -> None:
+    trainer = trainer_of(config=papers_loop(replay__decisions_before_updates=100))
+    trained(trainer, Budget(decisions=99))
+    assert trainer.n_updates == 0
+    trained(trainer, Budget(decisions=150))
+    assert 0 < trainer.n_updates <= 51
+    with pytest.raises(ConfigError, match='decisions_before_updates is 1,990: must be at most 1,'):
+        trainer_of(config=papers_loop(replay__decisions_before_updates=1990))
+
+
 def test_saving_changes_nothing_and_a_checkpoint_is_saved_again_alike(tmp_path: Path) -> None:
     trainer = trainer_of()
     trained(trainer)

@@ -53,6 +53,10 @@ def test_the_paper_preset_holds_the_values_of_the_paper() -> None:
     assert paper.optimiser.learning_rate == paper.optimiser.learning_rate_last == 5e-5
     assert (paper.replay.decisions, paper.replay.missions_per_batch) == (10**6, 32)
     assert paper.reward.discount_per_s == 0.99
+    # Algorithm 1: an update at every event; the best of thirty missions after every 100.
+    assert (paper.rollout.missions_at_once, paper.rollout.decisions_per_update) == (1, 1)
+    assert (paper.validation.missions, paper.validation.every_missions) == (30, 100)
+    assert paper.validation.best_by == 'efficiency'
     assert (paper.target.trace, paper.target.double_q) == (0.0, False)
 
 
@@ -103,6 +107,11 @@ WRONG = {
         'network.advice_decay_share is 0.5: must come with network.advice_bonus_last'
     ),
     'rollout: 5': 'rollout is 5: must be a mapping of keys',
+    'replay: {sequence_decisions: -1}': 'replay.sequence_decisions is -1: must be a whole number',
+    'validation: {best_by: reward}': "validation.best_by is 'reward': must be completeness or",
+    'replay: {rows_per_batch: 9, sequence_decisions: 8}': (
+        'replay.rows_per_batch is 9: must be 0 where replay.sequence_decisions is not'
+    ),
 }
 
 

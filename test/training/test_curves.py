@@ -87,6 +87,17 @@ def test_what_was_not_known_yet_is_left_out(tmp_path: Path) -> None:
     assert curve.over.tolist() == [50]
 
 
+def test_a_table_of_before_lacks_what_was_not_measured_then(tmp_path: Path) -> None:
+    run = write_run(tmp_path / 'run', {}, exploring={100: 0.3})
+    path = run / PROGRESS_FILE
+    assert read_columns(path, ('n_decisions', 'mean_value'))['mean_value'].tolist() == [1.0]
+    cut = [','.join(line.split(',')[:-2]) for line in path.read_text().splitlines()]
+    path.write_text('\n'.join(cut) + '\n')
+    found = read_columns(path, ('training_efficiency_kbit_per_j', 'mean_value', 'gradient_norm'))
+    assert found['training_efficiency_kbit_per_j'].tolist() == [0.3]
+    assert np.isnan([found['mean_value'], found['gradient_norm']]).all()
+
+
 def test_of_two_validations_at_one_moment_the_later_counts(tmp_path: Path) -> None:
     run = write_run(tmp_path / 'run', {0: 0.0, 100: 0.5})
     with (run / VALIDATION_FILE).open('a') as file:
@@ -307,7 +318,7 @@ def test_a_table_of_something_else_is_refused(tmp_path: Path) -> None:
         (b'a,b\n1,2\n', ':1: is no table with n_decisions'),
         (b'\xff\n', ': is no text'),
         *(
-            (f'{header}\n{row}\n{wrong}\n'.encode(), ':3: is no row of 13 numbers')
+            (f'{header}\n{row}\n{wrong}\n'.encode(), ':3: is no row of 15 numbers')
             for wrong in ('', '1,2', f'{row},1', row.replace('1', 'x', 1), f'-{row}', f'{row}x')
         ),
     ):

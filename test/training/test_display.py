@@ -30,6 +30,8 @@ def progress(best: ValidationResult | None) -> Progress:
         decisions_per_s=1000.0,
         updates_per_s=10.0,
         loss=0.1,
+        mean_value=1.0,
+        gradient_norm=1.0,
         epsilon=0.1,
         learning_rate=1e-4,
         training_efficiency_kbit_per_j=0.25,

@@ -17,6 +17,7 @@ from uav_collect.learning.recurrence import runs_compiled
 from uav_collect.learning.saved import SavedPart
 from uav_collect.missions.experience import N_UAV_SCALARS, SparseRows
 from uav_collect.training.config import TrainingConfig
+from uav_collect.training.progress import UpdateMetrics
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.observation import observation_size
 
@@ -156,25 +157,31 @@ class Learner:
         self.networks.agent.load_state_dict(tensors)
         self.target.agent.load_state_dict(tensors)
 
-    def update(self, minibatch: Minibatch, learning_rate: float, task: int = 0) -> float:
+    def update(self, minibatch: Minibatch, learning_rate: float, task: int = 0) -> UpdateMetrics:
         """Take one step of the optimiser.
 
         Args:
             minibatch: of missions of one task.
 
         Returns:
-            The loss before it.
+            The loss and the values before it, and the gradient of the step.
         """
         for group in self.optimiser.param_groups:
             group['lr'] = learning_rate
-        loss = self.loss(minibatch, task)
+        team, target = self._learned(minibatch, task)
+        loss = nn.functional.mse_loss(team, target)
         self.optimiser.zero_grad(set_to_none=True)
         loss.backward()
-        nn.utils.clip_grad_norm_(self.networks.parameters(), self._config.optimiser.clip_norm)
+        clip_norm = self._config.optimiser.clip_norm
+        norm = nn.utils.clip_grad_norm_(self.networks.parameters(), clip_norm)
         self.optimiser.step()
         self._move_target()
         self.n_updates += 1
-        return float(loss.detach())
+        return UpdateMetrics(
+            loss=float(loss.detach()),
+            mean_value=float(team.detach().mean()),
+            gradient_norm=float(norm),
+        )
 
     def weights(self) -> dict[str, NDArray[np.float32]]:
         """The agent network's weights, as a frozen policy holds them, copied."""
@@ -224,6 +231,10 @@ class Learner:
 
     def loss(self, minibatch: Minibatch, task: int = 0) -> Tensor:
         """Mean squared error of the entries' action values against their targets."""
+        return nn.functional.mse_loss(*self._learned(minibatch, task))
+
+    def _learned(self, minibatch: Minibatch, task: int) -> tuple[Tensor, Tensor]:
+        """The entries' action values, and what they are to become, (L,) each."""
         tensors = self._on_device(minibatch, task)
         values = self._values(self.networks, tensors)
         if self._algorithm is Algorithm.BRANCHES:
@@ -233,7 +244,7 @@ class Learner:
         team = self._team_values(self.networks, chosen, by_uav, tensors, tensors.entry)
         with torch.no_grad():
             target = self._targets(values.detach(), tensors)
-        return nn.functional.mse_loss(team, target)
+        return team, target
 
     def _branch_loss(self, values: Tensor, tensors: _Tensors) -> Tensor:
         """How wrong it is what actions are worth more than the advised one, as branches tell.
@@ -274,10 +285,10 @@ class Learner:
         by_uav = torch.where(tensors.decides, deciding, waiting)
         follows = tensors.next_entry.clamp(min=0)
         future = self._team_values(self.target, best_value, by_uav, tensors, follows)
-        future = tensors.discount * future
+        discount = config.future_share(self.n_updates) * tensors.discount
         trace = torch.where(tensors.is_chained, config.trace, 0.0)
-        fixed = tensors.reward + (1.0 - trace) * future
-        return reverse_scan(fixed, trace * tensors.discount)
+        fixed = tensors.reward + (1.0 - trace) * (discount * future)
+        return reverse_scan(fixed, trace * discount)
 
     def _values(self, networks: Networks, tensors: _Tensors) -> Tensor:
         """Q values of all rows, shape (R, N_ACTIONS)."""

@@ -14,6 +14,7 @@ from uav_collect.errors import (
 )
 from uav_collect.learning.task import EpisodeSource
 from uav_collect.learning.trainer import Trainer
+from uav_collect.training.config import TrainingConfig
 from uav_collect.training.folder import (
     BEST_POLICY,
     CHECKPOINT,
@@ -51,6 +52,14 @@ def open_trainer(run: PlannedRun, sources: Sequence[EpisodeSource] | None = None
     if run.is_begun:
         trainer.load(run.folder / CHECKPOINT)
     return trainer
+
+
+def _first_update(config: TrainingConfig) -> str:
+    """What there must be before the first update."""
+    settings = config.replay
+    n_missions = 1 if settings.excerpt_decisions else config.missions_per_batch(0.0)
+    least = max(config.rollout.decisions_per_update, settings.decisions_before_updates or 0)
+    return f'{n_missions} missions and {least:,} decisions'
 
 
 @contextmanager
@@ -117,8 +126,7 @@ def train(
     if trainer.n_updates == 0 and run.initial is None:  # random weights are no policy
         raise TrainingRunError(
             f'{run.folder}: nothing was learned: {trainer.n_decisions:,} decisions came, too few'
-            f' for an update: it takes {run.config.missions_per_batch(0.0)} missions and'
-            f' {run.config.rollout.decisions_per_update:,} decisions'
+            f' for an update: it takes {_first_update(run.config)}'
         )
     folder.save(trainer.policy(), LAST_POLICY)
     folder.mark_done()
@@ -135,8 +143,9 @@ def _checked_progress(
     """
     try:
         for progress in trainer.run(budget, is_stopped):
-            if progress.updates_per_s > 0 and not math.isfinite(progress.loss):
-                raise DivergedError(_divergence(run, trainer, f'the loss is {progress.loss}'))
+            for name, value in (('loss', progress.loss), ('gradient', progress.gradient_norm)):
+                if progress.updates_per_s > 0 and not math.isfinite(value):
+                    raise DivergedError(_divergence(run, trainer, f'the {name} is {value}'))
             yield progress
     except PolicyMismatchError as error:  # weights that are no numbers cannot be validated
         raise DivergedError(_divergence(run, trainer, str(error))) from error

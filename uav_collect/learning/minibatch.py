@@ -12,17 +12,20 @@ An entry is what the loss has one term for; which decisions those are depends on
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from uav_collect.kernels.arrays import Bools, Floats, Ints, Row
 from uav_collect.kernels.compile import kernel
+from uav_collect.learning.excerpts import Excerpt, is_learned_from, is_run
 from uav_collect.missions.experience import (
     Episode,
     N_UAV_SCALARS,
+    observations,
     Records,
     sparse_observations,
+    sparse_rows,
     SparseRows,
 )
 from uav_collect.uav.action_codes import N_ACTIONS
@@ -88,23 +91,132 @@ def make_minibatch(
     Args:
         episodes: at least one; synchronous missions for QMIX.
     """
-    records = _joined(episodes)
-    sizes = np.array([episode.n_decisions for episode in episodes])
-    mission = np.repeat(np.arange(len(episodes)), sizes)
-    is_whole = np.array([episode.is_whole for episode in episodes])
-    row, step_sizes = _packing(records, mission, briefing.n_uavs)
-    latest = _latest(records, mission, briefing.n_uavs)
-    time_s = records.time_s
-    instant = _instants(mission, time_s, algorithm)
-    decides = (latest >= 0) & (instant[latest] == instant[:, None])
-    closes = _closing(mission, instant, latest, is_whole, algorithm)
-    order, entry_next = _successors(records, mission, closes, is_whole, algorithm)
-    entry, next_entry = order[entry_next != _UNKNOWN], entry_next[entry_next != _UNKNOWN]
-    follows = np.append(entry[1:], NO_DECISION)
-    reward, discount = _returns(records, mission, entry, next_entry, discount_per_s)
-    size = observation_size(layout, len(briefing.is_open), briefing.n_uavs)
+    decisions = _decisions(episodes, briefing, algorithm)
+    entries = _entries(episodes, decisions, algorithm, discount_per_s)
+    row, step_sizes = _packing(decisions.records, decisions.mission, briefing.n_uavs)
     rows = [it.observation or sparse_observations(it, layout, briefing) for it in episodes]
     sparse = _packed_rows(rows, row)
+    return _minibatch(decisions, entries, (row, step_sizes, sparse), briefing, layout)
+
+
+def make_excerpt_minibatch(
+    excerpts: Sequence[Excerpt],
+    n_burn_in: int,
+    briefing: Briefing,
+    layout: Layout,
+    algorithm: Algorithm,
+    discount_per_s: float,
+) -> Minibatch:
+    """Make excerpts of missions ready for an update: their entries, and what these need.
+
+    Rewards and what follows an entry are those of the whole mission.
+
+    Args:
+        excerpts: at least one; of synchronous missions for QMIX.
+        n_burn_in: decisions of each UAV for which the network is run before the first that counts.
+    """
+    episodes = [excerpt.episode for excerpt in excerpts]
+    decisions = _decisions(episodes, briefing, algorithm)
+    entries = _entries(episodes, decisions, algorithm, discount_per_s)
+    is_within = is_learned_from(excerpts)[entries.entry]
+    within: list[Any] = [it[is_within] for it in entries]
+    decisions, entries = _needed(decisions, _Entries(*within), algorithm, n_burn_in)
+    row, step_sizes = _packing(decisions.records, decisions.mission, briefing.n_uavs)
+    size = observation_size(layout, len(briefing.is_open), briefing.n_uavs)
+    dense = np.empty((len(row), size), dtype=np.float32)
+    demand_bit = np.stack([it.demand_bit for it in episodes])
+    observations(layout, briefing, decisions.records, demand_bit, decisions.mission, row, dense)
+    return _minibatch(decisions, entries, (row, step_sizes, sparse_rows(dense)), briefing, layout)
+
+
+class _Decisions(NamedTuple):
+    """Decisions of several missions, in order."""
+
+    records: Records
+    mission: Ints  # (E,)
+    latest: Ints  # (E, U) see `Minibatch`
+    decides: Bools  # (E, U)
+    instant: Ints  # (E,) see `_instants`
+
+
+class _Entries(NamedTuple):
+    """What the loss has a term for each of, see `Minibatch`."""
+
+    entry: Ints  # (L,)
+    next_entry: Ints
+    reward: Floats
+    discount: Floats
+
+
+def _decisions(
+    episodes: Sequence[Episode], briefing: Briefing, algorithm: Algorithm
+) -> _Decisions:
+    records = _joined(episodes)
+    mission = np.repeat(np.arange(len(episodes)), [it.n_decisions for it in episodes])
+    latest = _latest(records, mission, briefing.n_uavs)
+    instant = _instants(mission, records.time_s, algorithm)
+    decides = (latest >= 0) & (instant[latest] == instant[:, None])
+    return _Decisions(records, mission, latest, decides, instant)
+
+
+def _entries(
+    episodes: Sequence[Episode],
+    decisions: _Decisions,
+    algorithm: Algorithm,
+    discount_per_s: float,
+) -> _Entries:
+    records, mission = decisions.records, decisions.mission
+    is_whole = np.array([episode.is_whole for episode in episodes])
+    closes = _closing(mission, decisions.instant, decisions.latest, is_whole, algorithm)
+    order, entry_next = _successors(records, mission, closes, is_whole, algorithm)
+    entry, next_entry = order[entry_next != _UNKNOWN], entry_next[entry_next != _UNKNOWN]
+    reward, discount = _returns(records, mission, entry, next_entry, discount_per_s)
+    return _Entries(entry, next_entry, reward, discount)
+
+
+def _needed(
+    decisions: _Decisions, entries: _Entries, algorithm: Algorithm, n_burn_in: int
+) -> tuple[_Decisions, _Entries]:
+    """What is left of the missions: decisions that entries need, and the entries among these."""
+    records, mission, latest = decisions.records, decisions.mission, decisions.latest
+    asked = np.concatenate([entries.entry, entries.next_entry[entries.next_entry >= 0]])
+    if algorithm is not Algorithm.AIQL:  # the mixer takes what the others are doing
+        running = latest[asked].ravel()
+        asked = np.concatenate([asked, running[running >= 0]])
+    sequence = mission * latest.shape[1] + records.uav
+    needed = is_run(sequence, records.decision, asked, n_burn_in)
+    place = np.cumsum(needed) - 1
+
+    def placed(index: Ints) -> Ints:
+        return np.where((index >= 0) & needed[index], place[index], NO_DECISION)
+
+    tables: list[Any] = [table[needed] for table in records]
+    left = _Decisions(
+        records=Records(*tables),
+        mission=mission[needed],
+        latest=placed(latest[needed]),
+        decides=decisions.decides[needed],
+        instant=decisions.instant[needed],
+    )
+    entry, next_entry = placed(entries.entry), placed(entries.next_entry)
+    return left, entries._replace(entry=entry, next_entry=next_entry)
+
+
+def _minibatch(
+    decisions: _Decisions,
+    entries: _Entries,
+    packed: tuple[Ints, list[int], SparseRows],
+    briefing: Briefing,
+    layout: Layout,
+) -> Minibatch:
+    """Put a minibatch together.
+
+    Args:
+        packed: row of each decision, rows of each step, and what was observed, by row.
+    """
+    (row, step_sizes, sparse), records = packed, decisions.records
+    follows = np.append(entries.entry[1:], NO_DECISION)
+    size = observation_size(layout, len(briefing.is_open), briefing.n_uavs)
     frame = frames(layout, briefing)[records.uav]
     is_legal = _bits(records.legal)[:, :N_ACTIONS] == 1
     legal = np.empty((len(row), N_ACTIONS), dtype=bool)
@@ -122,16 +234,16 @@ def make_minibatch(
         worth=worth,
         row=row,
         action=FRAME_ACTIONS[frame, np.maximum(records.action, 0)],
-        latest=latest,
-        decides=decides,
+        latest=decisions.latest,
+        decides=decisions.decides,
         fleet=records.fleet,
         complete=_maps(records, briefing),
         area=(briefing.n_rows, briefing.n_columns),
-        entry=entry,
-        next_entry=next_entry,
-        is_chained=(next_entry >= 0) & (follows == next_entry),
-        reward=reward,
-        discount=discount,
+        entry=entries.entry,
+        next_entry=entries.next_entry,
+        is_chained=(entries.next_entry >= 0) & (follows == entries.next_entry),
+        reward=entries.reward,
+        discount=entries.discount,
     )
 
 
@@ -183,6 +295,9 @@ def _packing(records: Records, mission: Ints, n_uavs: int) -> tuple[Ints, list[i
     """The packed row of each decision, and how many sequences reach each step."""
     sequence = mission * n_uavs + records.uav
     step = records.decision.astype(np.int64)
+    first = np.full(int(sequence.max()) + 1, np.iinfo(np.int64).max)
+    np.minimum.at(first, sequence, step)
+    step -= first[sequence]
     length = np.bincount(sequence)
     place = np.empty(len(length), dtype=np.int64)
     place[np.argsort(-length, kind='stable')] = np.arange(len(length))

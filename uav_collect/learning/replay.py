@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from uav_collect.kernels.arrays import Floats, Ints
+from uav_collect.learning.excerpts import draw_excerpts, Excerpt
 from uav_collect.learning.packing import packed, unpacked
 from uav_collect.learning.saved import SavedPart
 from uav_collect.missions.experience import (
@@ -45,6 +46,7 @@ class Replay:
         self._n_observation_bytes = 0
         self._records = new_records(capacity, briefing)
         self._missions: deque[_Mission] = deque()
+        self._sizes: Ints | None = None  # of the missions; None: to be looked up again
         self._next = 0
 
     @property
@@ -97,6 +99,23 @@ class Replay:
             drawn = drawn[: int(np.searchsorted(sizes, n_decisions)) + 1]
         return [self._observed(self._missions[index]) for index in drawn]
 
+    def sample_excerpts(
+        self, n_excerpts: int, n_decisions: int, rng: np.random.Generator
+    ) -> list[Excerpt]:
+        """Excerpts drawn at random, each decision in one with the same chance.
+
+        Args:
+            n_excerpts: how many; one may be drawn twice.
+            n_decisions: of each; fewer at the beginning and the end of a mission.
+            rng: which ones.
+        """
+        if self._sizes is None:
+            self._sizes = np.array([it.n_decisions for it in self._missions], dtype=np.int64)
+        return [
+            Excerpt(episode=self._episode(self._missions[index]), start=start, stop=stop)
+            for index, start, stop in draw_excerpts(n_excerpts, n_decisions, self._sizes, rng)
+        ]
+
     def state(self) -> dict[str, NDArray[Any]] | None:
         """What it holds, as arrays; None where it is empty; the inverse is `restore`."""
         if not self._missions:
@@ -110,7 +129,7 @@ class Replay:
         Raises:
             CheckpointError: what it says that it held cannot be held.
         """
-        self._missions = deque()
+        self._missions, self._sizes = deque(), None
         self._observations, self._n_observation_bytes = {}, 0
         self._next = 0
         if saved is None:
@@ -134,6 +153,7 @@ class Replay:
             _Mission(self._next, size, episode.mission_seed, episode.demand_bit, episode.is_whole)
         )
         self._next += size
+        self._sizes = None
 
     def _drop(self, start: int, stop: int) -> None:
         """Forget the missions that have rows in a range; they are the oldest ones."""

@@ -8,7 +8,12 @@ import numpy as np
 from uav_collect.errors import ConfigError
 from uav_collect.learning.collector import Collector
 from uav_collect.learning.fleet_source import FleetSource
-from uav_collect.learning.minibatch import Algorithm, make_minibatch, Minibatch
+from uav_collect.learning.minibatch import (
+    Algorithm,
+    make_excerpt_minibatch,
+    make_minibatch,
+    Minibatch,
+)
 from uav_collect.learning.replay import Replay
 from uav_collect.learning.saved import SavedPart
 from uav_collect.missions.rollout import fly
@@ -34,10 +39,15 @@ class Task:
     replay: Replay
 
     def has_batch(self, n_missions: int, config: TrainingConfig) -> bool:
-        """Whether enough has been collected for an update by so many missions."""
+        """Whether enough has been collected for an update by so many missions, or excerpts."""
+        settings, n_decisions = config.replay, self.replay.n_decisions
+        if n_decisions < (settings.decisions_before_updates or 0):
+            return False
+        if settings.excerpt_decisions:
+            return self.replay.n_missions > 0
         if self.replay.n_missions >= n_missions:
             return True
-        return 0 < config.replay.most_rows <= self.replay.n_decisions
+        return 0 < settings.most_rows <= n_decisions
 
     def minibatch(
         self,
@@ -46,14 +56,14 @@ class Task:
         algorithm: Algorithm,
         rng: np.random.Generator,
     ) -> Minibatch:
-        """Missions drawn from the replay, ready for an update."""
-        return make_minibatch(
-            self.replay.sample(n_missions, rng, config.replay.most_rows),
-            self.briefing,
-            config.layout,
-            algorithm,
-            config.reward_units(self.briefing).discount_per_s,
-        )
+        """Missions drawn from the replay, or excerpts of so many, ready for an update."""
+        settings, replay = config.replay, self.replay
+        discount_per_s = config.reward_units(self.briefing).discount_per_s
+        how = self.briefing, config.layout, algorithm, discount_per_s
+        if settings.excerpt_decisions:
+            excerpts = replay.sample_excerpts(n_missions, settings.excerpt_decisions, rng)
+            return make_excerpt_minibatch(excerpts, settings.burn_in_decisions or 0, *how)
+        return make_minibatch(replay.sample(n_missions, rng, settings.most_rows), *how)
 
     def validate(
         self,
@@ -219,6 +229,7 @@ def check_room(config: TrainingConfig, n_cells: int, n_tasks: int) -> None:
     """
     replay, longest = config.replay, config.max_decisions(n_cells)
     room = replay.decisions // n_tasks
+    _check_first_update(config, room - longest)
     n_missions = max(replay.missions_per_batch, replay.missions_per_batch_first or 0)
     batch = n_missions * longest
     takes = f'{n_missions} missions of up to {longest:,} decisions'
@@ -226,6 +237,9 @@ def check_room(config: TrainingConfig, n_cells: int, n_tasks: int) -> None:
         # A mission may be dropped as another comes that is not in the batch yet.
         batch = min(batch, replay.most_rows + 2 * longest)
         takes = f'{replay.most_rows:,} decisions of missions of up to {longest:,}'
+    if replay.excerpt_decisions:
+        batch = longest
+        takes = f'excerpts of a mission of up to {longest:,} decisions'
     if room < batch:
         each = f' for each of {n_tasks}' if n_tasks > 1 else ''
         raise ConfigError(
@@ -233,6 +247,16 @@ def check_room(config: TrainingConfig, n_cells: int, n_tasks: int) -> None:
             f'takes {takes} in an area of {n_cells} cells: must be at least '
             f'{batch * n_tasks:,}, or replay.missions_per_batch or '
             'rollout.max_decisions_per_cell be less'
+        )
+
+
+def _check_first_update(config: TrainingConfig, most: int) -> None:
+    """Refuse to wait for more decisions than a replay surely comes to hold."""
+    least = config.replay.decisions_before_updates or 0
+    if least > max(most, 0):
+        raise ConfigError(
+            f'replay.decisions_before_updates is {least:,}: must be at most {max(most, 0):,}, '
+            'which each replay has room for beside one mission'
         )
 
 

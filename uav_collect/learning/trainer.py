@@ -106,6 +106,7 @@ class Trainer:
         self._learner = Learner(config, briefings, self.algorithm, seed, device)
         self._rng = np.random.Generator(np.random.Philox(key=[seed, _REPLAY_KEY]))
         self._trained_s = 0.0
+        self._n_validated_missions = 0  # that had been learned from at the last validation
         self._validation: ValidationResult | None = None
         self._best: ValidationResult | None = None
         self._best_policy: FrozenPolicy | None = None
@@ -169,9 +170,9 @@ class Trainer:
         if self._is_at_validation and not self._is_validated:
             yield self._validated_progress(budget, speed, is_stopped)
         while not is_over and (share_done := self.share_done(budget)) < 1.0:
-            loss = self._collect_and_update(share_done, speed)
+            is_updated = self._collect_and_update(share_done, speed)
             is_over = any(task.source.is_over for task in self._tasks)
-            if loss is not None and self._is_at_validation:
+            if is_updated and self._is_at_validation:
                 yield self._validated_progress(budget, speed, is_stopped)
             elif is_over or speed.is_due():
                 yield self._progress(budget, speed, None)
@@ -220,6 +221,7 @@ class Trainer:
         best = self._best_policy
         return {
             **self._identity(),
+            **self._missions_state(),
             'learner': self._learner.state(),
             **self._rota.state(),
             'rng': rng_state(self._rng),
@@ -244,6 +246,8 @@ class Trainer:
         self._rota.restore(saved)
         restore_rng(self._rng, saved.part('rng'))
         self._trained_s = saved.number('trained_s', low=0.0)
+        if self.config.validation.every_missions:
+            self._n_validated_missions = saved.whole('n_validated_missions')
         has_panel = self._courses is not None
         self._validation = _validation_of(saved.optional('validation'), has_panel=has_panel)
         self._best = _validation_of(saved.optional('best'), has_panel=has_panel)
@@ -259,6 +263,11 @@ class Trainer:
             header = replace(self._header(self._best, arrays), advice_bonus=bonus)
             self._best_policy = FrozenPolicy(header, arrays)
 
+    def _missions_state(self) -> dict[str, int]:
+        """What a run that validates by missions saves beside all others."""
+        is_by_missions = bool(self.config.validation.every_missions)
+        return {'n_validated_missions': self._n_validated_missions} if is_by_missions else {}
+
     def _identity(self) -> dict[str, object]:
         """What only checkpoints of this run have in common."""
         panel = {} if self._courses is None else {'panel': self._courses.panel.fingerprint}
@@ -271,11 +280,11 @@ class Trainer:
             'device': self._device,
         }
 
-    def _collect_and_update(self, share_done: float, speed: SpeedMeter) -> float | None:
+    def _collect_and_update(self, share_done: float, speed: SpeedMeter) -> bool:
         """Fly a little, then learn once.
 
         Returns:
-            The loss; None while too few missions have ended to learn from.
+            Whether there was an update; there is none while too few missions have ended.
         """
         config, index = self.config, self._rota.next_turn()
         task, agent = self._tasks[index], self._agent
@@ -283,18 +292,21 @@ class Trainer:
         epsilon, n_decisions = config.epsilon(share_done), config.rollout.decisions_per_update
         for episode in task.source.collect(agent, n_decisions, epsilon):
             task.replay.add(episode)
-        loss, n_missions = None, config.missions_per_batch(share_done)
+        is_updated, n_missions = False, config.missions_per_batch(share_done)
         if task.has_batch(n_missions, config) and not task.source.is_over:
             batch = task.minibatch(n_missions, config, self.algorithm, self._rng)
-            loss = self._learner.update(batch, config.learning_rate(share_done), index)
-            speed.add_loss(loss)
-            self._rota.count_update(index)
+            if is_updated := len(batch.entry) > 0:  # excerpts may hold no whole joint choice
+                rate = config.learning_rate(share_done)
+                speed.add_update(self._learner.update(batch, rate, index))
+                self._rota.count_update(index)
         self._trained_s += speed.lap_s()
-        return loss
+        return is_updated
 
     @property
     def _is_at_validation(self) -> bool:
-        """Whether the network is to be validated after so many updates."""
+        """Whether the network is to be validated after so many updates, or missions."""
+        if every := self.config.validation.every_missions:
+            return self._rota.n_missions // every > self._n_validated_missions // every
         return self._learner.n_updates % self.config.validation.every_updates == 0
 
     @property
@@ -322,11 +334,16 @@ class Trainer:
         return self._progress(budget, speed, self._validation)
 
     def _validate(self, between_decisions: Callable[[], None]) -> None:
-        self._validation = self._run_validation(between_decisions)
-        best = self._best
-        if best is None or self._validation.rank > best.rank:
-            self._best = self._validation
-            self._best_policy = self._freeze(self._validation)
+        self._validation = validation = self._run_validation(between_decisions)
+        self._n_validated_missions = self._rota.n_missions
+        if self._best is None or self._is_better(validation, self._best):
+            self._best = validation
+            self._best_policy = self._freeze(validation)
+
+    def _is_better(self, one: ValidationResult, other: ValidationResult) -> bool:
+        if self.config.validation.best_by == 'efficiency':
+            return one.efficiency_kbit_per_j > other.efficiency_kbit_per_j
+        return one.rank > other.rank
 
     def _run_validation(
         self, between_decisions: Callable[[], None] | None = None
@@ -379,7 +396,7 @@ class Trainer:
         share_done = self.share_done(budget)
         recent = [task.source.recent for task in self._tasks]
         efficiency = _mean_of_known(it.efficiency_kbit_per_j for it in recent)
-        decisions_per_s, updates_per_s, loss = speed.read(self.n_decisions, self.n_updates)
+        decisions_per_s, updates_per_s, updates = speed.read(self.n_decisions, self.n_updates)
         return Progress(
             share_done=share_done,
             wall_s=self._trained_s,
@@ -388,7 +405,7 @@ class Trainer:
             n_missions=self._rota.n_missions,
             decisions_per_s=decisions_per_s,
             updates_per_s=updates_per_s,
-            loss=loss,
+            **updates._asdict(),
             epsilon=self.config.epsilon(share_done),
             learning_rate=self.config.learning_rate(share_done),
             training_efficiency_kbit_per_j=efficiency,

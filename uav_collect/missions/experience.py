@@ -199,8 +199,13 @@ def sparse_observations(episode: Episode, layout: Layout, briefing: Briefing) ->
     order, mission = np.arange(n_rows), np.zeros(n_rows, dtype=np.int64)
     dense = np.empty((n_rows, size), dtype=np.float32)
     observations(layout, briefing, episode.records, demand_bit, mission, order, dense)
+    return sparse_rows(dense)
+
+
+def sparse_rows(dense: NDArray[np.float32]) -> SparseRows:
+    """What is not zero in observations, (N, observation_size)."""
     row, column = np.nonzero(dense)
-    stop = np.cumsum(np.bincount(row, minlength=n_rows))
+    stop = np.cumsum(np.bincount(row, minlength=len(dense)))
     return SparseRows(
         column=column.astype(np.int32),
         value=dense[row, column],

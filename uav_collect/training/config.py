@@ -79,6 +79,12 @@ class TargetSettings(Section):
     trace: _Share
     double_q: Annotated[bool, truth()]
     update_rate: Annotated[float, number(1e-6, 1)]
+    # Updates over which what follows a decision comes to count, from nothing; absent: at once.
+    warm_up_updates: Annotated[int | None, whole(0, 10**9)] = None
+
+    def future_share(self, n_updates: int) -> float:
+        """How much of what follows a decision counts after so many updates, 0..1."""
+        return min(1.0, n_updates / self.warm_up_updates) if self.warm_up_updates else 1.0
 
 
 class OptimiserSettings(Section):
@@ -93,7 +99,7 @@ class OptimiserSettings(Section):
 
 
 class ReplaySettings(Section):
-    """What the replay holds, and how many missions an update takes."""
+    """What the replay holds, and how many missions, or excerpts of them, an update takes."""
 
     decisions: Annotated[int, whole(1000, 10**9)]
     missions_per_batch: Annotated[int, whole(1, 4096)]
@@ -101,6 +107,12 @@ class ReplaySettings(Section):
     missions_per_batch_first: Annotated[int | None, whole(0, 4096)] = None
     # Decisions from which on a batch takes no more missions; absent or 0: it takes them all.
     rows_per_batch: Annotated[int | None, whole(0, 10**6)] = None
+    # Decisions of an excerpt that is learned from; absent or 0: missions are learned from whole.
+    sequence_decisions: Annotated[int | None, whole(0, 10**6)] = None
+    # Decisions of each UAV for which the network is run before those of an excerpt; absent: 0.
+    burn_in_decisions: Annotated[int | None, whole(0, 10**6)] = None
+    # Decisions that the replay holds before the first update; absent: none but those of a batch.
+    decisions_before_updates: Annotated[int | None, whole(0, 10**9)] = None
 
     # Memory for observations as they were encoded; absent: _OBSERVATION_MB.
     observation_mb: Annotated[int | None, whole(0, 10**6)] = None
@@ -115,6 +127,11 @@ class ReplaySettings(Section):
     def most_rows(self) -> int:
         """Decisions from which on a batch takes no more missions; 0: it takes all of them."""
         return self.rows_per_batch or 0
+
+    @property
+    def excerpt_decisions(self) -> int:
+        """Decisions of an excerpt that is learned from; 0: missions are learned from whole."""
+        return self.sequence_decisions or 0
 
 
 class RolloutSettings(Section):
@@ -131,6 +148,10 @@ class ValidationSettings(Section):
 
     missions: Annotated[int, whole(1, 100_000)]
     every_updates: Annotated[int, whole(1, 10**9)]
+    # Missions that are learned from until the next validation; absent or 0: updates are counted.
+    every_missions: Annotated[int | None, whole(0, 10**9)] = None
+    # What the best policy is chosen by: first that missions are completed, or efficiency alone.
+    best_by: Annotated[str | None, words('completeness', 'efficiency')] = None
 
 
 class CourseSettings(Section):
@@ -254,6 +275,10 @@ def load_preset(
                 ' network.advice_bonus_last, to which the bonus falls',
             )
         )
+    if config.replay.excerpt_decisions and config.replay.most_rows:
+        keys = 'replay', 'rows_per_batch'
+        what = f'is {config.replay.most_rows}: must be 0 where replay.sequence_decisions is not'
+        raise ConfigError(document.problem(keys, what))
     return config
 
 

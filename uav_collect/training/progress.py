@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from uav_collect.kernels.arrays import Floats
@@ -78,6 +79,14 @@ class ValidationResult:
         return policy_rank(complete, safe, self.sweep_ratio)
 
 
+class UpdateMetrics(NamedTuple):
+    """How an update went; the mean of several tells of diverging before the loss does."""
+
+    loss: float  # before it
+    mean_value: float  # the same: of the team's action values that are learned, each UAV's in AIQL
+    gradient_norm: float  # of all parameters together, before the clip
+
+
 @dataclass(frozen=True, kw_only=True)
 class Progress:
     """How far a training is, and how well it goes; a row of progress.csv."""
@@ -90,6 +99,8 @@ class Progress:
     decisions_per_s: float
     updates_per_s: float
     loss: float
+    mean_value: float
+    gradient_norm: float
     epsilon: float
     learning_rate: float
     training_efficiency_kbit_per_j: float
@@ -145,12 +156,12 @@ class SpeedMeter:
         """Start the clock after so many decisions and updates."""
         self._lap_from_s = self._read_s = compilation.now_s()
         self._read_at = n_decisions, n_updates
-        self._losses: list[float] = []
-        self._loss = np.nan
+        self._updates: list[UpdateMetrics] = []
+        self._means = UpdateMetrics(np.nan, np.nan, np.nan)
 
-    def add_loss(self, loss: float) -> None:
-        """Count an update's loss in the next mean."""
-        self._losses.append(loss)
+    def add_update(self, metrics: UpdateMetrics) -> None:
+        """Count an update in the next means."""
+        self._updates.append(metrics)
 
     def lap_s(self) -> float:
         """Training time since the last call, pauses left out [s]."""
@@ -172,14 +183,14 @@ class SpeedMeter:
         """Whether a second has passed since the last reading."""
         return compilation.now_s() - self._read_s >= _REPORT_EVERY_S
 
-    def read(self, n_decisions: int, n_updates: int) -> tuple[float, float, float]:
-        """Decisions and updates per second, and the mean loss, since the last call."""
+    def read(self, n_decisions: int, n_updates: int) -> tuple[float, float, UpdateMetrics]:
+        """Decisions and updates per second, and the means of updates, since the last call."""
         now_s = compilation.now_s()
         here = n_decisions, n_updates
         elapsed_s = max(now_s - self._read_s, 1e-9)
         speeds = [(new - old) / elapsed_s for new, old in zip(here, self._read_at, strict=True)]
-        if self._losses:
-            self._loss = float(np.mean(self._losses))
-        self._losses.clear()
+        if self._updates:
+            self._means = UpdateMetrics(*np.mean(self._updates, axis=0).tolist())
+        self._updates.clear()
         self._read_s, self._read_at = now_s, here
-        return speeds[0], speeds[1], self._loss
+        return speeds[0], speeds[1], self._means

@@ -39,7 +39,7 @@ VALIDATION_COLUMNS = (
 PROGRESS_COLUMNS = (
     'n_decisions', 'n_updates', 'wall_s', 'n_missions', 'decisions_per_s', 'updates_per_s', 'loss',
     'epsilon', 'learning_rate', 'training_efficiency_kbit_per_j', 'training_reward',
-    'replay_transitions', 'replay_bytes',
+    'replay_transitions', 'replay_bytes', 'mean_value', 'gradient_norm',
 )  # fmt: skip
 
 # Of a run on courses, a row for each condition of the panel at each validation; conditions count
@@ -55,8 +55,12 @@ TABLES = {
     PANEL_FILE: PANEL_COLUMNS,
 }
 
+_NEW_COLUMNS = ('mean_value', 'gradient_norm')  # at the end; tables of before lack them
+
 # Columns that are nan before the first mission or update, or where a UAV has not landed.
-_MAY_BE_UNKNOWN = ('completion_s', 'loss', 'training_efficiency_kbit_per_j', 'training_reward')
+_MAY_BE_UNKNOWN = (
+    'completion_s', 'loss', 'training_efficiency_kbit_per_j', 'training_reward', *_NEW_COLUMNS,
+)  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,6 +98,8 @@ CURVE_MEASURES = tuple(
             'kbit/J',
         ),
         (PROGRESS_FILE, 'training_reward', 'reward of a mission while exploring', '1'),
+        (PROGRESS_FILE, 'mean_value', 'mean action value learned', '1'),
+        (PROGRESS_FILE, 'gradient_norm', 'norm of the gradient before the clip', '1'),
         (PANEL_FILE, 'sweep_ratio', "energy efficiency over the sweep's, in the panel", '1'),
     )
 )  # fmt: skip
@@ -265,9 +271,11 @@ def read_rows(path: Path, columns: tuple[str, ...]) -> list[list[str]]:
     except UnicodeDecodeError as error:
         raise TrainingRunError(f'{path}: is no text: delete it to go on without') from error
     lines = [line for line in text.split('\n')[:-1]]
-    if lines and lines[0] != ','.join(columns):
+    header = tuple(lines[0].split(',')) if lines else columns
+    missing = columns[len(header) :]
+    if header + missing != columns or not set(missing) <= set(_NEW_COLUMNS):
         raise TrainingRunError(f'{path}:1: is no table with {", ".join(columns)}')
-    rows = [line.split(',') for line in lines[1:]]
+    rows = [line.split(',') + ['nan'] * len(missing) for line in lines[1:]]
     for number, row in enumerate(rows, 2):
         problem = _row_problem(row, columns)
         if problem is not None:
