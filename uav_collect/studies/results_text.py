@@ -29,6 +29,9 @@ def results_text(
     """
     parts = [
         "# Results of the paper's studies",
+        'The paper that this program follows says how well its fleets do. Here each of its '
+        'statements is held against missions that this program flew: what was measured, with its '
+        'interval, and whether the statement holds.',
         f'Made by `python -m uav_collect figures --scale {scale.name}`; not edited by hand.',
         _what_was_run(scale, studies, spent, not_run),
         '## Claims',
