@@ -49,7 +49,7 @@ _OF_WORLD = {
 }
 _OF_AGENTS = {
     'policy': 'what decides: hert, hert-equal, sweep, random, a learned policy or its file, '
-    'module:name, strong or best',
+    'module:name, lookahead:RULE, strong or best',
     'candidates': 'policies, separated by commas, among which best is chosen besides those '
     'shipped for the scenario or refined for it, sweep and hert',
     'bandwidth': 'how bandwidth is shared: exact, equal or cvxpy',

@@ -29,6 +29,8 @@ GUARD_AFTER = 12  # decisions without news after which a UAV's guard decides, un
 MAX_GUARD_AFTER = 10_000
 
 BEST = 'best'  # stands for the policy that does best in sampled missions of the scenario at hand
+LOOKAHEAD = 'lookahead'  # and a colon, before the rule that a policy looks ahead with
+LEAST_FUTURES, MOST_FUTURES = 2, 1000  # that such a policy imagines of each action
 
 ALGORITHMS = ('aqmix', 'qmix', 'aiql', 'branches')  # of a training
 DEVICES = ('cpu', 'cuda')  # that updates are computed on
@@ -45,6 +47,11 @@ HANDOVER_KINDS = ('plan', 'kml', 'geojson', 'csv', 'mavlink')  # of files that `
 def is_name(text: str) -> bool:
     """Whether a text may name a scenario, a preset or a policy: then it may name a file, too."""
     return _NAME.fullmatch(text) is not None
+
+
+def is_lookahead_name(text: str) -> bool:
+    """Whether a text names a policy that looks ahead: `lookahead:RULE` or `lookahead:RULE:N`."""
+    return text.strip().startswith(f'{LOOKAHEAD}:')
 
 
 def stop_signals() -> tuple[signal.Signals, ...]:

@@ -68,7 +68,7 @@ import sys
 import uav_collect.commands.small_jobs as small_jobs
 from uav_collect.__main__ import main
 class Settled(Exception): pass
-def settle(n_missions, n_cells):
+def settle(n_missions, n_cells, policies):
     raise Settled(n_missions, n_cells, 'uav_collect.kernels.arrays' in sys.modules)
 small_jobs.choose_kernels = settle
 for arguments in (

@@ -25,6 +25,7 @@ from uav_collect.scenario.load import fingerprint
 from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import Site
 from uav_collect.uav.heuristics import RulePolicy
+from uav_collect.uav.lookahead import decision_us, LookaheadPolicy
 from uav_collect.uav.observation import Layout
 from uav_collect.uav.policy import (
     ANYWHERE,
@@ -37,7 +38,8 @@ from uav_collect.uav.policy_network import LearnedPolicy
 
 CHOICE_SEED = 2**59  # of the first mission; users evaluate below, trainings fly above
 _LEAST_MISSIONS = 10
-_WORK_S = 4.0  # that all candidates' missions take on a usual core
+# That all candidates' missions take on a usual core; and where one of them looks ahead.
+_WORK_S, _AHEAD_WORK_S = 4.0, 20.0
 _RULES = ('sweep', 'hert')
 # What a mission takes for each cell of the area [us], by compiled and by interpreted kernels.
 _RULE_US, _FUNCTION_US = (1.5, 130.0), (400.0, 600.0)
@@ -106,7 +108,8 @@ def planned_missions(candidates: Sequence[Candidate], n_cells: int, *, is_compil
         is_compiled: whether kernels are.
     """
     mission_s = sum(_mission_s(it, n_cells, is_compiled=is_compiled) for it in candidates)
-    tens = int(_WORK_S / mission_s) // 10
+    looks_ahead = any(isinstance(it.policy, LookaheadPolicy) for it in candidates)
+    tens = int((_AHEAD_WORK_S if looks_ahead else _WORK_S) / mission_s) // 10
     return max(_LEAST_MISSIONS, min(MOST_MISSIONS, 10 * tens))
 
 
@@ -115,6 +118,9 @@ def _mission_s(candidate: Candidate, n_cells: int, *, is_compiled: bool) -> floa
     match candidate.policy:
         case RulePolicy():
             compiled_us, interpreted_us = _RULE_US
+        case LookaheadPolicy() as ahead:  # about as many decisions as there are cells
+            compiled_us = decision_us(ahead, n_cells, is_compiled=True)
+            interpreted_us = decision_us(ahead, n_cells, is_compiled=False)
         case LearnedPolicy(frozen=network):
             size = (network.header.hidden_size / _RECURRENCE_UNITS) ** 2
             compiled_us, interpreted_us = (

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 from uav_collect.errors import FleetError, UavCollectError
 from uav_collect.kernels.compile import interpret_unless_cached
+from uav_collect.limits import is_lookahead_name
 
 if TYPE_CHECKING:  # loaded by that process alone, unless there is a choice to be received
     from uav_collect.analysis.choice import Choice
@@ -86,9 +87,11 @@ def serve(number: int) -> None:
     Args:
         number: of the file by which they talk.
     """
-    any(map(interpret_unless_cached, _KERNELS))
     with Connection(number) as starter, suppress(BrokenPipeError):  # it may be gone
-        starter.send(_found(starter.recv()))
+        request: ChoiceRequest = starter.recv()
+        if not any(map(is_lookahead_name, request.candidates.split(','))):
+            any(map(interpret_unless_cached, _KERNELS))
+        starter.send(_found(request))
 
 
 def _found(request: ChoiceRequest) -> Answer | UavCollectError:

@@ -70,8 +70,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=['sweep'],
         metavar='NAME|FILE|MODULE:NAME',
         help='one or more of hert, hert-equal, sweep, random, shipped policies, .safetensors'
-        ' files, functions or classes as module:name, strong, the policy shipped for the'
-        ' scenario, and best, which of them does best in sampled missions of it (default: sweep)',
+        ' files, functions or classes as module:name, lookahead:RULE, strong, the policy'
+        ' shipped for the scenario, and best, which of them does best in sampled missions of it'
+        ' (default: sweep)',
     )
     options.add_candidates_option(parser)
     parser.add_argument(
@@ -102,7 +103,9 @@ def run(arguments: argparse.Namespace) -> int:
     options.check_candidates(arguments, arguments.policy)
     scenario = options.scenario_of(arguments)
     of_each = len(arguments.policy) + (_FLIGHTS_OF_A_PLAN if arguments.bound else 0)
-    choose_kernels(arguments.missions * len(arguments.bandwidth) * of_each, scenario.n_cells)
+    names = [*arguments.policy, *arguments.candidates.split(',')]
+    n_flights = arguments.missions * len(arguments.bandwidth) * of_each
+    choose_kernels(n_flights, scenario.n_cells, names)
     contenders = _contenders(arguments, scenario)
     terminal.say_reach(scenario)
     flown: dict[_Contender, list[MissionMetrics]] = {contender: [] for contender in contenders}

@@ -52,8 +52,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='NAME|FILE|MODULE:NAME',
         default=BEST,
         help='hert, hert-equal, sweep, random, a shipped policy, a .safetensors file, a function'
-        ' or class as module:name, strong, the policy shipped for the scenario, or best, which'
-        ' of them does best in sampled missions of the scenario (default: %(default)s)',
+        ' or class as module:name, lookahead:RULE, strong, the policy shipped for the scenario,'
+        ' or best, which of them does best in sampled missions of the scenario'
+        ' (default: %(default)s)',
     )
     options.add_candidates_option(parser)
     options.add_seed_option(parser, 'seed of the mission')

@@ -110,7 +110,8 @@ def run(arguments: argparse.Namespace) -> int:
     numbers = [*dict.fromkeys(arguments.uavs or [scenario.n_uavs])]
     options.check_outputs(arguments.json, arguments.csv, arguments.picture)
     n_flights = 1 + len({*arguments.battery_wh}) if arguments.battery_wh else _FLIGHTS
-    choose_kernels(len(numbers) * n_flights * arguments.missions, scenario.n_cells)
+    n_missions = len(numbers) * n_flights * arguments.missions
+    choose_kernels(n_missions, scenario.n_cells, [arguments.policy])
     battery = _battery(arguments, scenario)
     fleets = _fleets(arguments, scenario, numbers)
     start_s, status = monotonic(), 0

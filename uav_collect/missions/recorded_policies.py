@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from uav_collect.errors import PolicyMismatchError
+from uav_collect.limits import is_lookahead_name
 from uav_collect.lockstep.published_policy import checked_policy, PolicyKey, PublishedPolicy
 from uav_collect.missions.reflight import FlownBy
 from uav_collect.recording.mission_log import MissionHeader, NO_AGENT, UavHeader
@@ -110,7 +111,8 @@ class RecordedPolicies:
 
     def _versions_of(self, name: str) -> list[NamedPolicy]:
         """The policies that a name may mean, at least one."""
-        if ':' in name and ' eps ' not in name and name not in self._functions:
+        is_code = ':' in name and ' eps ' not in name and not is_lookahead_name(name)
+        if is_code and name not in self._functions:
             raise PolicyMismatchError(
                 f'policy {name!r} is code that the recording names: run it with --policy {name}'
             )
@@ -122,7 +124,7 @@ class RecordedPolicies:
         try:
             found.append(policy_named(name))
         except PolicyMismatchError as error:
-            if ':' in name and ' eps ' not in name:
+            if is_code or is_lookahead_name(name):
                 raise
             if not found:
                 raise PolicyMismatchError(

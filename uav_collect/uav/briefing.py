@@ -12,7 +12,7 @@ from uav_collect.physics.radio import (
     reference_gain,
 )
 from uav_collect.scenario.area import mean_data_cells, open_cells
-from uav_collect.scenario.model import ListedSensors, RadioConfig, Scenario
+from uav_collect.scenario.model import DrawnSensors, ListedSensors, RadioConfig, Scenario
 from uav_collect.scenario.site import known_complete_cells, Site
 from uav_collect.scenario.ways import ways_home
 
@@ -32,6 +32,9 @@ class Briefing(NamedTuple):
     home_via: Row[int]  # (U * C,) the cell to fly straight to, -1: home; empty without obstacles
     data_share: float  # of cells that are not known to be complete; 0: nobody knows
     hover_s: float  # that one at a cell that holds data is expected to take, where that is known
+    data_chance: float  # that a cell which is not known to be complete holds data, as it is drawn
+    cell_data_bit: float  # that one which does is expected to hold
+    upload_bps: float  # at which that comes up, all its sensors together
     n_uavs: int
     contact_range_m: float  # inf: always in contact
     bandwidth_hz: float  # of one UAV
@@ -61,6 +64,7 @@ def briefing_of(site: Site) -> Briefing:
 def _brief(scenario: Scenario, is_known: Ints) -> Briefing:
     uavs, area = scenario.uavs, scenario.area
     home_m, home_via = _ways_home(scenario)
+    data_chance, n_sensors = _expected_data(scenario, is_known)
     return Briefing(
         n_rows=area.n_rows,
         n_columns=area.n_columns,
@@ -72,6 +76,9 @@ def _brief(scenario: Scenario, is_known: Ints) -> Briefing:
         home_via=filled_row(home_via, 0),
         data_share=_data_share(scenario, is_known),
         hover_s=_hover_s(scenario, is_known),
+        data_chance=data_chance,
+        cell_data_bit=n_sensors * 1e6 * _mean_mbit(scenario),
+        upload_bps=_mean_rate_bps(scenario, n_sensors),
         n_uavs=len(uavs),
         contact_range_m=_contact_range_m(scenario.radio),
         bandwidth_hz=scenario.bandwidth_hz,
@@ -116,6 +123,11 @@ def _hover_s(scenario: Scenario, is_known: Ints) -> float:
 
 def mean_hover_s(scenario: Scenario, n_sensors: float) -> float:
     """What a hover takes over mean data at so many sensors, of mean gain and not far aside [s]."""
+    return n_sensors * 1e6 * _mean_mbit(scenario) / _mean_rate_bps(scenario, n_sensors)
+
+
+def _mean_rate_bps(scenario: Scenario, n_sensors: float) -> float:
+    """The rate of so many sensors together, of mean gain and not far aside."""
     radio, area = scenario.radio, scenario.area
     aside_m = _MEAN_AWAY * area.cell_size_m
     angle_rad = elevation_rad(aside_m, area.altitude_m)
@@ -124,8 +136,26 @@ def mean_hover_s(scenario: Scenario, n_sensors: float) -> float:
     gain = path_gain(distance_m, reference_gain(radio.carrier_hz), radio.path_loss_exponent)
     gain *= radio.n_antennas * (in_sight + (1.0 - in_sight) * radio.nlos_attenuation)
     cn0_hz = n_sensors * radio.tx_power_w * float(gain) / radio.noise_w_per_hz
-    rate_bps = scenario.bandwidth_hz * math.log2(1.0 + cn0_hz / scenario.bandwidth_hz)
-    return n_sensors * 1e6 * _mean_mbit(scenario) / rate_bps
+    return scenario.bandwidth_hz * math.log2(1.0 + cn0_hz / scenario.bandwidth_hz)
+
+
+def _expected_data(scenario: Scenario, is_known: Ints) -> tuple[float, float]:
+    """The chance that a cell of unknown demand holds data, and how many sensors it has then.
+
+    All cells of unknown demand are alike to who does not know where the sensors are.
+    """
+    n_unknown, sensors = max(len(is_known) - int(is_known.sum()), 1), scenario.sensors
+    if isinstance(sensors, DrawnSensors):
+        dense = sensors.dense_cell_share
+        mean = dense * sensors.dense_mean + (1.0 - dense) * sensors.sparse_mean
+        bare = dense * math.exp(-sensors.dense_mean)
+        bare += (1.0 - dense) * math.exp(-sensors.sparse_mean)
+    else:
+        mean = len(sensors.entries) / n_unknown if isinstance(sensors, ListedSensors) else 1.0
+        bare = max(1.0 - mean, 0.0)
+    has_sensors = 1.0 if scenario.demand.is_empty_known else 1.0 - bare
+    chance = min(mean_data_cells(scenario) / n_unknown, has_sensors)
+    return chance, max(mean / (1.0 - bare), 1.0) if bare < 1.0 else 1.0
 
 
 def _mean_mbit(scenario: Scenario) -> float:

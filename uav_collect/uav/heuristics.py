@@ -127,6 +127,23 @@ def choose(
 
 
 @kernel
+def likely_memory(heuristic: int, briefing: Briefing, shares: Shares, uav: int, cell: int) -> int:
+    """What a rule most likely remembers, for who only knows over which cell its UAV is.
+
+    Returns:
+        What each place of its `memory` holds.
+    """
+    if heuristic != Heuristic.HERT and heuristic != Heuristic.HERT_EQUAL:
+        return 0
+    by_speed = heuristic == Heuristic.HERT
+    start = sector_start(briefing, uav, len(shares.order), by_speed)
+    for place in range(start, sector_start(briefing, uav + 1, len(shares.order), by_speed)):
+        if shares.order[place] == cell:
+            return place - start
+    return 0
+
+
+@kernel
 def place_in_piece(shares: Shares, uav: int, cell: int) -> int:
     """Places of the tour between where a UAV begins and a cell, in the UAV's direction."""
     return shares.direction[uav] * (shares.place[cell] - shares.anchor[uav]) % shares.n_places

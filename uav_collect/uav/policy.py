@@ -8,13 +8,14 @@ from uav_collect.config.installed import shared_folders
 from uav_collect.config.yaml_text import shown
 from uav_collect.errors import PolicyMismatchError
 from uav_collect.kernels.arrays import Row
-from uav_collect.limits import BEST
+from uav_collect.limits import BEST, is_lookahead_name, LOOKAHEAD
 from uav_collect.scenario.model import Scenario
 from uav_collect.uav.action_codes import NONE
 from uav_collect.uav.belief import Belief
 from uav_collect.uav.briefing import brief, Briefing
 from uav_collect.uav.heuristics import Heuristic, RulePolicy
 from uav_collect.uav.learned_on import strangeness, strangeness_within
+from uav_collect.uav.lookahead import lookahead_named, LookaheadPolicy, slowness
 from uav_collect.uav.policy_file import FORMAT, load_policy, SUFFIX, WEIGHTS_FORMAT
 from uav_collect.uav.policy_network import FrozenPolicy, LearnedPolicy
 from uav_collect.uav.user_policy import is_user_policy_name, user_policy, UserPolicy
@@ -47,11 +48,11 @@ class Policy(Protocol):
         """One of the legal actions (at least one is), or HOME to end the mission."""
 
 
-NamedPolicy = RulePolicy | LearnedPolicy | UserPolicy
+NamedPolicy = RulePolicy | LookaheadPolicy | LearnedPolicy | UserPolicy
 
 
 def policy_named(name: str) -> NamedPolicy:
-    """The policy that a user names: a heuristic, a shipped policy, a file or `module:function`.
+    """The policy that a user names: a rule, one that looks ahead, a learned one or a function.
 
     Raises:
         PolicyMismatchError: there is none of that name, or its file or module is broken.
@@ -70,6 +71,8 @@ def policy_named(name: str) -> NamedPolicy:
             return RulePolicy(Heuristic.SWEEP)
         case 'random':
             return RulePolicy(Heuristic.RANDOM)
+        case _ if is_lookahead_name(name):  # before functions, whose names look alike
+            return lookahead_named(name)
         case _ if is_user_policy_name(name):
             return user_policy(name)
     file = _file_of(name)
@@ -77,7 +80,7 @@ def policy_named(name: str) -> NamedPolicy:
         known = [heuristic.label for heuristic in Heuristic] + [*shipped_policies()]
         raise PolicyMismatchError(
             f'policy {shown(name)} is unknown; there are {", ".join(known)}, the path of a'
-            f' {SUFFIX} file, or module:function'
+            f' {SUFFIX} file, {LOOKAHEAD}:RULE, or module:function'
         )
     return _learned(file)
 
@@ -114,7 +117,8 @@ def policy_for(name: str, scenario: Scenario) -> NamedPolicy:
 def remarks(policy: Policy, scenario: Scenario) -> list[str]:
     """What whoever flies a policy in a scenario should know of it, in one line each."""
     old = outdated(policy.name, policy.frozen) if isinstance(policy, LearnedPolicy) else None
-    return [line for line in (old, unfamiliar(policy, scenario)) if line is not None]
+    slow = slowness(policy, scenario) if isinstance(policy, LookaheadPolicy) else None
+    return [line for line in (old, slow, unfamiliar(policy, scenario)) if line is not None]
 
 
 def outdated(name: str, policy: FrozenPolicy) -> str | None:
@@ -144,7 +148,7 @@ def unfamiliar(policy: Policy, scenario: Scenario) -> str | None:
 
 def guard_for(policy: Policy, guard_after: int) -> int:
     """After how many decisions without news a policy's guard decides; NONE: a rule has none."""
-    return NONE if isinstance(policy, RulePolicy) else guard_after
+    return NONE if isinstance(policy, RulePolicy | LookaheadPolicy) else guard_after
 
 
 def frozen_policy(name: str) -> FrozenPolicy:

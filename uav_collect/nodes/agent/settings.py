@@ -19,7 +19,8 @@ PARAMETERS = (
         name='policy',
         default='sweep',
         description='hert, hert-equal, sweep or random, a learned policy by name or .safetensors '
-        'file, a function or class as module:name, strong: the one shipped for the scenario, '
+        'file, a function or class as module:name, lookahead:RULE: a rule that looks ahead, '
+        'strong: the one shipped for the scenario, '
         'best: which of them does best in sampled missions of the scenario, or topic: what a '
         'trainer publishes on /trainer/policy (--policy)',
     ),
@@ -69,7 +70,7 @@ def argument_parser() -> Parser:
         '--policy',
         metavar='NAME|FILE|MODULE:NAME',
         help='hert, hert-equal, sweep, random, a .safetensors file, a shipped policy, a function'
-        ' or class as module:name, strong, best, or topic',
+        ' or class as module:name, lookahead:RULE, strong, best, or topic',
     )
     parser.add_argument(
         '--candidates', metavar='NAME,...', help='further ones among which best is chosen'
