@@ -168,8 +168,7 @@ class Learner:
         """
         for group in self.optimiser.param_groups:
             group['lr'] = learning_rate
-        team, target = self._learned(minibatch, task)
-        loss = nn.functional.mse_loss(team, target)
+        loss, learned = self._loss(minibatch, task)
         self.optimiser.zero_grad(set_to_none=True)
         loss.backward()
         clip_norm = self._config.optimiser.clip_norm
@@ -179,7 +178,7 @@ class Learner:
         self.n_updates += 1
         return UpdateMetrics(
             loss=float(loss.detach()),
-            mean_value=float(team.detach().mean()),
+            mean_value=float(learned.detach().mean()),
             gradient_norm=float(norm),
         )
 
@@ -231,20 +230,20 @@ class Learner:
 
     def loss(self, minibatch: Minibatch, task: int = 0) -> Tensor:
         """Mean squared error of the entries' action values against their targets."""
-        return nn.functional.mse_loss(*self._learned(minibatch, task))
+        return self._loss(minibatch, task)[0]
 
-    def _learned(self, minibatch: Minibatch, task: int) -> tuple[Tensor, Tensor]:
-        """The entries' action values, and what they are to become, (L,) each."""
+    def _loss(self, minibatch: Minibatch, task: int) -> tuple[Tensor, Tensor]:
+        """The loss, and the values that it is of: (L,), by branches (R, N_ACTIONS)."""
         tensors = self._on_device(minibatch, task)
         values = self._values(self.networks, tensors)
         if self._algorithm is Algorithm.BRANCHES:
-            return self._branch_loss(values, tensors)
+            return self._branch_loss(values, tensors), values
         chosen = self._chosen_values(values, tensors)
         by_uav = self._by_uav(chosen, tensors)
         team = self._team_values(self.networks, chosen, by_uav, tensors, tensors.entry)
         with torch.no_grad():
             target = self._targets(values.detach(), tensors)
-        return team, target
+        return nn.functional.mse_loss(team, target), team
 
     def _branch_loss(self, values: Tensor, tensors: _Tensors) -> Tensor:
         """How wrong it is what actions are worth more than the advised one, as branches tell.

@@ -180,7 +180,7 @@ def _needed(
     """What is left of the missions: decisions that entries need, and the entries among these."""
     records, mission, latest = decisions.records, decisions.mission, decisions.latest
     asked = np.concatenate([entries.entry, entries.next_entry[entries.next_entry >= 0]])
-    if algorithm is not Algorithm.AIQL:  # the mixer takes what the others are doing
+    if algorithm.mixes:  # the mixer takes what the others are doing
         running = latest[asked].ravel()
         asked = np.concatenate([asked, running[running >= 0]])
     sequence = mission * latest.shape[1] + records.uav
