@@ -59,7 +59,7 @@ WALLS = {
     'ROS': Wall(ROS_MODULES, ('nodes/',)),
     'torch': Wall({'torch'}, TORCH_HOMES),
     'TensorBoard': Wall({'tensorboard'}, ('training/tensorboard.py',)),
-    'PettingZoo': Wall({'gymnasium', 'pettingzoo'}, ('pettingzoo_env.py',)),
+    'PettingZoo': Wall({'gymnasium', 'pettingzoo'}, ('environments/',)),
     'Ray': Wall({'ray'}, ('studies/jobs/cluster.py',)),
     'Matplotlib': Wall({'matplotlib'}, ('analysis/plotting.py',)),
     'Pillow': Wall({'PIL'}, ('film/animation.py',)),
@@ -320,7 +320,7 @@ def test_the_manifest_names_every_package_that_is_imported_or_says_that_pip_has_
         *of_system,
     }
     assert set().union(*of_pip) == {it.name for it in PACKAGES.values() if not it.apt}
-    own = {Path(path).stem for path in TESTS} | {'bench', 'tools'}
+    own = {Path(path).stem for path in TESTS} | {'bench', 'examples', 'tools'}
     modules = {it.top_module for it in PACKAGES.values()}
     tested = imports_of(TESTS) - own - ROS_MODULES - modules - imports_of(LAUNCH_FILES)
     keys = {'action_msgs': 'action_msgs', 'catkin_pkg': 'python3-catkin-pkg-modules'}

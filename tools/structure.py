@@ -24,7 +24,7 @@ NAME = PACKAGE.name
 ORDER = (
     *('errors', 'files', 'limits', 'revision', 'kernels', 'config', 'physics', 'scenario', 'uav'),
     *('recording', 'world', 'lockstep', 'missions', 'planning', 'ingest', 'analysis', 'fields'),
-    *('training', 'handover', 'pettingzoo_env', 'api', '__init__', 'film', 'learning', 'nodes'),
+    *('training', 'handover', 'environments', 'api', '__init__', 'film', 'learning', 'nodes'),
     *('studies', 'commands', '__main__'),
 )
 MAX_ROOT_MODULES = 8

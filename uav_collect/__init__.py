@@ -12,8 +12,10 @@ Missions:
 Policies of your own: a function of a `Situation` that returns `HOVER`, `FORWARD`, `RIGHT`,
 `BACKWARD` or `LEFT`, whichever are legal, or `HOME`. `step_towards` finds the way to a cell.
 
-Reinforcement learning: `env(scenario)` is a PettingZoo environment. `VectorEnv` steps many
-missions at once, as its `VectorEnvConfig` says, with a `Layout` and a `Reward`.
+Reinforcement learning: `env(scenario)` is a PettingZoo environment where UAVs decide one by one,
+`parallel_env(scenario)` one where all decide at the same instants, and `WorldsEnv(scenario)` many
+missions as a Gymnasium vector environment. `VectorEnv` steps many missions at once without either,
+as its `VectorEnvConfig` says, with a `Layout` and a `Reward`.
 
 Whatever a user may handle is a `UavCollectError`. Importing this package loads nothing else: each
 name loads its module when it is used. What is not listed here is free to move.
@@ -28,9 +30,11 @@ if TYPE_CHECKING:
     from uav_collect.analysis.choice import Choice
     from uav_collect.analysis.metrics import mission_metrics
     from uav_collect.api import bound, choose_policy, evaluate, Evaluation, FlownMission, fly
+    from uav_collect.environments.aec import env
+    from uav_collect.environments.parallel import parallel_env
+    from uav_collect.environments.worlds import WorldsEnv
     from uav_collect.errors import UavCollectError
     from uav_collect.missions.vector_env import VectorEnv, VectorEnvConfig
-    from uav_collect.pettingzoo_env import env
     from uav_collect.scenario.load import load
     from uav_collect.scenario.model import Scenario
     from uav_collect.scenario.site import build_site
@@ -57,6 +61,7 @@ __all__ = [
     'UavCollectError',
     'VectorEnv',
     'VectorEnvConfig',
+    'WorldsEnv',
     '__version__',
     'bound',
     'build_site',
@@ -66,6 +71,7 @@ __all__ = [
     'fly',
     'load',
     'mission_metrics',
+    'parallel_env',
     'step_towards',
 ]
 
@@ -75,9 +81,11 @@ _NAMES_OF = {
     'analysis.choice': ('Choice',),
     'analysis.metrics': ('mission_metrics',),
     'api': ('Evaluation', 'FlownMission', 'bound', 'choose_policy', 'evaluate', 'fly'),
+    'environments.aec': ('env',),
+    'environments.parallel': ('parallel_env',),
+    'environments.worlds': ('WorldsEnv',),
     'errors': ('UavCollectError',),
     'missions.vector_env': ('VectorEnv', 'VectorEnvConfig'),
-    'pettingzoo_env': ('env',),
     'scenario.load': ('load',),
     'scenario.model': ('Scenario',),
     'scenario.site': ('build_site',),

@@ -84,7 +84,7 @@ def test_numba_tells_when_it_compiles() -> None:
 WAYS = {
     'fly': 'import uav_collect; uav_collect.fly("paper_8x8", "sweep")',
     'evaluate': 'import uav_collect; uav_collect.evaluate("paper_8x8", "sweep", 2)',
-    'pettingzoo': 'from uav_collect import pettingzoo_env; pettingzoo_env.env().reset(seed=0)',
+    'pettingzoo': 'import uav_collect; uav_collect.env().reset(seed=0)',
 }
 
 

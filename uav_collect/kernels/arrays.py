@@ -87,3 +87,15 @@ def grow_table(table: Row[Row[_Number]], n_rows: int, size: int) -> Row[Row[_Num
         row: list[_Number] = table[index]  # type: ignore[assignment]
         row.extend([type(row[0])(0)] * (size - len(row)))
     return table
+
+
+def copied(rows: _Item) -> _Item:
+    """Named tuples, rows and tables of numbers, with all rows of their own."""
+    if isinstance(rows, np.ndarray):
+        return cast(_Item, rows.copy())
+    if isinstance(rows, list):
+        is_table = bool(rows) and isinstance(rows[0], list)
+        return cast(_Item, [row[:] for row in rows] if is_table else rows[:])
+    if isinstance(rows, tuple):
+        return cast(_Item, type(rows)(*map(copied, rows)))
+    return rows

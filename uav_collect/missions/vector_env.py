@@ -6,6 +6,7 @@ out a decision of each mission and goes on to the next one; everything in betwee
 """
 
 from collections.abc import Callable, Sequence
+import copy
 from dataclasses import dataclass, replace
 import math
 from typing import Any, NamedTuple
@@ -13,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from uav_collect.errors import AllocationError, PolicyMismatchError
-from uav_collect.kernels.arrays import Bools, check_shape, Floats, Ints, new_row, Row
+from uav_collect.kernels.arrays import Bools, check_shape, copied, Floats, Ints, new_row, Row
 from uav_collect.kernels.compile import kernel, kernels_are_compiled
 from uav_collect.missions.batch_kernels import (
     Batch,
@@ -43,6 +44,12 @@ from uav_collect.world.reward import KILOJOULE_J, Reward
 from uav_collect.world.sensor_field import demand_by_cell
 
 _FIRST_CAPACITY = 256  # events of a mission that the log has room for before it must grow
+
+# What flying on writes and goes on from, but for logs and records.
+_OWN_TABLES = (
+    'missions', 'airwaves', 'beliefs', 'memory', 'watch', 'complete', 'n_events', 'earnings',
+    'waiting',
+)  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -221,6 +228,17 @@ class VectorEnv:
         restart(self._batch, world)
         self._fly(new_row(len(self._batch.n_events), NONE))
 
+    def twin(self) -> 'VectorEnv':
+        """The same missions where they are now, to try out what would come of actions.
+
+        They leave no log and no records, and earn nothing.
+        """
+        batch, other = self._batch, copy.copy(self)
+        tables = {name: copied(getattr(batch, name)) for name in _OWN_TABLES}
+        settings = batch.settings._replace(is_logged=0, n_rows=0, reward=NONE)
+        other._batch = batch._replace(settings=settings, **tables)
+        return other
+
     def episode(self, world: int) -> Episode:
         """What was recorded of a mission, copied; cut off if the mission is still under way."""
         first = world * self._batch.settings.n_rows
@@ -299,6 +317,12 @@ class VectorEnv:
         missions = self._batch.missions
         spent_j = sum(self._batch.briefing.energy_budget_j) - sum(missions.energy_left_j[world])
         return missions.collected_bit[world][0] / spent_j / 1e3 if spent_j > 0.0 else 0.0
+
+    def collected_share(self, world: int) -> float:
+        """Share of its data that a mission has collected so far; 1 where there is none."""
+        missions = self._batch.missions
+        total_bit = math.fsum(missions.demand_bit[world])
+        return min(1.0, missions.collected_bit[world][0] / total_bit) if total_bit > 0.0 else 1.0
 
     def flights(self) -> Flights:
         """What the missions in flight came from; their decisions must all be recorded."""

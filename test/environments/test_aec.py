@@ -11,14 +11,21 @@ from pettingzoo.test import api_test, seed_test
 import pytest
 from tiny_world import tiny, uav
 from uav_collect.analysis.metrics import check_log, mission_metrics
+from uav_collect.environments.aec import env
+from uav_collect.environments.shared import first_seed_of_resets
 from uav_collect.errors import ConfigError
 from uav_collect.kernels.arrays import Ints
+from uav_collect.limits import MAX_SEED
 from uav_collect.missions.rollout import fly
 from uav_collect.missions.vector_env import VectorEnv, VectorEnvConfig
-from uav_collect.pettingzoo_env import env
 from uav_collect.scenario.load import load
 from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
+from uav_collect.training.seeds import (
+    first_seed_of_part,
+    first_training_seed,
+    VALIDATION_SEED,
+)
 from uav_collect.uav.action_codes import BACKWARD, FORWARD, HOME, N_ACTIONS, NONE, RIGHT
 from uav_collect.world.reward import Reward
 
@@ -82,6 +89,14 @@ def test_pettingzoos_api_test_passes_without_a_warning(make: Callable[[], AECEnv
 @pytest.mark.parametrize('make', KINDS, ids=NAMES)
 def test_pettingzoos_seed_test_passes(make: Callable[[], AECEnv]) -> None:
     seed_test(make, num_cycles=100)
+
+
+# It knows by their names those environments whose agents it expects to observe a mask.
+@pytest.mark.filterwarnings('ignore:Observation')
+def test_pettingzoos_tests_pass_where_masks_are_observed() -> None:
+    make = partial(env, short(), mask_in='observation')
+    api_test(make(), num_cycles=100)
+    seed_test(make, num_cycles=50)
 
 
 # One world.
@@ -148,6 +163,17 @@ def test_a_uav_that_flies_sees_what_it_saw_when_it_decided() -> None:
     world.step(FORWARD)
     assert world.agent_selection == 'uav_2'
     assert world.observe('uav_1') is first
+
+
+def test_the_mask_can_be_part_of_what_is_observed() -> None:
+    world = env(fleet(), mask_in='observation')
+    world.reset(seed=SEED)
+    assert world.observe('uav_2')['action_mask'].tolist() == [0] * N_ACTIONS
+    for action in sweep(fleet())[:9]:
+        seen, _, _, _, info = world.last()
+        assert seen in world.observation_space(world.agent_selection)
+        assert seen['action_mask'].tolist() == info['action_mask'].tolist()
+        world.step(action)
 
 
 # What UAVs earn.
@@ -248,14 +274,18 @@ def test_a_mission_that_is_cut_off_tells_what_is_next_of_one_uav_alone() -> None
     assert world.agents == []
 
 
-def test_missions_are_named_by_their_seed_and_go_on_with_the_next_one() -> None:
+def test_resets_without_a_seed_fly_missions_that_no_test_flies() -> None:
     world = env(short())
     seeds = []
-    for seed in (None, None, 40, None):
+    for seed in (None, None, 40, None, 40, None):
         world.reset(seed=seed)
         world.step(FORWARD)
         seeds.append(json.loads(world.mission_log().to_jsonl().split(b'\n')[0])['mission_seed'])
-    assert seeds == [0, 1, 40, 41]
+    first, after_40 = first_seed_of_resets(0), first_seed_of_resets(40)
+    assert seeds == [first, first + 1, 40, after_40, 40, after_40]
+    of_trainings = first_training_seed(2**28 - 1), first_seed_of_part(2**28 - 1, 4095)
+    assert max(MAX_SEED // 2, VALIDATION_SEED, *of_trainings) < first < after_40
+    assert first_seed_of_resets(MAX_SEED - 1) <= MAX_SEED - 2**32
 
 
 def test_a_reset_in_the_middle_of_the_end_begins_anew() -> None:
@@ -280,7 +310,7 @@ def test_a_seed_out_of_range_is_refused(seed: int) -> None:
 @pytest.mark.parametrize('action', [BACKWARD, HOME, NONE, N_ACTIONS + 3])
 def test_an_illegal_action_is_refused_and_changes_nothing(action: int) -> None:
     world = env(short())
-    world.reset()
+    world.reset(seed=0)
     with pytest.raises(ValueError, match=rf'action {action} of UAV 1 in mission 0 .* \[0, 1, 2\]'):
         world.step(action)
     assert world.agent_selection == 'uav_1'
@@ -310,6 +340,7 @@ def test_an_agent_that_decides_must_act() -> None:
         ({'reward': 'fuel'}, "reward is 'fuel': must be paper or energy"),
         ({'layout': 'round'}, "layout is 'round': must be paper or egocentric or relative"),
         ({'bandwidth': 'cvxpy'}, "'cvxpy' cannot be stepped; there are exact, equal"),
+        ({'mask_in': 'state'}, "mask_in is 'state': must be info or observation"),
         ({'max_decisions': 0}, 'max_decisions is 0: must be 1 or more'),
         ({'render_mode': 'human'}, "render_mode is 'human': must be 'rgb_array'"),
     ],

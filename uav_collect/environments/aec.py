@@ -3,7 +3,8 @@
 - Agents are `uav_1`, `uav_2`, ...; `agent_selection` is the one whose action ended first. Actions
   are 0 hover, 1 north, 2 east, 3 south, 4 west.
 - An observation is the vector that learned policies fly by. The mask of legal actions is
-  `infos[agent]['action_mask']`; an illegal action is a ValueError and changes nothing.
+  `infos[agent]['action_mask']`, and with `mask_in='observation'` part of what is observed; an
+  illegal action is a ValueError and changes nothing.
 - All UAVs earn the team's reward. Between two decisions of a UAV it is summed over what all UAVs
   do meanwhile, each part discounted to the UAV's earlier decision; `last()` hands that sum out at
   the later one, with the seconds in between as `infos[agent]['duration_s']` and gamma to that
@@ -19,31 +20,32 @@ A mission is the one that any other way of flying it gives: the same kernels, th
 PettingZoo's `api_test` and `seed_test` pass without a warning.
 """
 
-from itertools import pairwise
 import operator
 from pathlib import Path
 from typing import Any, ClassVar
 
 from gymnasium import logger
-from gymnasium.spaces import Box, Discrete
+from gymnasium.spaces import Box, Dict, Discrete
 import numpy as np
 from numpy.typing import NDArray
 from pettingzoo import AECEnv
 from pettingzoo.utils.wrappers import OrderEnforcingWrapper
+from uav_collect.environments.shared import (
+    environment_setup,
+    EnvironmentSetup,
+    IN_INFO,
+    mask_of,
+    MissionSeeds,
+    RGB_ARRAY,
+    Seen,
+)
 from uav_collect.kernels.arrays import Bools
-from uav_collect.limits import MAX_SEED
-from uav_collect.missions.vector_env import VectorEnv, VectorEnvConfig
+from uav_collect.missions.vector_env import VectorEnv
 from uav_collect.recording.mission_log import MissionLog
-from uav_collect.scenario.load import load
 from uav_collect.scenario.model import Scenario
-from uav_collect.scenario.site import build_site
 from uav_collect.uav.action_codes import N_ACTIONS, NONE
 from uav_collect.uav.frames import COMPASS_ACTIONS
-from uav_collect.uav.observation import Layout, observation_bound
-from uav_collect.world.reward import Reward
-from uav_collect.world.sensor_field import demand_of, lay_out, SensorField
-
-_RGB_ARRAY = 'rgb_array'
+from uav_collect.world.sensor_field import demand_of
 
 
 def env(
@@ -53,6 +55,7 @@ def env(
     layout: str = 'egocentric',
     bandwidth: str = 'exact',
     max_decisions: int | None = None,
+    mask_in: str = IN_INFO,
     render_mode: str | None = None,
 ) -> AECEnv:
     """A mission as an AECEnv that says when its methods are called in the wrong order.
@@ -64,24 +67,24 @@ def env(
             where actions are in a frame of the UAV's own and the sweep has UAVs fly home.
         bandwidth: how a hover shares bandwidth: exact or equal.
         max_decisions: of the whole fleet, after which a mission is cut off.
+        mask_in: info; or observation, then what an agent observes is a dictionary of
+            `observation` and `action_mask`.
         render_mode: rgb_array to draw the ways so far.
 
     Raises:
         ConfigError: the scenario is not valid, or has too many UAVs for the layout.
         ValueError: another argument is none of these.
     """
-    if max_decisions is not None and max_decisions < 1:
-        raise ValueError(f'max_decisions is {max_decisions}: must be 1 or more')
-    if render_mode not in (None, _RGB_ARRAY):
-        raise ValueError(f'render_mode is {render_mode!r}: must be {_RGB_ARRAY!r} or None')
-    config = VectorEnvConfig(
-        layout=Layout[_one_of('layout', layout, Layout)],
-        allocator=bandwidth,
-        reward=Reward[_one_of('reward', reward, Reward)],
-        is_logged=True,
+    setup = environment_setup(
+        scenario,
+        reward=reward,
+        layout=layout,
+        bandwidth=bandwidth,
+        max_decisions=max_decisions,
+        mask_in=mask_in,
+        render_mode=render_mode,
     )
-    given = scenario if isinstance(scenario, Scenario) else load(scenario)
-    return OrderEnforcingWrapper(MissionEnv(given, config, max_decisions, render_mode))
+    return OrderEnforcingWrapper(MissionEnv(setup))
 
 
 class MissionEnv(AECEnv):
@@ -89,47 +92,27 @@ class MissionEnv(AECEnv):
 
     metadata: ClassVar[dict[str, Any]] = {
         'name': 'uav_collect_v0',
-        'render_modes': [_RGB_ARRAY],
+        'render_modes': [RGB_ARRAY],
         'is_parallelizable': False,  # UAVs decide one by one
     }
 
-    def __init__(
-        self,
-        scenario: Scenario,
-        config: VectorEnvConfig,
-        max_decisions: int | None,
-        render_mode: str | None,
-    ) -> None:
-        """Get ready for `reset`.
-
-        Args:
-            config: logged, with observations, not synchronous.
-
-        Raises:
-            ValueError: there are no observations.
-        """
+    def __init__(self, setup: EnvironmentSetup) -> None:
+        """Get ready for `reset`."""
         super().__init__()
-        if config.layout is None:
-            raise ValueError('config.layout is None: agents must observe something')
-        self.render_mode = render_mode
-        self._site = build_site(scenario)
-        self._sensor_field = lay_out(self._site)
-        self._discount_per_s = scenario.reward.discount_per_s
-        self._max_decisions = max_decisions
-        self._seed = -1  # of the mission in flight
-        self._env = VectorEnv(self._site, [0], config)
-        self.possible_agents = [f'uav_{uav + 1}' for uav in range(scenario.n_uavs)]
-        briefing, most_bit = self._env.briefing, _most_bit(self._sensor_field)
-        bound = observation_bound(config.layout, briefing, most_bit)
-        shape = self._env.decisions.observation.shape[1:]
+        self.render_mode = setup.render_mode
+        self._setup, self._site = setup, setup.site
+        self._discount_per_s = setup.discount_per_s
+        self._seeds = MissionSeeds()
+        self._env = VectorEnv(self._site, [0], setup.config)
+        self.possible_agents = [f'uav_{uav + 1}' for uav in range(self._site.scenario.n_uavs)]
         # Each agent has spaces of its own: they are seeded one by one.
         self.observation_spaces = {
-            agent: Box(-bound, bound, shape, np.float32) for agent in self.possible_agents
+            agent: setup.observation_space(self._env) for agent in self.possible_agents
         }
         self.action_spaces = {agent: Discrete(N_ACTIONS) for agent in self.possible_agents}
         self.state_space = Box(0.0, 1.0, self._env.global_state(0).shape, np.float32)
 
-    def observation_space(self, agent: str) -> Box:
+    def observation_space(self, agent: str) -> Box | Dict:
         """The observations of an agent: numbers of the order of one, within a rough bound."""
         return self.observation_spaces[agent]
 
@@ -141,17 +124,15 @@ class MissionEnv(AECEnv):
         """Let a mission take off.
 
         Args:
-            seed: of the mission, 0..2^62; that after the last one, from 0, if not given.
+            seed: of the mission, 0..2^62. If it is not given, of the next of those that are kept
+                for learners, and which that is follows from the seed given last.
             options: none is known.
 
         Raises:
             ValueError: the seed is out of range.
         """
-        chosen = self._seed + 1 if seed is None else operator.index(seed)
-        if not 0 <= chosen <= MAX_SEED:
-            raise ValueError(f'seed is {chosen}: must be 0..2^62')
-        self._seed = chosen
-        self._env.restart(0, chosen)
+        self._seed = self._seeds.of_reset(seed)
+        self._env.restart(0, self._seed)
         self._n_decisions = 0
         self._decided_s: dict[str, float] = {}  # when each agent decided last
         self.agents = self.possible_agents[:]
@@ -161,7 +142,8 @@ class MissionEnv(AECEnv):
         self._cumulative_rewards = dict.fromkeys(self.agents, 0.0)
         self.terminations = dict.fromkeys(self.agents, False)
         self.truncations = dict.fromkeys(self.agents, False)
-        self._seen = {agent: self._nothing_seen(agent) for agent in self.agents}
+        nothing: Seen = np.zeros(self._env.decisions.observation.shape[1], np.float32)
+        self._seen = dict.fromkeys(self.agents, nothing)
         self.infos = {agent: self._info(agent, 0.0, None) for agent in self.agents}
         self._look()
 
@@ -208,9 +190,9 @@ class MissionEnv(AECEnv):
             )
         return int(COMPASS_ACTIONS[self._env.decisions.frame[0], chosen])
 
-    def observe(self, agent: str) -> NDArray[np.float32]:
+    def observe(self, agent: str) -> Any:  # noqa: ANN401 - an array or a dictionary
         """What an agent saw at its latest decision; zeros before its first."""
-        return self._seen[agent]
+        return self._setup.seen(self._seen[agent], self.infos[agent]['action_mask'])
 
     def state(self) -> NDArray[np.float32]:
         """The global state, see `VectorEnv.global_state`."""
@@ -223,7 +205,7 @@ class MissionEnv(AECEnv):
     def render(self) -> NDArray[np.uint8] | None:
         """The picture of the ways so far, (height, width, 3), if `render_mode` says so."""
         if self.render_mode is None:
-            logger.warn(f'nothing is drawn: call env(render_mode={_RGB_ARRAY!r})')
+            logger.warn(f'nothing is drawn: call env(render_mode={RGB_ARRAY!r})')
             return None
         # Here, as many environments never draw.
         from uav_collect.analysis.trajectories import pixels
@@ -238,7 +220,7 @@ class MissionEnv(AECEnv):
         decisions = self._env.decisions
         uav, time_s = int(decisions.uav[0]), float(decisions.time_s[0])
         is_over = uav == NONE
-        is_cut = not is_over and self._n_decisions == self._max_decisions
+        is_cut = not is_over and self._n_decisions == self._setup.max_decisions
         if is_over or is_cut:
             self.infos = {agent: self._info(agent, time_s, None) for agent in self.agents}
             self.terminations = dict.fromkeys(self.agents, is_over)
@@ -256,27 +238,8 @@ class MissionEnv(AECEnv):
     def _info(self, agent: str, time_s: float, legal: Bools | None) -> dict[str, Any]:
         duration_s = time_s - self._decided_s.get(agent, time_s)
         return {
-            'action_mask': np.zeros(N_ACTIONS, np.int8) if legal is None else legal.view(np.int8),
+            'action_mask': mask_of(legal),
             'time_s': time_s,
             'duration_s': duration_s,
             'discount': self._discount_per_s**duration_s,
         }
-
-    def _nothing_seen(self, agent: str) -> NDArray[np.float32]:
-        return np.zeros(self.observation_spaces[agent].shape, np.float32)
-
-
-def _one_of(argument: str, value: str, kinds: type[Layout] | type[Reward]) -> str:
-    names = [kind.name.lower() for kind in kinds]
-    if value not in names:
-        raise ValueError(f'{argument} is {value!r}: must be {" or ".join(names)}')
-    return value.upper()
-
-
-def _most_bit(sensor_field: SensorField) -> float:
-    """The most data that a cell can hold."""
-    given_bit = np.asarray(sensor_field.given_bit)
-    amounts_bit = np.where(np.isnan(given_bit), sensor_field.high_bit, given_bit)
-    return max(
-        float(amounts_bit[first:stop].sum()) for first, stop in pairwise(sensor_field.first_sensor)
-    )
