@@ -28,7 +28,7 @@ from uav_collect.__main__ import main
 from uav_collect.kernels.compile import compilation
 
 SEED = os.environ.get('UAV_COLLECT_FUZZ_SEED')  # None: the same tries each time
-N_TRIES = int(os.environ.get('UAV_COLLECT_FUZZ_TRIES', '2000'))  # of a surface
+N_TRIES = int(os.environ.get('UAV_COLLECT_FUZZ_TRIES', '1000'))  # of a surface
 _FOLDER = os.environ.get('UAV_COLLECT_FUZZ_FOLDER')  # what is noted of tries, and kept of failures
 _CPU_S = 5.0  # of a try, before it counts as hung; a busy machine does not change it
 _WALL_S = 600.0  # the same for a try that waits

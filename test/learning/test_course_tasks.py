@@ -1,6 +1,7 @@
 """Training on courses: the same run every time, each course for a while, turns where they help."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from trainer_states import differences, state_of
 from uav_collect.learning.course_tasks import CourseTasks
 from uav_collect.learning.trainer import Trainer
 from uav_collect.learning.validation import PanelValidator
-from uav_collect.training.progress import Budget
+from uav_collect.training.progress import Budget, ValidationResult
 
 DECISIONS = 2500
 BUDGET = Budget(decisions=DECISIONS)
@@ -35,6 +36,27 @@ def tasks_of(config: TrainingConfig | None = None) -> CourseTasks:
     return CourseTasks(distribution, config or small_settings(), Algorithm.AQMIX, 0, 'cpu')
 
 
+@dataclass(frozen=True, kw_only=True)
+class Trained:
+    """A training that is over, and its validations."""
+
+    trainer: Trainer
+    validations: list[ValidationResult]
+
+
+@cache
+def trained_by(algorithm: str) -> Trained:
+    """The training of seed 0 by an algorithm, which tests look at and none goes on with."""
+    trainer = trainer_of(algorithm)
+    validations = [it.validation for it in trainer.run(BUDGET) if it.validation is not None]
+    return Trained(trainer=trainer, validations=validations)
+
+
+@pytest.fixture
+def trained() -> Trained:
+    return trained_by('aqmix')
+
+
 def names(tasks: CourseTasks) -> list[str]:
     return [task.site.scenario.name for task in tasks.tasks]
 
@@ -43,8 +65,8 @@ def names(tasks: CourseTasks) -> list[str]:
 def test_a_run_that_stopped_half_way_ends_as_the_one_that_went_on(
     algorithm: str, tmp_path: Path
 ) -> None:
-    straight, stopped, resumed = (trainer_of(algorithm) for _ in range(3))
-    list(straight.run(BUDGET))
+    straight = trained_by(algorithm).trainer
+    stopped, resumed = (trainer_of(algorithm) for _ in range(2))
     next(it for it in stopped.run(BUDGET) if it.n_decisions >= 2 * DECISIONS // 3)
     assert stopped._tasks[0].site.scenario.name != resumed._tasks[0].site.scenario.name
     stopped.save(tmp_path / 'half')
@@ -76,9 +98,8 @@ def test_a_course_is_left_after_its_updates_and_another_takes_its_place() -> Non
     assert tasks.tasks[1].replay.n_missions == 0
 
 
-def test_what_was_collected_on_courses_that_are_left_still_counts() -> None:
-    trainer = trainer_of()
-    list(trainer.run(BUDGET))
+def test_what_was_collected_on_courses_that_are_left_still_counts(trained: Trained) -> None:
+    trainer = trained.trainer
     held = sum(task.source.n_decisions for task in trainer._tasks)
     assert held < trainer.n_decisions
     assert trainer.n_decisions >= DECISIONS
@@ -92,29 +113,24 @@ def test_courses_on_which_more_is_to_be_learned_have_more_turns() -> None:
     np.testing.assert_allclose(turns / 3200, np.array([0.1, 0.5, 1.0]) / 1.6, atol=0.03)
 
 
-def test_a_validation_compares_each_condition_with_the_sweep() -> None:
-    trainer = trainer_of()
-    progress = list(trainer.run(BUDGET))[-1]
-    validation = progress.validation
-    assert validation is not None
+def test_a_validation_compares_each_condition_with_the_sweep(trained: Trained) -> None:
+    validation = trained.validations[-1]
     assert [it.name for it in validation.conditions] == ['n2', 'n3']
     ratios = [it.sweep_ratio for it in validation.conditions]
     assert validation.sweep_ratio == pytest.approx(sum(ratios) / 2)
     assert validation.worst.sweep_ratio == min(ratios)
-    assert trainer.policy().header.validation.missions == 4
+    assert trained.trainer.policy().header.validation.missions == 4
 
 
-def test_the_best_policy_is_the_one_of_the_best_rank_in_the_panel() -> None:
-    trainer = trainer_of()
-    validations = [it.validation for it in trainer.run(BUDGET) if it.validation is not None]
-    best = max(validations, key=lambda it: (it.rank, -it.n_updates))
-    policy = trainer.best_policy()
+def test_the_best_policy_is_the_one_of_the_best_rank_in_the_panel(trained: Trained) -> None:
+    best = max(trained.validations, key=lambda it: (it.rank, -it.n_updates))
+    policy = trained.trainer.best_policy()
     assert policy is not None
     assert policy.header.updates == best.n_updates
 
 
-def test_the_header_tells_the_spans_and_is_read_back() -> None:
-    policy = trainer_of().policy()
+def test_the_header_tells_the_spans_and_is_read_back(trained: Trained) -> None:
+    policy = trained.trainer.policy()
     header = policy_from_bytes(policy_bytes(policy)).header
     assert header == policy.header
     assert header.learned_on == ()

@@ -1,6 +1,8 @@
 """Training as a whole: the same run every time, stopped half way or not."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 from episodes import single_threaded_torch, small
@@ -43,6 +45,26 @@ def trained(trainer: Trainer, budget: Budget = BUDGET) -> list[Progress]:
     return list(trainer.run(budget))
 
 
+@dataclass(frozen=True, kw_only=True)
+class Finished:
+    """A training that is over, and how it went."""
+
+    trainer: Trainer
+    progress: list[Progress]
+
+
+@cache
+def finished_by(algorithm: str) -> Finished:
+    """The training of seed 0 by an algorithm, which tests look at and none goes on with."""
+    trainer = trainer_of(algorithm)
+    return Finished(trainer=trainer, progress=trained(trainer))
+
+
+@pytest.fixture
+def finished() -> Finished:
+    return finished_by('aqmix')
+
+
 def loaded(folder: Path, trainer: Trainer | None = None) -> Trainer:
     """A new trainer that goes on from what another one saved."""
     trainer = trainer or trainer_of()
@@ -54,9 +76,7 @@ def loaded(folder: Path, trainer: Trainer | None = None) -> Trainer:
 def test_a_run_that_stopped_half_way_ends_as_the_one_that_went_on(
     algorithm: str, tmp_path: Path
 ) -> None:
-    straight = trainer_of(algorithm)
-    trained(straight)
-    stopped = trainer_of(algorithm)
+    straight, stopped = finished_by(algorithm).trainer, trainer_of(algorithm)
     for progress in stopped.run(BUDGET):
         if progress.n_decisions >= DECISIONS // 2:
             break
@@ -70,9 +90,10 @@ def test_a_run_that_stopped_half_way_ends_as_the_one_that_went_on(
     assert one['learner']['n_updates'] > stopped.n_updates
 
 
-def test_a_validation_that_is_broken_off_is_made_by_who_goes_on(tmp_path: Path) -> None:
-    straight, stopped = trainer_of(), trainer_of()
-    trained(straight)
+def test_a_validation_that_is_broken_off_is_made_by_who_goes_on(
+    finished: Finished, tmp_path: Path
+) -> None:
+    stopped = trainer_of()
     asked: list[int] = []
 
     def is_stopped() -> bool:  # asked within validations alone
@@ -84,7 +105,10 @@ def test_a_validation_that_is_broken_off_is_made_by_who_goes_on(tmp_path: Path) 
     stopped.save(tmp_path / 'stopped')
     resumed = loaded(tmp_path / 'stopped', trainer_of())
     assert trained(resumed)[0].validation is not None
-    one, other = state_of(straight, tmp_path / 'one'), state_of(resumed, tmp_path / 'other')
+    one, other = (
+        state_of(finished.trainer, tmp_path / 'one'),
+        state_of(resumed, tmp_path / 'other'),
+    )
     assert differences(one, other) == []
 
 
@@ -140,18 +164,17 @@ def test_updates_wait_for_the_decisions_that_are_to_be_held_first() -> None:
         trainer_of(config=papers_loop(replay__decisions_before_updates=1990))
 
 
-def test_saving_changes_nothing_and_a_checkpoint_is_saved_again_alike(tmp_path: Path) -> None:
-    trainer = trainer_of()
-    trained(trainer)
-    first, second = (state_of(trainer, tmp_path / name) for name in ('first', 'second'))
+def test_saving_changes_nothing_and_a_checkpoint_is_saved_again_alike(
+    finished: Finished, tmp_path: Path
+) -> None:
+    first, second = (state_of(finished.trainer, tmp_path / name) for name in ('first', 'second'))
     again = state_of(loaded(tmp_path / 'first'), tmp_path / 'again')
     assert differences(first, second) == []
     assert differences(first, again) == []
 
 
-def test_a_resumed_run_has_its_best_policy(tmp_path: Path) -> None:
-    trainer = trainer_of()
-    trained(trainer)
+def test_a_resumed_run_has_its_best_policy(finished: Finished, tmp_path: Path) -> None:
+    trainer = finished.trainer
     trainer.save(tmp_path)
     before, after = trainer.best_policy(), loaded(tmp_path).best_policy()
     assert before is not None
@@ -160,35 +183,37 @@ def test_a_resumed_run_has_its_best_policy(tmp_path: Path) -> None:
     assert differences(dict(before.weights), dict(after.weights)) == []
 
 
-def test_the_same_seed_trains_the_same_policy_and_another_seed_another_one() -> None:
+def test_the_same_seed_trains_the_same_policy_and_another_seed_another_one(
+    finished: Finished,
+) -> None:
+    again, another = trainer_of(seed=0), trainer_of(seed=1)
+    trained(again)
+    trained(another)
     versions = []
-    for seed in (0, 0, 1):
-        trainer = trainer_of(seed=seed)
-        trained(trainer)
+    for trainer in (finished.trainer, again, another):
         versions.append(trainer.policy().header.version.split('-')[-1])
     assert versions[0] == versions[1] != versions[2]
 
 
-def test_it_trains_for_the_decisions_of_its_budget_and_learns_after_each_so_many() -> None:
-    trainer, config = trainer_of(), small('strong')
-    progress = trained(trainer)
+def test_it_trains_for_the_decisions_of_its_budget_and_learns_after_each_so_many(
+    finished: Finished,
+) -> None:
+    trainer, progress, config = finished.trainer, finished.progress, small('strong')
     assert DECISIONS <= trainer.n_decisions < DECISIONS + config.rollout.missions_at_once
     assert progress[-1].share_done == 1.0
     assert 0 < trainer.n_updates <= DECISIONS / config.rollout.decisions_per_update
     assert trained(trainer) == []  # the budget is spent
 
 
-def test_it_validates_every_so_many_updates_and_at_the_end() -> None:
-    trainer = trainer_of()
-    validated = [it.n_updates for it in trained(trainer) if it.validation is not None]
+def test_it_validates_every_so_many_updates_and_at_the_end(finished: Finished) -> None:
+    validated = [it.n_updates for it in finished.progress if it.validation is not None]
     assert validated[:-1] == list(range(4, validated[-1], 4))
-    assert validated[-1] == trainer.n_updates
+    assert validated[-1] == finished.trainer.n_updates
 
 
-def test_a_validation_tells_how_the_policy_flies_its_missions() -> None:
-    trainer = trainer_of()
-    progress = trained(trainer)[-1]
-    policy, scenario = trainer.policy(), tiny(*FLEET)
+def test_a_validation_tells_how_the_policy_flies_its_missions(finished: Finished) -> None:
+    progress = finished.progress[-1]
+    policy, scenario = finished.trainer.policy(), tiny(*FLEET)
     assert progress.validation is not None
     assert policy.header.validation.missions == 2
     assert policy.header.learned_on == (learned_on(scenario),)
@@ -203,9 +228,8 @@ def test_a_validation_tells_how_the_policy_flies_its_missions() -> None:
     assert efficiency == pytest.approx(np.mean(efficiencies))
 
 
-def test_the_best_policy_is_the_one_that_validated_best() -> None:
-    trainer = trainer_of()
-    validations = [it.validation for it in trained(trainer) if it.validation is not None]
+def test_the_best_policy_is_the_one_that_validated_best(finished: Finished) -> None:
+    validations = [it.validation for it in finished.progress if it.validation is not None]
     best = max(
         validations,
         key=lambda it: (
@@ -214,7 +238,7 @@ def test_the_best_policy_is_the_one_that_validated_best() -> None:
             -it.n_updates,
         ),
     )
-    policy = trainer.best_policy()
+    policy = finished.trainer.best_policy()
     assert policy is not None
     assert policy.header.updates == best.n_updates
     assert policy.header.validation.efficiency_kbit_per_j == best.efficiency_kbit_per_j
