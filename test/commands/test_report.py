@@ -14,8 +14,10 @@ import numpy as np
 import pytest
 from uav_collect.__main__ import main
 from uav_collect.analysis import trajectories
+from uav_collect.analysis.choice_file import CHOICE_JSON
 from uav_collect.analysis.metrics import mission_metrics
 from uav_collect.analysis.plan_shares import time_share
+from uav_collect.commands import report
 from uav_collect.missions import rollout
 from uav_collect.planning.bound import bound_of
 from uav_collect.recording import bag_reader
@@ -50,6 +52,18 @@ def report_folder(run_folder: Path, tmp_path: Path) -> Iterator[Path]:
     for file in ('mission.jsonl', 'scenario.yaml'):
         (tmp_path / file).write_bytes((run_folder / file).read_bytes())
     return tmp_path
+
+
+def test_a_damaged_choice_is_a_line_and_the_missions_are_shown_all_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / CHOICE_JSON).write_text('{"format": "another"}')
+    shown: list[object] = []
+    monkeypatch.setattr(report, 'show_missions', lambda arguments: shown.append(arguments) or 0)
+    assert main(['report', str(tmp_path)]) == 0
+    assert len(shown) == 1
+    [line] = said_in(capsys.readouterr().err)
+    assert line.startswith(f'{tmp_path / CHOICE_JSON}: is no choice of a policy: format must be ')
 
 
 @pytest.mark.parametrize('name', ['', 'mission.jsonl'])
