@@ -1,6 +1,11 @@
-"""The examples that bring missions to other learners run."""
+"""The examples that bring missions to other learners run, if their packages are there."""
 
+from importlib.util import find_spec
+import os
+from pathlib import Path
 import re
+import subprocess
+import sys
 
 from documents import blocks, page
 import numpy as np
@@ -9,6 +14,8 @@ from uav_collect.environments.parallel import parallel_env
 from uav_collect.scenario.load import load
 
 from examples.epymarl_env import UavCollectEnv
+
+ROOT = Path(__file__).parents[2]
 
 
 def test_epymarl_gets_what_its_interface_says() -> None:
@@ -55,6 +62,22 @@ def test_the_programs_of_the_page_run(capsys: pytest.CaptureFixture[str]) -> Non
     decisions, arrays = capsys.readouterr().out.splitlines()
     assert re.fullmatch(r'4\d decisions', decisions)
     assert re.fullmatch(r'\(4, \d+\) float32', arrays)
+
+
+@pytest.mark.parametrize(
+    ('package', 'example', 'amount'),
+    [('tianshou', 'tianshou_dqn.py', '--decisions'), ('torchrl', 'torchrl_ppo.py', '--steps')],
+)
+def test_an_adapter_trains_where_its_package_is(package: str, example: str, amount: str) -> None:
+    if find_spec(package) is None:
+        pytest.skip(f'needs {package}, which is in no requirements: pip install {package}')
+    environment = {'UAV_COLLECT_KERNELS': 'interpreted', 'PYTHONPATH': str(ROOT)}
+    subprocess.run(
+        [sys.executable, ROOT / 'examples' / example, amount, '100'],
+        env=os.environ | environment,
+        check=True,
+        timeout=600,
+    )
 
 
 def test_advantages_are_discounted_sums_of_errors_that_stop_where_missions_do() -> None:
