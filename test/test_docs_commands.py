@@ -73,6 +73,8 @@ def test_every_command_shown_can_be_given(words: list[str]) -> None:
         case ['make', *arguments]:
             for name, *options in made(arguments):
                 parse(name, options)
+        case ['uav-collect', name, *options]:
+            parse(name, options)
         case ['.venv/bin/python', '-m', 'uav_collect', name, *options]:
             parse(name, options)
         case ['ros2', *rest]:

@@ -22,10 +22,6 @@ from tools import structure
 from tools.structure import Sources
 
 ROOT = Path(__file__).parent.parent
-EXECUTABLES = (
-    *('world_sim', 'uav_agent', 'recorder', 'mission', 'evaluate', 'report', 'verify', 'doctor'),
-    *('train', 'refine', 'curves', 'bound', 'figures', 'trainer', 'train_fleet', 'field', 'size'),
-)
 INTERFACES = sorted(
     path for path in (ROOT / 'msg_defs').glob('*/*') if path.suffix in ('.msg', '.srv', '.action')
 )
@@ -339,13 +335,6 @@ def test_the_manifest_of_the_messages_names_the_packages_whose_types_they_hold()
     assert used <= {it.name for it in manifest.exec_depends}
 
 
-@pytest.mark.parametrize('extra', ['cluster', 'pettingzoo', 'train'])
-def test_an_extra_pins_what_its_requirements_file_pins(extra: str) -> None:
-    pins = re.findall(r'^[\w.-]+==\S+', (ROOT / f'requirements/{extra}.txt').read_text(), re.M)
-    [line] = re.findall(rf"'{extra}': \[(.*)\]", (ROOT / 'setup.py').read_text())
-    assert set(re.findall(r"'([^']+)'", line)) == set(pins)
-
-
 @pytest.mark.parametrize('folder', ['Größe', 'two words', 'two\nlines'])
 def test_a_clone_that_cannot_be_built_is_refused_before_anything_is_fetched(
     folder: str, tmp_path: Path
@@ -459,12 +448,13 @@ def test_the_stand_in_is_built_only_where_no_other_prefix_has_the_package(
 
 
 @pytest.mark.ros
-@pytest.mark.parametrize('name', EXECUTABLES)
-def test_an_executable_says_what_it_does(name: str, processes: Processes) -> None:
-    asked = processes.start(name, '--help')
+@pytest.mark.parametrize('name', [*NODES, 'uav-collect'])
+def test_an_executable_says_what_it_does_in_80_columns(name: str, processes: Processes) -> None:
+    asked = processes.start(name, '--help', COLUMNS='80')
     assert asked.wait_for_exit() == 0
-    said = re.sub(r'^waiting for the libraries of .*\n', '', asked.output, flags=re.MULTILINE)
-    assert re.match('usage: .*--', said, re.DOTALL)
+    said = re.sub(r'^waiting for .*\n', '', asked.output, flags=re.MULTILINE)
+    assert re.match(f'usage: {name} .*--', said, re.DOTALL)
+    assert [line for line in said.splitlines() if len(line) > 80] == []
 
 
 @pytest.mark.ros

@@ -1,4 +1,4 @@
-"""The commands without a node: `python -m uav_collect COMMAND`, or each by its own name."""
+"""The commands without a node: `uav-collect COMMAND`, or `python -m uav_collect COMMAND`."""
 
 import argparse
 from collections.abc import Callable, Sequence
@@ -10,7 +10,7 @@ from typing import NoReturn
 
 import uav_collect
 from uav_collect import files
-from uav_collect.config.arguments import error_lines, Parser
+from uav_collect.config.arguments import error_lines, Parser, program_name
 from uav_collect.config.packages import packages_of
 from uav_collect.errors import UavCollectError
 from uav_collect.kernels.stops import obeyed_signals
@@ -18,20 +18,21 @@ from uav_collect.limits import FAILED, INTERRUPTED, UNUSABLE
 
 # One line each, here: help must not load what flies missions.
 SUMMARIES = {
-    'field': 'make a scenario of a list of loggers: cells, base and fleet, with a map',
-    'mission': 'fly one mission over ROS 2, every UAV a process of its own, and record it',
-    'evaluate': 'fly many missions in this process; mean figures with 95 % intervals',
+    'list': 'say what scenarios, policies and presets there are',
+    'field': 'make a scenario of a list of loggers: cells, base and fleet',
+    'mission': 'fly a mission over ROS 2, every UAV a process, and record it',
+    'evaluate': 'fly many missions in this process: means with 95 % intervals',
     'size': 'say how many UAVs and how much battery a site takes',
-    'train': 'learn a policy for a scenario, from missions flown in this process',
-    'refine': 'learn on, on your own field, from the policy that flies it best',
-    'train-fleet': 'let a fleet learn over ROS 2 while it flies, every node a process',
-    'curves': 'draw the learning curves of trainings, mean and deviation over seeds',
-    'bound': 'plan missions whose demand is known: what time and energy they take at least',
-    'figures': "draw the figures of the paper's evaluation, from what it takes to what it says",
-    'report': 'tables and pictures of missions that were flown, from their log or bag',
-    'export': 'hand flights on to ground stations, maps of the Earth and tables',
-    'verify': 'fly recorded missions again, and prove their recordings byte for byte',
-    'doctor': 'say whether a mission can fly on this machine, and what it would run on',
+    'train': 'learn a policy for a scenario, from missions in this process',
+    'refine': 'learn on, on your own field, from what flies it best',
+    'train-fleet': 'let a fleet learn over ROS 2 while it flies',
+    'curves': 'draw the learning curves of trainings, mean and deviation',
+    'bound': 'plan missions whose demand is known: what they take at least',
+    'figures': "draw the figures of the paper's evaluation",
+    'report': 'tables and pictures of missions that were flown',
+    'export': 'hand flights on to ground stations, maps and tables',
+    'verify': 'fly recorded missions again, and prove every byte of them',
+    'doctor': 'say whether a mission can fly on this machine',
 }
 
 
@@ -47,7 +48,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command that the arguments name; its exit status."""
     arguments = list(sys.argv[1:] if argv is None else argv)
     if arguments and arguments[0] in SUMMARIES:
-        return _run(arguments[0], arguments[1:], prog=f'python -m uav_collect {arguments[0]}')
+        return _ended(lambda: _perform(arguments[0], arguments[1:]))
     return _ended(lambda: _misuse(arguments))
 
 
@@ -56,7 +57,7 @@ def _misuse(arguments: Sequence[str]) -> NoReturn:
     width = max(map(len, SUMMARIES))
     lines = [f'  {name:{width}}  {summary}' for name, summary in SUMMARIES.items()]
     parser = Parser(
-        prog='python -m uav_collect',
+        prog=program_name(),
         description='Fleets of UAVs that collect data from ground sensors.',
         epilog='\n'.join(['commands:', *lines, '', 'COMMAND --help says more.']),
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -68,79 +69,10 @@ def _misuse(arguments: Sequence[str]) -> NoReturn:
     raise RuntimeError('a known command was not dispatched')
 
 
-def field() -> int:
-    """Make a scenario of a list of loggers."""
-    return _run('field', sys.argv[1:], prog='field')
-
-
-def mission() -> int:
-    """Fly one mission over ROS 2."""
-    return _run('mission', sys.argv[1:], prog='mission')
-
-
-def evaluate() -> int:
-    """Fly many missions in this process."""
-    return _run('evaluate', sys.argv[1:], prog='evaluate')
-
-
-def size() -> int:
-    """Say how many UAVs and how much battery a site takes."""
-    return _run('size', sys.argv[1:], prog='size')
-
-
-def train() -> int:
-    """Learn a policy."""
-    return _run('train', sys.argv[1:], prog='train')
-
-
-def refine() -> int:
-    """Learn a policy on, on one field."""
-    return _run('refine', sys.argv[1:], prog='refine')
-
-
-def train_fleet() -> int:
-    """Let a fleet learn while it flies."""
-    return _run('train-fleet', sys.argv[1:], prog='train_fleet')
-
-
-def curves() -> int:
-    """Draw learning curves."""
-    return _run('curves', sys.argv[1:], prog='curves')
-
-
-def bound() -> int:
-    """Plan missions whose demand is known."""
-    return _run('bound', sys.argv[1:], prog='bound')
-
-
-def figures() -> int:
-    """Draw the figures of the paper's evaluation."""
-    return _run('figures', sys.argv[1:], prog='figures')
-
-
-def report() -> int:
-    """Show missions that were flown."""
-    return _run('report', sys.argv[1:], prog='report')
-
-
-def verify() -> int:
-    """Prove recorded missions."""
-    return _run('verify', sys.argv[1:], prog='verify')
-
-
-def doctor() -> int:
-    """Say whether a mission can fly on this machine."""
-    return _run('doctor', sys.argv[1:], prog='doctor')
-
-
-def _run(name: str, argv: Sequence[str], *, prog: str) -> int:
-    return _ended(lambda: _perform(name, argv, prog))
-
-
-def _perform(name: str, argv: Sequence[str], prog: str) -> int:
+def _perform(name: str, argv: Sequence[str]) -> int:
     with packages_of(name):
         command = command_named(name)
-        parser = Parser(prog=prog)
+        parser = Parser(prog=f'{program_name()} {name}')
         command.add_arguments(parser)
         return command.run(parser.parse_args(argv))
 
@@ -181,6 +113,8 @@ def _drop_output() -> None:
 def command_named(name: str) -> Command:
     """The command of a name in `SUMMARIES`."""
     match name:
+        case 'list':
+            from uav_collect.commands.list import add_arguments, run
         case 'field':
             from uav_collect.commands.field import add_arguments, run
         case 'mission':

@@ -61,7 +61,7 @@ def test_a_list_of_any_kind_becomes_a_scenario_without_an_edit(
     assert site.scenario.name == stem
     assert site.scenario.n_uavs == 3
     assert (folder / f'{stem}.png').read_bytes().startswith(b'\x89PNG')
-    assert printed[name].endswith(f'next: mission --scenario {stem}.yaml\n')
+    assert printed[name].endswith(f'next: python -m uav_collect mission --scenario {stem}.yaml\n')
 
 
 def flown() -> str:
@@ -90,7 +90,7 @@ def test_the_summary_says_what_was_proposed(
     for words in ('pipeline.csv, metres of its own', '16 on 3,000 m x 80 m', ' kJ', 'dji_m30'):
         assert words in printed
     assert "x and y count from the area's south-west corner, at " in printed
-    who = 'who flies it best: python3 -m uav_collect evaluate --policy sweep hert --missions 100'
+    who = 'who flies it best: python -m uav_collect evaluate --policy sweep hert --missions 100'
     assert f'{who} --scenario pipeline.yaml\n' in printed
     assert 'where is not known: waypoints need it, by --crs' in printed
     assert 'the list does not say how much data sensors hold' in printed

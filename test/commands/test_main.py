@@ -39,12 +39,27 @@ def test_help_lists_the_commands_without_loading_them() -> None:
     assert all(f'  {name} ' in done.stdout for name in SUMMARIES)
 
 
-@pytest.mark.parametrize('command', ['evaluate', 'report', 'doctor'])
-def test_each_command_has_help(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize('command', ['', *SUMMARIES])
+def test_each_command_has_help_of_80_columns(
+    command: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv('COLUMNS', '80')
     with pytest.raises(SystemExit) as raised:
-        main([command, '--help'])
+        main([*filter(None, [command]), '--help'])
     assert raised.value.code == 0
-    assert f'usage: python -m uav_collect {command}' in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert said.startswith(f'usage: python -m uav_collect {command}')
+    assert [line for line in said.splitlines() if len(line) > 80] == []
+
+
+@pytest.mark.parametrize('typed', ['uav-collect', '/opt/venv/bin/uav-collect', 'uav-collect.exe'])
+def test_help_names_the_command_by_which_it_was_asked(
+    typed: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr('sys.argv', [typed])
+    with pytest.raises(SystemExit):
+        main(['list', '--nonsense'])
+    assert capsys.readouterr().err.endswith('(see uav-collect list --help)\n')
 
 
 @pytest.mark.parametrize('arguments', [[], ['fly'], ['--speed']])

@@ -252,7 +252,7 @@ def test_training_without_torch_says_how_to_get_it(
     monkeypatch.setattr('importlib.util.find_spec', lambda name: None)
     assert main(['train']) == 2
     line = said(capsys)
-    assert line.startswith('error: train needs torch and tensorboard: "make train" installs')
+    assert line.startswith('error: train needs torch and tensorboard: "make train" in a clone')
 
 
 def test_a_gpu_that_is_not_there_is_said_in_one_line(

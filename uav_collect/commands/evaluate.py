@@ -68,7 +68,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--policy',
         nargs='+',
         default=['sweep'],
-        metavar='NAME|FILE|MODULE:NAME',
+        metavar='POLICY',
         help='one or more of hert, hert-equal, sweep, random, shipped policies, .safetensors'
         ' files, functions or classes as module:name, lookahead:RULE, strong, the policy'
         ' shipped for the scenario, and best, which of them does best in sampled missions of it'

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from uav_collect import files
 from uav_collect.commands import options
+from uav_collect.config.arguments import program_name
 from uav_collect.errors import ConfigError
 from uav_collect.kernels.compile import interpret_kernels
 from uav_collect.kernels.patience import waiting_for
@@ -314,8 +315,8 @@ def _show(outputs: _Outputs, proposal: 'Proposal', found: 'Survey', scenario: 'S
 
 def _comparison(path: str) -> str:
     """What shows which policy flies a scenario best, to be typed where this was."""
-    program = '.venv/bin/python' if _is_checkout() else 'python3'
-    command = f'{program} -m uav_collect evaluate --policy sweep hert --missions 100'
+    program = '.venv/bin/python -m uav_collect' if _is_checkout() else program_name()
+    command = f'{program} evaluate --policy sweep hert --missions 100'
     return f'{command} --scenario {shlex.quote(path)}'
 
 
@@ -327,4 +328,4 @@ def _next(path: str) -> str:
     """What flies a scenario, to be typed where this was."""
     if _is_checkout():
         return f'make mission SCENARIO={shlex.quote(path)}'
-    return f'mission --scenario {shlex.quote(path)}'
+    return f'{program_name()} mission --scenario {shlex.quote(path)}'

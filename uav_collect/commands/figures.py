@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from uav_collect import files
 from uav_collect.commands import options
 from uav_collect.commands.terminal import deferred_interruption, Interruption, say
+from uav_collect.config.packages import extra_remedy
 from uav_collect.errors import TrainingRunError
 from uav_collect.kernels.patience import waiting_for
 
@@ -139,8 +140,7 @@ def _engine(arguments: argparse.Namespace) -> 'JobEngine':
         case 'ray':
             if not importlib.util.find_spec('ray'):
                 raise TrainingRunError(
-                    '--engine ray needs ray: "make figures ENGINE=ray" installs what'
-                    ' requirements/cluster.txt lists'
+                    '--engine ray needs ray: ' + extra_remedy('cluster', 'make figures ENGINE=ray')
                 )
             from uav_collect.studies.jobs.cluster import RayEngine
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import shutil
 
 from uav_collect.commands.terminal import say
+from uav_collect.config.packages import extra_remedy
 from uav_collect.errors import ConfigError, TrainingRunError
 from uav_collect.kernels.patience import waiting_for
 from uav_collect.scenario.load import from_yaml
@@ -161,8 +162,7 @@ def _check_torch(missing: Iterable[Job]) -> None:
     trains = any(isinstance(job, TrainingJob) for job in missing)
     if trains and not importlib.util.find_spec('torch'):
         raise TrainingRunError(
-            'figures needs torch for what is missing: "make figures" installs what'
-            ' requirements/train.txt lists'
+            f'figures needs torch for what is missing: {extra_remedy("train", "make figures")}'
         )
 
 

@@ -14,7 +14,13 @@ import uuid
 from uav_collect.commands import options, report
 from uav_collect.commands.choice_process import ChoiceRequest, started_choice
 from uav_collect.commands.live_page import live_page
-from uav_collect.commands.ros_processes import Fleet, FleetProcess, ros_parameters, running_fleet
+from uav_collect.commands.ros_processes import (
+    check_ros,
+    Fleet,
+    FleetProcess,
+    ros_parameters,
+    running_fleet,
+)
 from uav_collect.commands.terminal import interrupted_by_signals, say, say_reach
 from uav_collect.errors import FleetError
 from uav_collect.kernels.compile import interpret_kernels
@@ -49,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_scenario_options(parser)
     parser.add_argument(
         '--policy',
-        metavar='NAME|FILE|MODULE:NAME',
+        metavar='POLICY',
         default=BEST,
         help='hert, hert-equal, sweep, random, a shipped policy, a .safetensors file, a function'
         ' or class as module:name, lookahead:RULE, strong, the policy shipped for the scenario,'
@@ -89,9 +95,13 @@ def run(arguments: argparse.Namespace) -> int:
     scenario = options.scenario_of(arguments)
     environment = dict(os.environ)  # says how kernels run where the policy is chosen
     interpret_kernels()  # all of one mission in this process takes less than to load compiled ones
-    choice = _choice(arguments, scenario, environment) if arguments.policy == BEST else None
-    policy = arguments.policy if choice is None else choice.policy
+    policy, choice = arguments.policy, None
+    if policy == BEST:
+        check_ros()  # rather than after the choice, which takes its time
+        choice = _choice(arguments, scenario, environment)
+        policy = choice.policy
     _check_policy(policy, scenario)
+    check_ros()
     folder = _make_folder(arguments.output, scenario.name)
     _keep_policy(policy, scenario, folder)
     why = '' if choice is None else _keep_choice(choice, folder)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from uav_collect import files
+from uav_collect.config.packages import extra_remedy
 from uav_collect.errors import ConfigError, TrainingRunError
 from uav_collect.limits import (
     ALLOCATOR_NAMES,
@@ -194,6 +195,7 @@ def add_allocator_option(
     parser.add_argument(
         '--bandwidth',
         choices=choices,
+        metavar='RULE',
         nargs='+' if several else None,
         default=[DEFAULT_ALLOCATOR] if several else DEFAULT_ALLOCATOR,
         help='how a hovering UAV shares its bandwidth: exact (shortest hover), equal (as much for'
@@ -296,6 +298,5 @@ def check_torch(command: str) -> None:
     missing = [name for name in ('torch', 'tensorboard') if not importlib.util.find_spec(name)]
     if missing:
         raise TrainingRunError(
-            f'{command} needs {" and ".join(missing)}: "make train" installs what'
-            ' requirements/train.txt lists'
+            f'{command} needs {" and ".join(missing)}: {extra_remedy("train", "make train")}'
         )

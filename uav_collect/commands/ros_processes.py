@@ -8,10 +8,12 @@ from pathlib import Path
 import re
 import signal
 import subprocess
+import sys
 import time
 
 from uav_collect.commands.terminal import ignore_signals, interrupted_by_signals
-from uav_collect.errors import FleetError
+from uav_collect.config.packages import ros_problem
+from uav_collect.errors import FleetError, MissingPackageError
 from uav_collect.kernels.patience import waiting_for
 
 _STOP_S = 30.0  # how long a process may take to end after SIGINT; one that is deaf ends itself
@@ -164,6 +166,16 @@ def _end(processes: Sequence[FleetProcess]) -> None:
             process.popen.wait()
 
 
+def check_ros() -> None:
+    """Make sure that nodes can be started.
+
+    Raises:
+        MissingPackageError: ROS or the messages are not there.
+    """
+    if problem := ros_problem():
+        raise MissingPackageError(problem)
+
+
 def ros_parameters(**values: object) -> list[str]:
     """ROS parameters on a command line; texts stay texts even if they read like numbers."""
     assigned = [f'{name}:={_yaml(value)}' for name, value in values.items()]
@@ -197,7 +209,7 @@ def _yaml(value: object) -> str:
 
 def _find(executable: str) -> str:
     prefixes = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
-    for prefix in filter(None, prefixes):
+    for prefix in filter(None, [*prefixes, sys.prefix]):  # where pip has installed them, the last
         path = Path(prefix) / 'lib' / 'uav_collect' / executable
         if path.is_file():
             return str(path)

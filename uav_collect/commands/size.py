@@ -48,7 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--policy',
         default='sweep',
-        metavar='NAME|FILE|MODULE:NAME',
+        metavar='POLICY',
         help='who flies, as of evaluate (default: %(default)s)',
     )
     _add_battery(parser)

@@ -10,7 +10,7 @@ import time
 from typing import TYPE_CHECKING
 
 from uav_collect.commands import options
-from uav_collect.commands.ros_processes import Fleet, ros_parameters, running_fleet
+from uav_collect.commands.ros_processes import check_ros, Fleet, ros_parameters, running_fleet
 from uav_collect.commands.terminal import say
 from uav_collect.errors import FleetError
 from uav_collect.limits import FLEET_ALGORITHMS, INTERRUPTED, RECORDED
@@ -88,6 +88,7 @@ def run(arguments: argparse.Namespace) -> int:
     options.check_torch('train-fleet')
     scenario = options.scenario_of(arguments)
     config = load_preset(arguments.preset, options.overrides_of(arguments.override))
+    check_ros()
     folder = arguments.output or _RUNS / (
         f'{scenario.name}_n{scenario.n_uavs}_{arguments.algorithm}_{config.name}_s{arguments.seed}'
     )

@@ -43,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         nargs='+',
         default=[],
-        metavar='FILE|MODULE:NAME',
+        metavar='POLICY',
         help='.safetensors files of policies that are neither in the recording nor shipped, and'
         ' functions that may be run',
     )

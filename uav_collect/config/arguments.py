@@ -1,12 +1,20 @@
 """What is typed: arguments that are wrong, and whatever else is, are said in lines for people."""
 
 import argparse
+from pathlib import Path
+import sys
 from typing import NoReturn
 
 from uav_collect.errors import in_one_line, reason_of, UavCollectError
 from uav_collect.limits import UNUSABLE
 
 _MOST_CHARACTERS = 1_000  # of a line about what is wrong
+_PROGRAM = 'uav-collect'  # what pip and colcon install
+
+
+def program_name() -> str:
+    """What runs the commands, as it was typed: `uav-collect` or `python -m uav_collect`."""
+    return _PROGRAM if Path(sys.argv[0]).stem == _PROGRAM else 'python -m uav_collect'
 
 
 class Parser(argparse.ArgumentParser):

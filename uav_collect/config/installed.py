@@ -12,8 +12,10 @@ def shared_folders(kind: str) -> tuple[Path, ...]:
     here = Path(__file__).resolve()
     inside = Path('config') / kind
     share = Path('share') / 'uav_collect' / inside
-    # An installed module is PREFIX/lib/python3.x/site-packages/uav_collect/config/installed.py.
-    prefixes = [*here.parents[5:6], *map(Path, filter(None, _prefixes_of_ros()))]
+    # An installed module is PREFIX/lib/python3.x/site-packages/uav_collect/config/installed.py, or
+    # FOLDER/uav_collect/config/installed.py by "pip install --target FOLDER".
+    own = [here.parents[2], *here.parents[5:6]]
+    prefixes = [*own, *map(Path, filter(None, _prefixes_of_ros()))]
     candidates = [here.parents[2] / inside, *(prefix / share for prefix in prefixes)]
     return tuple(folder for folder in candidates if folder.is_dir())
 

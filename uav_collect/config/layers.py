@@ -6,8 +6,10 @@ allowed.
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from itertools import takewhile
 import os
 from pathlib import Path
+import re
 from typing import Any
 
 from uav_collect.config.yaml_text import (
@@ -207,6 +209,23 @@ def load(
 def names_in(folders: Iterable[Path]) -> tuple[str, ...]:
     """The names that `find` finds in some folders."""
     return tuple(sorted({file.stem for folder in folders for file in folder.glob('*.yaml')}))
+
+
+def titles_in(folders: Iterable[Path]) -> dict[str, str]:
+    """What each file of some folders is, by its name: how the comment that it begins with begins.
+
+    A title ends with the first stop, colon, semicolon or bracket; a file without one has ''.
+    """
+    folders = tuple(folders)
+    return {
+        name: _title_of(read_text(find(name, folders, field=name))) for name in names_in(folders)
+    }
+
+
+def _title_of(text: str) -> str:
+    lines = takewhile(lambda line: line.startswith('#'), text.splitlines())
+    comment = ' '.join(line.lstrip('# ') for line in lines)
+    return re.split(r'[.:;](?:\s|$)|\s\(', comment, maxsplit=1)[0]
 
 
 def override(document: Document, overrides: Mapping[str, object]) -> Document:

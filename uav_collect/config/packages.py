@@ -11,6 +11,7 @@ from importlib.util import find_spec
 import os
 from pathlib import Path
 import re
+import sys
 
 from uav_collect.errors import MissingPackageError
 
@@ -115,6 +116,7 @@ NEEDED = {
     'train-fleet': _SHOWING,
     'curves': (*_SHOWING, 'matplotlib'),
     'figures': (*_SHOWING, 'matplotlib'),
+    'list': _ON_BOARD,
     'doctor': (),
 }
 
@@ -149,6 +151,17 @@ def late_packages() -> Iterator[None]:
         raise MissingPackageError(problem) from error
 
 
+def extra_remedy(extra: str, command: str) -> str:
+    """How to get the packages of an extra, in a clone by a command."""
+    return f'"{command}" in a clone, or pip install "uav-collect[{extra}]"'
+
+
+def ros_problem() -> str:
+    """Why nothing can fly over ROS here, as far as can be seen from afar; '' if all is there."""
+    missing = [name for name in ('rclpy', MESSAGES) if not is_there(name)]
+    return f'{missing[0]} is missing: {ros_remedy(missing[0])}' if missing else ''
+
+
 def ros_remedy(*packages: str) -> str:
     """How to get packages of ROS, or this one's messages."""
     if packages == (MESSAGES,):
@@ -165,6 +178,8 @@ def messages_remedy(package: Path) -> str:
     Args:
         package: folder of the Python package, in a checkout or where colcon has installed it.
     """
+    if Path(sys.prefix).resolve() in package.parents[3:4]:  # pip has put it there
+        return 'run "make setup" in a clone or an sdist, then source its install/setup.bash'
     workspace, checkout = _workspace(package)
     installed = workspace / 'install'
     if any((installed / inside / MESSAGES).is_dir() for inside in ('', 'share')):

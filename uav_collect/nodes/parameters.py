@@ -20,7 +20,8 @@ from rclpy.node import Node
 import rclpy.parameter
 from uav_collect.errors import NodeError
 
-_WIDTH = 80  # of a description in `--help`
+_INDENT = 6  # of what `--help` says of a parameter
+_WIDTH = 80 - _INDENT
 _ALIKE = 0.6  # of names; less is no misspelling
 _OF_ROS = ('qos_overrides.',)  # prefixes of parameters that ROS itself looks for
 
@@ -73,7 +74,9 @@ class Parameter:
         bounds = '' if self.low is None else f' ({self.low:,} to {self.high:,})'
         change = '; may change in flight' if self.in_flight else ''
         lines = wrap(self.description + bounds + change, _WIDTH)
-        return '\n'.join([f'  {self.name}:={shown}', *(f'      {line}' for line in lines)])
+        return '\n'.join(
+            [f'  {self.name}:={shown}', *(f'{" " * _INDENT}{line}' for line in lines)]
+        )
 
 
 WORLD_INSTANCE = Parameter(
@@ -135,6 +138,11 @@ def world_instance_of(node: Node) -> str:
         form = '32 lower-case hexadecimal digits with dashes'
         raise NodeError(f'{name} is {text!r}: must be a UUID ({form}) or empty')
     return text
+
+
+def wrapped(description: str) -> str:
+    """What a node does, in lines that `--help` shows as they are."""
+    return '\n'.join(wrap(description.strip(), _WIDTH + _INDENT))
 
 
 def help_text(parameters: Sequence[Parameter]) -> str:

@@ -5,7 +5,13 @@ from collections.abc import Callable
 
 from uav_collect.config.arguments import Parser
 from uav_collect.limits import ALLOCATOR_NAMES, GUARD_AFTER, MAX_GUARD_AFTER, MAX_UAVS
-from uav_collect.nodes.parameters import add_world_option, help_text, Parameter, WORLD_INSTANCE
+from uav_collect.nodes.parameters import (
+    add_world_option,
+    help_text,
+    Parameter,
+    WORLD_INSTANCE,
+    wrapped,
+)
 
 _DESCRIPTION = """
 Flies one UAV: decides by a policy what it does next, from what it sees and hears, and shares its
@@ -59,7 +65,7 @@ def argument_parser() -> Parser:
     """What an agent takes on its command line."""
     parser = Parser(
         prog='uav_agent',
-        description=_DESCRIPTION,
+        description=wrapped(_DESCRIPTION),
         epilog=help_text(PARAMETERS),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

@@ -37,6 +37,7 @@ from uav_collect.nodes.parameters import (
     Parameter,
     WORLD_INSTANCE,
     world_instance_of,
+    wrapped,
 )
 from uav_collect.nodes.process import parse_arguments, ProcessNode, run_node
 from uav_collect.nodes.recorder.own_world import OwnWorld
@@ -387,7 +388,7 @@ def main(argv: Sequence[str]) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = Parser(
         prog='recorder',
-        description=_DESCRIPTION,
+        description=wrapped(_DESCRIPTION),
         epilog=help_text(PARAMETERS),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

@@ -38,7 +38,7 @@ from uav_collect.learning.replay import replay_bytes
 from uav_collect.learning.units import reward_units
 from uav_collect.limits import FAILED, UNUSABLE
 from uav_collect.nodes import topics
-from uav_collect.nodes.parameters import help_text
+from uav_collect.nodes.parameters import help_text, wrapped
 from uav_collect.nodes.process import parse_arguments, ProcessNode, run_node
 from uav_collect.nodes.sealing import seals_of_bag
 from uav_collect.nodes.trainer.settings import (
@@ -306,7 +306,7 @@ def main(argv: Sequence[str]) -> int:
 
     parser = Parser(
         prog='trainer',
-        description=_DESCRIPTION,
+        description=wrapped(_DESCRIPTION),
         epilog=help_text(PARAMETERS),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

@@ -16,6 +16,7 @@ from uav_collect.nodes.parameters import (
     help_text,
     Parameter,
     WORLD_INSTANCE,
+    wrapped,
 )
 from uav_collect.nodes.process import parse_arguments, ProcessNode, run_node
 from uav_collect.nodes.topics import patient_qos, subscription, world_of, world_topics
@@ -122,7 +123,7 @@ def main(argv: Sequence[str]) -> int:
     """Show missions until a signal; the exit status."""
     parser = Parser(
         prog='viewer',
-        description=_DESCRIPTION,
+        description=wrapped(_DESCRIPTION),
         epilog=help_text(PARAMETERS),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

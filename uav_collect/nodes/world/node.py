@@ -20,7 +20,7 @@ from uav_collect.lockstep.steering import Steering
 from uav_collect.missions.simulation import Event
 from uav_collect.nodes import convert, topics
 from uav_collect.nodes.identity import scenario_msg, WorldIdentity
-from uav_collect.nodes.parameters import add_world_option, help_text
+from uav_collect.nodes.parameters import add_world_option, help_text, wrapped
 from uav_collect.nodes.process import parse_arguments, ProcessNode, run_node
 from uav_collect.nodes.sealing import serve
 from uav_collect.nodes.topics import subscription
@@ -446,7 +446,7 @@ def main(argv: Sequence[str]) -> int:
     """Run the world node; the exit status."""
     parser = Parser(
         prog='world_sim',
-        description=_DESCRIPTION,
+        description=wrapped(_DESCRIPTION),
         epilog=help_text(PARAMETERS),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
