@@ -27,7 +27,7 @@ endif
 TESTS ?= test
 # Tests with ROS processes wait most of the time: one more than there are cores.
 WORKERS ?= $(shell expr $$(nproc) + 1)
-BENCHES ?= $(sort $(wildcard bench/*.py))
+BENCHES ?= $(sort $(filter-out bench/learners.py,$(wildcard bench/*.py)))
 
 # The variables of mission and train; "make help" prints these lines. Only what is set is passed on:
 # the commands know their own defaults.

@@ -22,12 +22,13 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from uav_collect.commands.train_fleet import MAX_WORLDS, unused_folder, world_names
-from uav_collect.limits import FLEET_ALGORITHMS, RECORDED
+from uav_collect.limits import RECORDED
 from uav_collect.nodes.launching import ending_with, LaunchArguments, node_options, parameter_of
 from uav_collect.nodes.parameters import Parameter
 from uav_collect.nodes.trainer.settings import PARAMETERS
 from uav_collect.scenario.load import load
 from uav_collect.training.config import load_preset
+from uav_collect.training.plug_ins import check_fleet_algorithm
 from uav_collect.training.seeds import next_training_seed
 import yaml
 
@@ -79,7 +80,7 @@ def _start(context: LaunchContext) -> list:
     names = (*_OF_TRAINER, *_OTHERS)
     arguments = LaunchArguments({n: LaunchConfiguration(n).perform(context) for n in names})
     of_trainer = {n: arguments.value(parameter_of(PARAMETERS, n)) for n in _OF_TRAINER}
-    arguments.one_of('algorithm', FLEET_ALGORITHMS)
+    arguments.made('algorithm', lambda: check_fleet_algorithm(of_trainer['algorithm']))
     arguments.needed('output_dir')
     scenario = arguments.made('scenario', lambda: load(of_trainer['scenario']))
     config = arguments.made('preset', lambda: load_preset(of_trainer['preset']))

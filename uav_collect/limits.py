@@ -54,6 +54,17 @@ def is_lookahead_name(text: str) -> bool:
     return text.strip().startswith(f'{LOOKAHEAD}:')
 
 
+def is_code_name(text: str) -> bool:
+    """Whether a text has the form `module:name`, by which users name code of their own."""
+    module, colon, target = text.partition(':')
+    return bool(colon) and all(part.isidentifier() for part in (*module.split('.'), target))
+
+
+def is_algorithm(text: str) -> bool:
+    """Whether a text may name an algorithm: one of ours, or a user's."""
+    return text in ALGORITHMS or is_code_name(text)
+
+
 def stop_signals() -> tuple[signal.Signals, ...]:
     """The signals by which this process is asked to end, and to keep what it has.
 

@@ -388,7 +388,7 @@ def check_use(policy: FrozenPolicy) -> None:
     values, hidden = policy.step(observed, policy.new_hidden(1))
     assert np.isfinite(values).all()
     assert np.isfinite(hidden).all()
-    policy.misfit(brief(SCENARIO))
+    policy.header.misfit(brief(SCENARIO))
     for line in strangeness(policy.header.learned_on, SCENARIO):
         assert line.isprintable()
         assert 'nan' not in line

@@ -10,13 +10,8 @@ from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.observation import Layout, observation_size
 from uav_collect.uav.policy import Policy
 from uav_collect.uav.policy_file import load_policy, save_policy, WEIGHTS_FORMAT
-from uav_collect.uav.policy_network import (
-    FrozenPolicy,
-    PolicyHeader,
-    Validation,
-    weight_shapes,
-    Weights,
-)
+from uav_collect.uav.policy_header import PolicyHeader, Validation, weight_shapes
+from uav_collect.uav.policy_network import FrozenPolicy, Weights
 from uav_collect.uav.tensor_file import read_head, tensor_file
 from uav_collect.uav.view import LocalView
 

@@ -25,8 +25,10 @@ from uav_collect.ingest.reports import (
 )
 from uav_collect.kernels.arrays import Row
 from uav_collect.missions.experience import Episode
+from uav_collect.missions.own_reward import OwnReward
 from uav_collect.missions.simulation import Event, FAULT_DECISION, Simulation
 from uav_collect.missions.vector_env import VectorEnv, VectorEnvConfig
+from uav_collect.recording.mission_log import Events
 from uav_collect.scenario.load import fingerprint
 from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
@@ -36,7 +38,7 @@ from uav_collect.uav.belief import Belief
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.exploration import explore
 from uav_collect.uav.learned_on import learned_on
-from uav_collect.uav.observation import Layout, observation_size, Observer
+from uav_collect.uav.observation import AnyLayout, Layout, observation_size, Observer
 from uav_collect.uav.policy_network import FrozenPolicy, LearnedPolicy
 from uav_collect.uav.view import LocalView
 from uav_collect.world.reward import Reward
@@ -47,8 +49,9 @@ class MissionSetup:
     """Which missions are flown, and how they are learned from."""
 
     scenario: Scenario
-    layout: Layout = Layout.EGOCENTRIC
+    layout: AnyLayout = Layout.EGOCENTRIC
     reward: Reward = Reward.ENERGY
+    own_reward: OwnReward | None = None
     discount_per_s: float = 0.997
     max_decisions: int = 10**6
     epsilon: float = 0.3
@@ -72,7 +75,9 @@ class MissionSetup:
     def joiner(self, **values: object) -> MissionJoiner:
         """What joins the reports of its missions."""
         site = build_site(self.scenario)
-        builder = EpisodeBuilder(site, self.layout, self.reward, self.discount_per_s)
+        builder = EpisodeBuilder(
+            site, self.layout, self.reward, self.discount_per_s, own_reward=self.own_reward
+        )
         builder.warm_up()
         spec = report_spec(site, self.layout)
         settings = {'max_decisions': self.max_decisions, **values}
@@ -84,7 +89,10 @@ class MissionSetup:
             build_site(self.scenario).with_discount(self.discount_per_s),
             seeds,
             VectorEnvConfig(
-                layout=self.layout, reward=self.reward, max_decisions=self.max_decisions
+                layout=self.layout,
+                reward=self.reward,
+                own_reward=self.own_reward,
+                max_decisions=self.max_decisions,
             ),
         )
         policy, n_uavs = self.policy, self.scenario.n_uavs
@@ -171,6 +179,10 @@ class ReportingFlight:
             simulation.start(event, decision)
         yield self._event()
         yield self._mission()
+
+    def events(self) -> Events:
+        """What was flown so far."""
+        return self._simulation.events()
 
     def _mission(self) -> MissionReport:
         return MissionReport(

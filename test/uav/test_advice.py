@@ -21,7 +21,8 @@ from uav_collect.uav.action_codes import BY_POLICY, HOME, HOVER, NONE
 from uav_collect.uav.heuristics import Heuristic
 from uav_collect.uav.observation import Layout
 from uav_collect.uav.policy_file import policy_bytes, policy_from_bytes
-from uav_collect.uav.policy_network import FrozenPolicy, LearnedPolicy, PolicyHeader
+from uav_collect.uav.policy_header import PolicyHeader
+from uav_collect.uav.policy_network import FrozenPolicy, LearnedPolicy
 
 SEEDS = [5, 8]
 ALWAYS = 1e6  # a bonus that no value comes up to

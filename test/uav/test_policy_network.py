@@ -474,13 +474,15 @@ def test_a_policy_says_which_areas_and_fleets_it_does_not_fit() -> None:
     of = header(side=10, cells_per_side_min=8, cells_per_side_max=12, n_uavs_min=2, n_uavs_max=3)
     policy = random_policy(of)
     for side in (8, 10, 12):
-        assert policy.misfit(brief(load('paper_10x10', {'area.cells_per_side': side}))) is None
+        assert (
+            policy.header.misfit(brief(load('paper_10x10', {'area.cells_per_side': side}))) is None
+        )
     small = brief(tiny())
-    assert policy.misfit(small) == 'area is 4 x 4 cells: must have 8 to 12 rows and columns'
+    assert policy.header.misfit(small) == 'area is 4 x 4 cells: must have 8 to 12 rows and columns'
     alone = brief(load('paper_10x10', {'fleet.uavs': [{'speed_mps': 5.0}]}))
-    assert policy.misfit(alone) == 'n_uavs is 1: must be 2 to 3'
+    assert policy.header.misfit(alone) == 'n_uavs is 1: must be 2 to 3'
     paper = random_policy(header(Layout.PAPER))
-    assert paper.misfit(small) == 'area is 4 x 4 cells: must have 10 rows and columns'
+    assert paper.header.misfit(small) == 'area is 4 x 4 cells: must have 10 rows and columns'
 
 
 def test_a_paper_policy_cannot_claim_two_areas() -> None:

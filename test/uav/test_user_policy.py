@@ -18,12 +18,13 @@ from uav_collect import api
 from uav_collect.__main__ import main
 from uav_collect.analysis.metrics import check_log, mission_metrics
 from uav_collect.errors import PolicyMismatchError
+from uav_collect.limits import is_code_name
 from uav_collect.missions.rollout import fly
 from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.uav.policy import policy_for
-from uav_collect.uav.user_policy import is_user_policy_name, user_policy
+from uav_collect.uav.user_policy import user_policy
 
 SEEDS = [3, 4]
 ROOT = Path(__file__).parents[2]
@@ -344,7 +345,7 @@ def test_a_failing_function_ends_evaluate_with_one_line(
     ],
 )
 def test_a_function_is_named_by_its_module_and_its_name(name: str, is_one: bool) -> None:
-    assert is_user_policy_name(name) is is_one
+    assert is_code_name(name) is is_one
 
 
 # Over ROS.

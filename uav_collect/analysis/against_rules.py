@@ -8,7 +8,7 @@ import numpy as np
 from uav_collect.analysis.statistics import column_estimates, Estimate
 from uav_collect.kernels.arrays import Bools, Floats
 from uav_collect.missions.batch_metrics import BatchMetrics
-from uav_collect.uav.policy_network import policy_rank
+from uav_collect.uav.policy_header import policy_rank
 
 SWEEP, HERT = RULES = ('sweep', 'hert')
 TOO_LONG = 2.0  # times the sweep's completion time in the same mission

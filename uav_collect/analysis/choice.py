@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from uav_collect.analysis.metrics import percent
 from uav_collect.analysis.short_names import short_names
 from uav_collect.analysis.statistics import Estimate
-from uav_collect.uav.policy_network import policy_rank
+from uav_collect.uav.policy_header import policy_rank
 
 MOST_MISSIONS = 200  # that each candidate flies
 _MOST_NAME = 24  # columns of a candidate's name in the table

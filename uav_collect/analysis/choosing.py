@@ -126,7 +126,7 @@ def _mission_s(candidate: Candidate, n_cells: int, *, is_compiled: bool) -> floa
             compiled_us, interpreted_us = (
                 own_us + size * recurrence_us
                 for own_us, recurrence_us in zip(
-                    _NETWORK_US[network.header.layout], _RECURRENCE_US, strict=True
+                    _NETWORK_US[network.header.layout.base], _RECURRENCE_US, strict=True
                 )
             )
         case _:

@@ -15,7 +15,7 @@ from uav_collect.errors import (
     MissionLogError,
     PolicyMismatchError,
 )
-from uav_collect.limits import MAX_UAVS
+from uav_collect.limits import is_code_name, MAX_UAVS
 from uav_collect.lockstep.published_policy import PolicyKey
 from uav_collect.missions.recorded_policies import Crew, RecordedPolicies
 from uav_collect.missions.reflight import fly_again, Reflight
@@ -35,7 +35,8 @@ from uav_collect.recording.mission_messages import MissionMessages
 from uav_collect.scenario.load import fingerprint
 from uav_collect.scenario.site import Site
 from uav_collect.uav.action_codes import ACTION_NAMES, FAILSAFE, HOME, REASON_NAMES
-from uav_collect.uav.observation import Layout
+from uav_collect.uav.observation import AnyLayout, Layout
+from uav_collect.uav.own_observation import layout_labelled
 
 # What the world decided: no flight brings that forth, so it is taken from the account.
 _BY_WORLD = (REASON_NAMES[FAILSAFE],)
@@ -362,13 +363,14 @@ def _clashes(accounts: Sequence[Account]) -> Iterator[str]:
                 break
 
 
-def _layouts(account: Account) -> list[Layout]:
+def _layouts(account: Account) -> list[AnyLayout]:
     """The layouts in which the transitions of an account show what agents saw."""
     if account.messages is None:
         return []
     placed = account.messages.placed.items()
     labels = {sent[0].layout for place, sent in placed if place.kind == 'transition'}
-    return [layout for layout in Layout if layout.label in labels]
+    own = [layout_labelled(label) for label in sorted(labels) if is_code_name(label)]
+    return [*(layout for layout in Layout if layout.label in labels), *own]
 
 
 def _asked(mission: MissionMessages) -> Iterator[int]:

@@ -15,6 +15,7 @@ from uav_collect.limits import (
     ALLOCATOR_NAMES,
     BEST,
     GUARD_AFTER,
+    is_code_name,
     MAX_DECISIONS,
     MAX_GUARD_AFTER,
     MAX_SEED,
@@ -244,6 +245,18 @@ def add_guard_option(parser: argparse.ArgumentParser) -> None:
 def output(text: str) -> Path:
     """A type for argparse: what is written where this was typed, wherever user code goes then."""
     return Path(text).absolute()
+
+
+def algorithm(known: Sequence[str]) -> Callable[[str], str]:
+    """A parser of the name of an algorithm, one of some or a user's module:Name."""
+
+    def parse(text: str) -> str:
+        if text not in known and not is_code_name(text):
+            allowed = f'{", ".join(known)} or module:Name'
+            raise argparse.ArgumentTypeError(f'is {text!r}: must be {allowed}')
+        return text
+
+    return parse
 
 
 def whole_number(low: int, high: int) -> Callable[[str], int]:

@@ -121,7 +121,7 @@ def _config(arguments: argparse.Namespace, start: Attempt | None) -> TrainingCon
     network: dict[str, object] = {'network.hidden_size': header.hidden_size}
     if header.layout.adviser != NONE:
         network['network.advice_bonus'] = header.advice_bonus
-    return load_preset(PRESETS[header.layout], {**network, **overrides})
+    return load_preset(PRESETS[header.layout.base], {**network, **overrides})
 
 
 def _trainer(arguments: argparse.Namespace, scenario: Scenario, start: Attempt | None) -> Trainer:

@@ -60,8 +60,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def _add_learning_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--algorithm',
-        choices=ALGORITHMS,
-        help=f'how it learns (default: {_ALGORITHM}; on courses {_COURSES_ALGORITHM})',
+        type=options.algorithm(ALGORITHMS),
+        metavar='NAME|MODULE:NAME',
+        help=f'how it learns: {", ".join(ALGORITHMS)}, or a class of yours'
+        f' (default: {_ALGORITHM}; on courses {_COURSES_ALGORITHM})',
     )
     parser.add_argument(
         '--preset',

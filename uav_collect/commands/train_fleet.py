@@ -49,9 +49,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         '--algorithm',
-        choices=FLEET_ALGORITHMS,
+        type=options.algorithm(FLEET_ALGORITHMS),
         default=FLEET_ALGORITHMS[0],
-        help='how it learns (default: %(default)s)',
+        metavar='NAME|MODULE:NAME',
+        help=f'how it learns: {" or ".join(FLEET_ALGORITHMS)}, or a class of yours'
+        ' (default: %(default)s)',
     )
     parser.add_argument(
         '--preset',
@@ -84,13 +86,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Start the fleet and the trainer, and see them to their end; returns the exit status."""
     from uav_collect.training.config import load_preset
+    from uav_collect.training.plug_ins import check_fleet_algorithm, short_name
 
     options.check_torch('train-fleet')
+    check_fleet_algorithm(arguments.algorithm)
     scenario = options.scenario_of(arguments)
     config = load_preset(arguments.preset, options.overrides_of(arguments.override))
     check_ros()
     folder = arguments.output or _RUNS / (
-        f'{scenario.name}_n{scenario.n_uavs}_{arguments.algorithm}_{config.name}_s{arguments.seed}'
+        f'{scenario.name}_n{scenario.n_uavs}_{short_name(arguments.algorithm)}_{config.name}_s{arguments.seed}'
     )
     said = _new_folder(folder / _PROCESSES)
     n_participants = 1 + arguments.worlds * (1 + scenario.n_uavs + bool(arguments.record))

@@ -16,6 +16,7 @@ from uav_collect.commands.terminal import say
 from uav_collect.errors import TrainingRunError
 from uav_collect.training.folder import is_free
 from uav_collect.training.planned_run import new_record, PlannedRun, stored_run
+from uav_collect.training.plug_ins import short_name
 from uav_collect.training.run_record import read_run, RUN_FILE, RunRecord
 
 if TYPE_CHECKING:  # loaded when training, so that --help answers at once
@@ -120,12 +121,13 @@ def _record(
     courses: 'Courses | None',
 ) -> RunRecord:
     """The record of the first run, as the arguments describe it."""
+    algorithm = short_name(arguments.algorithm)
     if courses is None:
         n_uavs = [scenario.n_uavs for scenario in scenarios]
         names = [*dict.fromkeys(scenario.name for scenario in scenarios)]
-        default_name = _default_name(names, n_uavs, arguments.algorithm, config.name)
+        default_name = _default_name(names, n_uavs, algorithm, config.name)
     else:
-        default_name = f'{courses.distribution.name}_{arguments.algorithm}_{config.name}'
+        default_name = f'{courses.distribution.name}_{algorithm}_{config.name}'
     return new_record(
         scenarios,
         config,

@@ -24,7 +24,7 @@ from typing import (
 from uav_collect.config.layers import Document
 from uav_collect.config.yaml_text import Keys, shown
 from uav_collect.errors import ConfigError
-from uav_collect.limits import is_name, NAME_ALLOWED
+from uav_collect.limits import is_code_name, is_name, NAME_ALLOWED
 
 
 @dataclass_transform(frozen_default=True, kw_only_default=True)
@@ -154,6 +154,17 @@ def words(*allowed: str) -> Rule:
         return value
 
     return Rule(' or '.join(allowed), parse)
+
+
+def words_or_code(*allowed: str) -> Rule:
+    """One of some words, or the name of code of a user's."""
+
+    def parse(value: object) -> object:
+        if value not in allowed and not (isinstance(value, str) and is_code_name(value)):
+            raise ValueError
+        return value
+
+    return Rule(' or '.join((*map(repr, allowed), 'module:Name')), parse)
 
 
 def polygon(low: float, high: float, most_corners: int) -> Rule:

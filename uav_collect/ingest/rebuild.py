@@ -27,10 +27,11 @@ from uav_collect.missions.experience import (
     observations,
     Records,
 )
+from uav_collect.missions.own_reward import OwnReward, rewarded
 from uav_collect.scenario.site import Site
 from uav_collect.uav.action_codes import HOME, NONE
 from uav_collect.uav.briefing import Briefing, briefing_of
-from uav_collect.uav.observation import Layout, observation_size
+from uav_collect.uav.observation import AnyLayout, observation_size
 from uav_collect.world.dynamics import (
     ACTIVE,
     end_s,
@@ -87,10 +88,11 @@ class EpisodeBuilder:
     def __init__(
         self,
         site: Site,
-        layout: Layout,
+        layout: AnyLayout,
         reward: Reward,
         discount_per_s: float,
         energy_unit_j: float = KILOJOULE_J,
+        own_reward: OwnReward | None = None,
     ) -> None:
         """Lay the site out once for all its missions.
 
@@ -99,6 +101,7 @@ class EpisodeBuilder:
             reward: to be learned.
             discount_per_s: of the training.
             energy_unit_j: energy that takes one from the energy reward [J].
+            own_reward: a user's, in place of `reward`, which is ENERGY then.
 
         Raises:
             ConfigError: the scenario's own reward is to be learned, but under another discount
@@ -111,7 +114,7 @@ class EpisodeBuilder:
                 f'{scenario.reward.discount_per_s:g}, by which the world counts the rewards of '
                 f'scenario {scenario.name}'
             )
-        self._layout, self._reward = layout, reward
+        self._layout, self._reward, self._own_reward = layout, reward, own_reward
         self._first_sensor = site.first_sensor.tolist()
         self._briefing = briefing_of(site)
         self._sensor_field = lay_out(site)
@@ -158,12 +161,17 @@ class EpisodeBuilder:
         self._write_rewards(events_flown, records, is_whole=parts.is_whole)
         if not parts.is_whole:
             records.action[-1] = NONE
-        return Episode(
+        episode = Episode(
             mission_seed=parts.mission.mission_seed,
             demand_bit=demand_bit,
             records=records,
             is_whole=parts.is_whole,
         )
+        if self._own_reward is None:
+            return episode
+        left_j = np.frombuffer(events[-1].uav_energy_left_j, FLOAT64).tolist()
+        n_complete = int(self._union.sum())
+        return rewarded(self._own_reward, episode, self._briefing, left_j, n_complete)
 
     def efficiency_kbit_per_j(self, parts: MissionParts) -> float:
         """Data that the mission has collected over the energy it has spent."""

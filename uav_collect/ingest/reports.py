@@ -17,7 +17,7 @@ from uav_collect.scenario.load import fingerprint
 from uav_collect.scenario.site import Site
 from uav_collect.uav import action_codes
 from uav_collect.uav.action_codes import HOME, N_ACTIONS, NONE
-from uav_collect.uav.observation import Layout, observation_size
+from uav_collect.uav.observation import AnyLayout, observation_size
 
 FLOAT32, FLOAT64 = np.dtype('<f4'), np.dtype('<f8')  # of arrays in messages
 _LARGEST = 1e12  # of any number: beyond all that is flown, and learners may square it in float32
@@ -119,7 +119,7 @@ FleetReport = MissionReport | EventReport | TransitionReport
 class ReportSpec:
     """What reports must match, so that a learner can use them."""
 
-    layout: Layout
+    layout: AnyLayout
     scenario_fingerprint: str
     n_uavs: int
     n_cells: int
@@ -196,7 +196,7 @@ class ReportSpec:
         _numbers(where, name, np.frombuffer(content, FLOAT64))
 
 
-def report_spec(site: Site, layout: Layout) -> ReportSpec:
+def report_spec(site: Site, layout: AnyLayout) -> ReportSpec:
     """What reports of missions at a site must match.
 
     Raises:

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from uav_collect.kernels.arrays import Ints
 from uav_collect.learning.minibatch import Algorithm
-from uav_collect.learning.network import Drqn
+from uav_collect.learning.network import AgentNetwork
 from uav_collect.learning.saved import SavedPart
 from uav_collect.learning.units import branch_share, reward_units
 from uav_collect.missions.experience import Episode
@@ -56,6 +56,7 @@ class Collector:
                 layout=config.layout,
                 allocator=config.rollout.bandwidth,
                 reward=config.reward_kind,
+                own_reward=config.own_reward,
                 energy_unit_j=reward_units(config, site).energy_j,
                 is_synchronous=algorithm is Algorithm.QMIX,
                 max_decisions=self._max_decisions,
@@ -64,14 +65,14 @@ class Collector:
                 ),
             ),
         )
-        size = (n_worlds, site.scenario.n_uavs, config.network.hidden_size)
+        size = (n_worlds, site.scenario.n_uavs, config.memory_size)
         self._hidden = torch.zeros(size, device=self._device)
         self._worlds = torch.arange(n_worlds, device=self._device)
         self.recent = RecentMissions()
         self.n_decisions = 0
         self.n_missions = 0
 
-    def collect(self, agent: Drqn, n_decisions: int, epsilon: float) -> list[Episode]:
+    def collect(self, agent: AgentNetwork, n_decisions: int, epsilon: float) -> list[Episode]:
         """Fly on for that many decisions, or a few more.
 
         Returns:
@@ -122,7 +123,9 @@ class Collector:
         self.n_decisions = saved.whole('n_decisions')
         self.n_missions = saved.whole('n_missions')
 
-    def _choose_actions(self, agent: Drqn, waiting: AwaitedDecisions, epsilon: float) -> Ints:
+    def _choose_actions(
+        self, agent: AgentNetwork, waiting: AwaitedDecisions, epsilon: float
+    ) -> Ints:
         uav = torch.from_numpy(waiting.uav).to(self._device)
         observation = torch.from_numpy(waiting.observation).to(self._device, torch.float32)
         turned, bonus = COMPASS_ACTIONS[waiting.frame], agent.advice_bonus

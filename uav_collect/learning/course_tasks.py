@@ -182,13 +182,14 @@ def check_settings(
             f'preset {config.name}: courses is missing: must be there to learn on courses, as the '
             'preset anywhere has it'
         )
-    if config.layout is Layout.PAPER:
+    if config.layout.base is Layout.PAPER:
         raise ConfigError(
             f'observation is {config.observation!r}: must be one that no area changes, to learn on'
             ' courses'
         )
     if algorithm.mixes and not config.mixer.is_of_sets:
-        raise ConfigError("mixer.kind is 'fleet': must be set to learn on courses")
+        kind = config.mixer.kind or 'fleet'
+        raise ConfigError(f'mixer.kind is {kind!r}: must be set to learn on courses')
     most, n_uavs = config.layout.max_uavs, distribution.fleet.n_uavs
     if n_uavs[1] > most:
         raise ConfigError(

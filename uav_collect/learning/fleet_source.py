@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from uav_collect.ingest.join import JoinedMission
 from uav_collect.ingest.mission_ids import MissionIds
-from uav_collect.learning.network import Drqn
+from uav_collect.learning.network import AgentNetwork
 from uav_collect.learning.packing import packed, unpacked
 from uav_collect.learning.saved import SavedPart
 from uav_collect.missions.experience import Episode
@@ -77,7 +77,7 @@ class FleetSource:
             self._changed.wait_for(lambda: self._waiting or self._is_closed)
             return bool(self._waiting)
 
-    def collect(self, agent: Drqn, n_decisions: int, epsilon: float) -> list[Episode]:
+    def collect(self, agent: AgentNetwork, n_decisions: int, epsilon: float) -> list[Episode]:
         """Wait for so many decisions more than those that were asked for before.
 
         Returns:

@@ -9,9 +9,10 @@ from uav_collect.scenario.load import fingerprint
 from uav_collect.scenario.model import Scenario
 from uav_collect.training.courses import CourseDistribution
 from uav_collect.training.progress import ValidationResult
-from uav_collect.uav import policy_network
+from uav_collect.uav import policy_header
 from uav_collect.uav.learned_on import learned_on, LearnedOn, LearnedWithin
-from uav_collect.uav.policy_network import FrozenPolicy, PolicyHeader
+from uav_collect.uav.policy_header import PolicyHeader
+from uav_collect.uav.policy_network import FrozenPolicy
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,14 +57,14 @@ def learned_on_courses(distribution: CourseDistribution) -> Learned:
 
 def header_validation(
     validation: ValidationResult | None, n_missions: int
-) -> policy_network.Validation:
+) -> policy_header.Validation:
     """What a header says of a validation; zeros where there was none.
 
     Args:
         n_missions: that a validation flies.
     """
     measured = {it.key: getattr(validation, it.key, 0.0) for it in MEASURES}
-    return policy_network.Validation(
+    return policy_header.Validation(
         missions=n_missions if validation else 0, bandwidth='equal', **measured
     )
 
@@ -79,6 +80,7 @@ def check_same_network(initial: FrozenPolicy, wanted: PolicyHeader) -> None:
         ('observation', header.layout.label, wanted.layout.label),
         ('observation size', header.observation_size, wanted.observation_size),
         ('hidden size', header.hidden_size, wanted.hidden_size),
+        ('network', header.network or 'recurrent', wanted.network or 'recurrent'),
     ):
         if value != known:
             raise PolicyMismatchError(

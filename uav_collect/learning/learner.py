@@ -1,25 +1,35 @@
-"""The learner: networks, targets and updates of AQMIX, QMIX and AIQL alike."""
+"""The learner: networks, targets and updates of AQMIX, QMIX, AIQL and what users write."""
 
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
 import ctypes
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 import torch
 from torch import nn, Tensor
+from uav_collect.errors import ConfigError
 from uav_collect.learning.minibatch import Algorithm, Minibatch
 from uav_collect.learning.mixer import Mixer, SetMixer
-from uav_collect.learning.network import Drqn
+from uav_collect.learning.network import AgentNetwork, Drqn
+from uav_collect.learning.own_modules import (
+    check_tensor,
+    frozen_weights,
+    PluggedMixer,
+    PluggedNetwork,
+)
 from uav_collect.learning.recurrence import runs_compiled
 from uav_collect.learning.saved import SavedPart
 from uav_collect.missions.experience import N_UAV_SCALARS, SparseRows
 from uav_collect.training.config import TrainingConfig
+from uav_collect.training.plug_ins import MixerSpace, own_algorithm
 from uav_collect.training.progress import UpdateMetrics
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.observation import observation_size
+from uav_collect.uav.user_code import run_user_code, UserCodeError
 
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3  # names of glibc's mallopt
 _LARGEST_ARRAY_BYTES = 32 * 2**20  # no larger threshold is taken
@@ -42,21 +52,25 @@ class Networks(nn.Module):
         super().__init__()
         first = briefings[0]
         size = observation_size(config.layout, len(first.is_open), first.n_uavs)
-        self.agent = Drqn(size, config.network.hidden_size)
+        hidden_size, own = config.network.hidden_size, config.network.own
+        self.agent: AgentNetwork = (
+            PluggedNetwork(own, size, hidden_size) if own else Drqn(size, hidden_size)
+        )
         self.mixers = nn.ModuleList()
         if not algorithm.mixes:
             return
         if config.mixer.is_of_sets:
             self.mixers.append(_set_mixer(config))
         else:
-            self.mixers.extend(_mixer(config, briefing) for briefing in briefings)
+            make = _own_mixer if config.mixer.own else _mixer
+            self.mixers.extend(make(config, briefing) for briefing in briefings)
 
-    def mixer(self, task: int) -> Mixer | SetMixer | None:
+    def mixer(self, task: int) -> Mixer | SetMixer | PluggedMixer | None:
         """The mixer of a task's fleet and area."""
         if not len(self.mixers):
             return None
-        first = cast(Mixer | SetMixer, self.mixers[0])
-        return first if isinstance(first, SetMixer) else cast(Mixer, self.mixers[task])
+        place = 0 if isinstance(self.mixers[0], SetMixer) else task
+        return cast(Mixer | SetMixer | PluggedMixer, self.mixers[place])
 
     def state(self, task: int, fleet: Tensor, complete: Tensor, area: tuple[int, int]) -> Tensor:
         """What the mixer of a task sees; of no width where there is none, (E, ...).
@@ -96,6 +110,19 @@ def _mixer(config: TrainingConfig, briefing: Briefing) -> Mixer:
     )
 
 
+def _own_mixer(config: TrainingConfig, briefing: Briefing) -> PluggedMixer:
+    space = MixerSpace(
+        n_uavs=briefing.n_uavs,
+        n_uav_scalars=N_UAV_SCALARS,
+        n_rows=briefing.n_rows,
+        n_columns=briefing.n_columns,
+        embedding_size=config.mixer.embedding_size,
+        hypernetwork_size=config.mixer.hypernetwork_size,
+        new_mixer=partial(_mixer, config, briefing),
+    )
+    return PluggedMixer(config.mixer.own, space)
+
+
 @dataclass(frozen=True, kw_only=True)
 class _Tensors:
     """A minibatch on the device, see `Minibatch`."""
@@ -128,15 +155,21 @@ class Learner:
         algorithm: Algorithm,
         seed: int,
         device: str = 'cpu',
+        own: str = '',
     ) -> None:
         """Make the networks, their weights drawn by the seed.
 
         Args:
             briefings: of each task: the fleets and areas that one agent network learns to fly;
                 those of other tasks may follow where one mixer does for all.
+            own: name of a user's algorithm that is like `algorithm`; '': there is none.
+
+        Raises:
+            ConfigError: a user's network or mixer fails.
         """
         self._config, self._algorithm = config, algorithm
         self._device = torch.device(device)
+        self._own = own
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             networks = Networks(config, briefings, algorithm)
@@ -154,8 +187,8 @@ class Learner:
     def load_weights(self, weights: Mapping[str, NDArray[np.float32]]) -> None:
         """Take over an agent network's weights before the first update."""
         tensors = {name: torch.from_numpy(np.array(values)) for name, values in weights.items()}
-        self.networks.agent.load_state_dict(tensors)
-        self.target.agent.load_state_dict(tensors)
+        self.networks.agent.core.load_state_dict(tensors)
+        self.target.agent.core.load_state_dict(tensors)
 
     def update(self, minibatch: Minibatch, learning_rate: float, task: int = 0) -> UpdateMetrics:
         """Take one step of the optimiser.
@@ -184,8 +217,7 @@ class Learner:
 
     def weights(self) -> dict[str, NDArray[np.float32]]:
         """The agent network's weights, as a frozen policy holds them, copied."""
-        agent = self.networks.agent.state_dict()
-        return {name: np.array(tensor.detach().cpu().numpy()) for name, tensor in agent.items()}
+        return frozen_weights(self.networks.agent)
 
     def state(self) -> dict[str, Any]:
         """All that a learner needs to go on; the inverse is `restore`."""
@@ -229,7 +261,7 @@ class Learner:
         return {'step': step, 'exp_avg': first, 'exp_avg_sq': second}
 
     def loss(self, minibatch: Minibatch, task: int = 0) -> Tensor:
-        """Mean squared error of the entries' action values against their targets."""
+        """Mean squared error of the entries' action values, or what a user's algorithm says."""
         return self._loss(minibatch, task)[0]
 
     def _loss(self, minibatch: Minibatch, task: int) -> tuple[Tensor, Tensor]:
@@ -240,9 +272,12 @@ class Learner:
             return self._branch_loss(values, tensors), values
         chosen = self._chosen_values(values, tensors)
         by_uav = self._by_uav(chosen, tensors)
-        team = self._team_values(self.networks, chosen, by_uav, tensors, tensors.entry)
+        best = self._best_by_uav(self.networks, values, tensors)
+        team = self._team_values(self.networks, chosen, by_uav, best, tensors, tensors.entry)
         with torch.no_grad():
             target = self._targets(values.detach(), tensors)
+        if self._own:
+            return self._asked('loss', (), team, target), team
         return nn.functional.mse_loss(team, target), team
 
     def _branch_loss(self, values: Tensor, tensors: _Tensors) -> Tensor:
@@ -273,21 +308,44 @@ class Learner:
         """
         config = self._config.target
         values = self._values(self.target, tensors)
-        selector = online if config.double_q else values
-        bonus = self.networks.agent.advice_bonus
-        if bonus > 0.0:  # it is chosen by in flight, too
-            selector = selector + bonus * tensors.advice
-        best = selector.masked_fill(~tensors.legal, -torch.inf).argmax(dim=1)
-        best_value = values.gather(1, best[:, None]).squeeze(1)[tensors.row]
-        deciding = best_value[tensors.latest.clamp(min=0)]
+        next_value = self._next_values(online, values, tensors)[tensors.row]
+        deciding = next_value[tensors.latest.clamp(min=0)]
         waiting = self._by_uav(self._chosen_values(values, tensors), tensors)
         by_uav = torch.where(tensors.decides, deciding, waiting)
         follows = tensors.next_entry.clamp(min=0)
-        future = self._team_values(self.target, best_value, by_uav, tensors, follows)
+        best = self._best_by_uav(self.target, values, tensors)
+        future = self._team_values(self.target, next_value, by_uav, best, tensors, follows)
         discount = config.future_share(self.n_updates) * tensors.discount
         trace = torch.where(tensors.is_chained, config.trace, 0.0)
         fixed = tensors.reward + (1.0 - trace) * (discount * future)
         return reverse_scan(fixed, trace * discount)
+
+    def _next_values(self, online: Tensor, target: Tensor, tensors: _Tensors) -> Tensor:
+        """What the best action of each row is worth to the target network, shape (R,)."""
+        if self._own:
+            shape = (len(online),)
+            return self._asked('next_values', shape, online, target, tensors.legal)
+        selector = online if self._config.target.double_q else target
+        bonus = self.networks.agent.advice_bonus
+        if bonus > 0.0:  # it is chosen by in flight, too
+            selector = selector + bonus * tensors.advice
+        best = selector.masked_fill(~tensors.legal, -torch.inf).argmax(dim=1)
+        return target.gather(1, best[:, None]).squeeze(1)
+
+    def _asked(self, method: str, shape: tuple[int, ...], *tensors: Tensor) -> Tensor:
+        """What a method of a user's algorithm gives.
+
+        Raises:
+            ConfigError: it fails, or gives a tensor of another shape.
+        """
+        what = f'algorithm {self._own}'
+        try:
+            answer = run_user_code(None, getattr(own_algorithm(self._own), method), *tensors)
+        except UserCodeError as error:
+            raise ConfigError(f'{what}: {error}') from error
+        check_tensor(what, method, answer, shape)
+        asked: Tensor = answer
+        return asked
 
     def _values(self, networks: Networks, tensors: _Tensors) -> Tensor:
         """Q values of all rows, shape (R, N_ACTIONS)."""
@@ -303,15 +361,29 @@ class Learner:
         """The value of each UAV's latest action at each decision; 0 where it has none, (E, U)."""
         return torch.where(tensors.latest >= 0, chosen[tensors.latest.clamp(min=0)], 0.0)
 
+    def _best_by_uav(self, networks: Networks, values: Tensor, tensors: _Tensors) -> Tensor | None:
+        """The best value of each UAV's latest decision, (E, U); None where no mixer takes it."""
+        if not isinstance(networks.mixer(tensors.task), PluggedMixer):
+            return None
+        best = values.masked_fill(~tensors.legal, -torch.inf).amax(dim=1)
+        return self._by_uav(best[tensors.row], tensors)
+
     def _team_values(
-        self, networks: Networks, own: Tensor, by_uav: Tensor, tensors: _Tensors, at: Tensor
+        self,
+        networks: Networks,
+        own: Tensor,
+        by_uav: Tensor,
+        best: Tensor | None,
+        tensors: _Tensors,
+        at: Tensor,
     ) -> Tensor:
         """The UAVs' values mixed at some decisions; the deciding UAV's own without a mixer."""
         mixer = networks.mixer(tensors.task)
         if mixer is None:
             return own[at]
+        mixed = (by_uav[at],) if best is None else (by_uav[at], best[at])
         with self._autocast():
-            total: Tensor = mixer(by_uav[at], tensors.state[at])
+            total: Tensor = mixer(*mixed, tensors.state[at])
         return total.float()
 
     def _autocast(self) -> torch.autocast:
@@ -331,7 +403,8 @@ class Learner:
             *('legal', 'advice', 'worth', 'row', 'action', 'latest', 'decides'),
             *('entry', 'next_entry', 'is_chained'),
         )
-        is_sparse = runs_compiled(self.networks.agent.gru.weight_hh)
+        agent = self.networks.agent
+        is_sparse = isinstance(agent, Drqn) and runs_compiled(agent.gru.weight_hh)
         is_sparse &= not self._config.optimiser.bf16
         return _Tensors(
             task=task,

@@ -31,7 +31,7 @@ from uav_collect.missions.experience import (
 from uav_collect.uav.action_codes import N_ACTIONS
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.frames import COMPASS_ACTIONS, FRAME_ACTIONS
-from uav_collect.uav.observation import advice_columns, frames, Layout, observation_size
+from uav_collect.uav.observation import advice_columns, AnyLayout, frames, observation_size
 
 NO_DECISION = -1  # no decision
 
@@ -82,7 +82,7 @@ class Minibatch:
 def make_minibatch(
     episodes: Sequence[Episode],
     briefing: Briefing,
-    layout: Layout,
+    layout: AnyLayout,
     algorithm: Algorithm,
     discount_per_s: float,
 ) -> Minibatch:
@@ -103,7 +103,7 @@ def make_excerpt_minibatch(
     excerpts: Sequence[Excerpt],
     n_burn_in: int,
     briefing: Briefing,
-    layout: Layout,
+    layout: AnyLayout,
     algorithm: Algorithm,
     discount_per_s: float,
 ) -> Minibatch:
@@ -207,7 +207,7 @@ def _minibatch(
     entries: _Entries,
     packed: tuple[Ints, list[int], SparseRows],
     briefing: Briefing,
-    layout: Layout,
+    layout: AnyLayout,
 ) -> Minibatch:
     """Put a minibatch together.
 
@@ -283,7 +283,7 @@ def _dense(rows: SparseRows, columns: range) -> NDArray[np.float32]:
     return dense
 
 
-def _advice(rows: SparseRows, layout: Layout, size: int) -> NDArray[np.float32]:
+def _advice(rows: SparseRows, layout: AnyLayout, size: int) -> NDArray[np.float32]:
     """The advice that observations show, one-hot by action; zeros where they show none."""
     columns = advice_columns(layout, size)
     if not columns:

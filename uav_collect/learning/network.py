@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import torch
 from torch import nn, Tensor
 from uav_collect.learning.encoder import encoded
+from uav_collect.learning.own_modules import PluggedNetwork
 from uav_collect.learning.recurrence import hidden_states
 from uav_collect.missions.experience import SparseRows
 from uav_collect.uav.action_codes import N_ACTIONS
@@ -16,10 +17,16 @@ class Drqn(nn.Module):
     def __init__(self, observation_size: int, hidden_size: int) -> None:
         super().__init__()
         self.hidden_size = hidden_size
+        self.text = ''  # of a policy's header
         self.encoder = nn.Linear(observation_size, hidden_size)
         self.gru = nn.GRUCell(hidden_size, hidden_size)
         self.head = nn.Linear(hidden_size, N_ACTIONS)
         self.advice_bonus = 0.0  # on the value of what the adviser would do, when one is chosen
+
+    @property
+    def core(self) -> nn.Module:
+        """The module whose weights a policy holds."""
+        return self
 
     def step(self, observation: Tensor, hidden: Tensor) -> tuple[Tensor, Tensor]:
         """One decision of many UAVs.
@@ -48,3 +55,6 @@ class Drqn(nn.Module):
         """
         inputs = encoded(self.encoder, observation)
         return self.head(hidden_states(inputs, self.gru, step_sizes))
+
+
+AgentNetwork = Drqn | PluggedNetwork

@@ -99,7 +99,7 @@ def compute_as_trainings_do() -> None:
 def start_for(policy: FrozenPolicy, scenario: Scenario) -> FrozenPolicy | None:
     """A policy as one that flies a scenario, whatever it learned on; None: its network cannot."""
     header, area = policy.header, scenario.area
-    if header.layout not in PRESETS:
+    if header.layout not in PRESETS or header.network:
         return None
     try:
         size = observation_size(header.layout, area.n_cells, scenario.n_uavs)

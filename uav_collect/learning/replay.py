@@ -19,7 +19,7 @@ from uav_collect.missions.experience import (
     SparseRows,
 )
 from uav_collect.uav.briefing import Briefing
-from uav_collect.uav.observation import Layout
+from uav_collect.uav.observation import AnyLayout
 
 
 class Replay:
@@ -29,7 +29,7 @@ class Replay:
         self,
         capacity: int,
         briefing: Briefing,
-        layout: Layout,
+        layout: AnyLayout,
         most_observation_bytes: int = 0,
     ) -> None:
         """Reserve the memory.

@@ -19,7 +19,7 @@ from uav_collect.learning.headers import (
 )
 from uav_collect.learning.learner import Learner
 from uav_collect.learning.minibatch import Algorithm
-from uav_collect.learning.network import Drqn
+from uav_collect.learning.network import AgentNetwork
 from uav_collect.learning.random_state import restore_rng, rng_state
 from uav_collect.learning.recurrence import compile_steps
 from uav_collect.learning.saved import SavedPart
@@ -31,10 +31,12 @@ from uav_collect.learning.task import (
     Task,
 )
 from uav_collect.learning.validation import PanelValidator, ScenarioValidator, Validator
+from uav_collect.limits import is_code_name
 from uav_collect.revision import git_revision
 from uav_collect.scenario.model import Scenario
-from uav_collect.training.config import TrainingConfig
+from uav_collect.training.config import code_of_training, TrainingConfig
 from uav_collect.training.courses import Courses
+from uav_collect.training.plug_ins import algorithm_like, short_name
 from uav_collect.training.progress import (
     Budget,
     ConditionResult,
@@ -42,14 +44,9 @@ from uav_collect.training.progress import (
     SpeedMeter,
     ValidationResult,
 )
-from uav_collect.uav import policy_network
 from uav_collect.uav.observation import observation_size
-from uav_collect.uav.policy_network import (
-    FrozenPolicy,
-    LearnedPolicy,
-    PolicyHeader,
-    weights_digest,
-)
+from uav_collect.uav.policy_header import PolicyHeader
+from uav_collect.uav.policy_network import FrozenPolicy, LearnedPolicy, Weights, weights_digest
 
 _REPLAY_KEY = 1  # of the run's seed: which missions are learned from
 
@@ -73,7 +70,7 @@ class Trainer:
         Args:
             scenarios: what one policy learns to fly, in turn; several need an observation whose
                 size depends on none of them. None where there are courses.
-            algorithm: one of `minibatch.Algorithm`.
+            algorithm: one of `minibatch.Algorithm`, or the module:Name of a user's.
             seed: of weights, missions, exploration and what is replayed, 0..2^62.
             device: 'cpu' or 'cuda'.
             initial: whose weights the agent network starts from; drawn by the seed otherwise.
@@ -86,7 +83,8 @@ class Trainer:
             PolicyMismatchError: the initial policy's network is another one.
         """
         self.scenarios, self.config, self.seed = tuple(scenarios), config, seed
-        self.algorithm = Algorithm(algorithm)
+        self._own = algorithm if is_code_name(algorithm) else ''
+        self.algorithm = Algorithm(algorithm_like(algorithm))
         self._device = device
         self._courses = courses
         self._rota: FixedTasks | CourseTasks
@@ -103,7 +101,7 @@ class Trainer:
             self._learned = learned_on_courses(distribution)
         check_algorithm(self.algorithm, config)
         briefings = [task.briefing for task in self._tasks]
-        self._learner = Learner(config, briefings, self.algorithm, seed, device)
+        self._learner = Learner(config, briefings, self.algorithm, seed, device, self._own)
         self._rng = np.random.Generator(np.random.Philox(key=[seed, _REPLAY_KEY]))
         self._trained_s = 0.0
         self._n_validated_missions = 0  # that had been learned from at the last validation
@@ -115,7 +113,7 @@ class Trainer:
             self._learner.load_weights(initial.weights)
 
     @property
-    def _agent(self) -> Drqn:
+    def _agent(self) -> AgentNetwork:
         return self._learner.networks.agent
 
     @property
@@ -275,7 +273,7 @@ class Trainer:
             'scenarios': self._learned.fingerprint,
             **panel,
             'settings': self.config.fingerprint,
-            'algorithm': self.algorithm.value,
+            'algorithm': self._own or self.algorithm.value,
             'seed': self.seed,
             'device': self._device,
         }
@@ -361,16 +359,15 @@ class Trainer:
         weights = self._learner.weights()
         return FrozenPolicy(self._header(validation, weights), weights)
 
-    def _header(
-        self, validation: ValidationResult | None, weights: policy_network.Weights
-    ) -> PolicyHeader:
+    def _header(self, validation: ValidationResult | None, weights: Weights) -> PolicyHeader:
         config, learned, first = self.config, self._learned, self._tasks[0].briefing
         n_updates = self._learner.n_updates if validation is None else validation.n_updates
-        run = f'{learned.run}_{self.algorithm}_{config.name}_s{self.seed}'
+        algorithm = self._own or self.algorithm.value
+        run = f'{learned.run}_{short_name(algorithm)}_{config.name}_s{self.seed}'
         return PolicyHeader(
             layout=config.layout,
             observation_size=observation_size(config.layout, len(first.is_open), first.n_uavs),
-            hidden_size=config.network.hidden_size,
+            hidden_size=config.memory_size,
             cells_per_side_min=learned.cells_per_side[0],
             cells_per_side_max=learned.cells_per_side[1],
             n_uavs_min=learned.n_uavs[0],
@@ -378,7 +375,7 @@ class Trainer:
             scenario=learned.scenario,
             fingerprint=learned.fingerprint,
             preset=config.name,
-            algorithm=self.algorithm.value,
+            algorithm=algorithm,
             seed=self.seed,
             decisions=self.n_decisions if validation is None else validation.n_decisions,
             updates=n_updates,
@@ -388,6 +385,8 @@ class Trainer:
             learned_on=learned.learned_on,
             learned_within=learned.learned_within,
             advice_bonus=self._agent.advice_bonus,
+            network=self._agent.text,
+            code=' '.join(code_of_training(config, algorithm)),
         )
 
     def _progress(

@@ -15,7 +15,7 @@ from uav_collect.scenario.site import build_site
 from uav_collect.training.panel import Panel
 from uav_collect.training.progress import ConditionResult
 from uav_collect.training.seeds import VALIDATION_SEED
-from uav_collect.uav.observation import Layout
+from uav_collect.uav.observation import AnyLayout
 from uav_collect.uav.policy_network import LearnedPolicy
 
 
@@ -67,7 +67,7 @@ class ScenarioValidator:
 class PanelValidator:
     """Flies missions in each condition of a panel, and compares with the sweep's in the same."""
 
-    def __init__(self, panel: Panel, n_missions: int, layout: Layout) -> None:
+    def __init__(self, panel: Panel, n_missions: int, layout: AnyLayout) -> None:
         """Lay out the conditions; so many missions are flown in each.
 
         Raises:

@@ -79,7 +79,7 @@ def checked_policy(msg: Any, briefing: Briefing) -> PublishedPolicy:
     frozen = policy_from_bytes(content)
     if frozen.header.version != msg.version:
         raise PolicyMismatchError(f'its file is of version {shown(frozen.header.version)}')
-    misfit = frozen.misfit(briefing)
+    misfit = frozen.header.misfit(briefing)
     if misfit is not None:
         raise PolicyMismatchError(misfit)
     if not 0.0 <= msg.epsilon <= 1.0:

@@ -20,8 +20,15 @@ from uav_collect.uav.belief import Belief, belief_of, Beliefs, new_beliefs
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.heuristics import choose, MEMORY_SIZE, shares_for
 from uav_collect.uav.moves import Moves, new_moves
-from uav_collect.uav.observation import encode, Layout, observation_size
+from uav_collect.uav.observation import (
+    AnyLayout,
+    encode,
+    observation_size,
+    OwnLayout,
+    write_own,
+)
 from uav_collect.uav.sharing import Shares
+from uav_collect.uav.user_policy import arrayed
 from uav_collect.uav.view import LocalView, VIEW_CELLS
 from uav_collect.world.dynamics import ACTIVE, Mission, place_at
 
@@ -192,7 +199,7 @@ def write_fleet(
     fleet[first + 3] = 1.0 if mission.phase[uav] == ACTIVE else 0.0
 
 
-def sparse_observations(episode: Episode, layout: Layout, briefing: Briefing) -> SparseRows:
+def sparse_observations(episode: Episode, layout: AnyLayout, briefing: Briefing) -> SparseRows:
     """The observations of a mission's decisions, as the UAVs encoded them."""
     size = observation_size(layout, len(briefing.is_open), briefing.n_uavs)
     n_rows, demand_bit = episode.n_decisions, episode.demand_bit[None]
@@ -228,7 +235,7 @@ class _Rebuilt(NamedTuple):
 
 
 def observations(
-    layout: Layout,
+    layout: AnyLayout,
     briefing: Briefing,
     records: Records,
     demand_bit: Floats,
@@ -255,7 +262,56 @@ def observations(
         moves=new_moves(briefing),
         memory=new_row(MEMORY_SIZE, 0),
     )
-    _rebuild(int(layout), adviser, briefing, records, demand_bit, mission, order, rebuilt, out)
+    base = int(layout.base)
+    _rebuild(base, adviser, briefing, records, demand_bit, mission, order, rebuilt, out)
+    if isinstance(layout, OwnLayout):
+        known = arrayed(briefing)
+        for row in range(len(records.uav)):
+            seen = _rebuilt_situation(known, records, row, demand_bit[mission[row]])
+            write_own(layout, known, *seen, out[order[row]])
+
+
+def _rebuilt_situation(
+    briefing: Briefing, records: Records, row: int, demand_bit: Floats
+) -> tuple[int, Belief, LocalView, Ints]:
+    """What a record's UAV knew, but for the sensors below: it, belief, view, legal actions."""
+    uav, cell, n_cells = int(records.uav[row]), int(records.cell[row]), len(demand_bit)
+    n_bytes = len(records.seen[row])
+    complete = _flags(records.complete[row][uav * n_bytes : (uav + 1) * n_bytes], n_cells)
+    seen_bit = np.where(_flags(records.seen[row], n_cells) == 1, demand_bit, 0.0)
+    belief: Any = Belief(
+        complete=complete,
+        n_complete=np.array([int(complete.sum())]),
+        seen_bit=seen_bit,
+        peer_x_m=records.peer_x_m[row],
+        peer_y_m=records.peer_y_m[row],
+        peer_s=records.peer_s[row],
+    )
+    near = [
+        actions.neighbour(briefing, cell, index // 3 - 1, index % 3 - 1)
+        for index in range(VIEW_CELLS)
+    ]
+    none: Any = np.zeros(0)
+    region_bit: Any = np.array([seen_bit[it] if it >= 0 else math.nan for it in near])
+    view = LocalView(
+        time_s=float(records.time_s[row]),
+        x_m=(cell % briefing.n_columns + 0.5) * briefing.cell_size_m,
+        y_m=(cell // briefing.n_columns + 0.5) * briefing.cell_size_m,
+        cell=cell,
+        energy_left_j=float(records.energy_left_j[row]),
+        previous_action=int(records.previous_action[row]),
+        region_bit=region_bit,
+        n_sensors=0,
+        sensor=none,
+        sensor_bit=none,
+        sensor_gain=none,
+        sensor_error_gain=none,
+    )
+    return uav, belief, view, _flags(records.legal[row : row + 1], N_ACTIONS).astype(np.int64)
+
+
+def _flags(packed: _Table, n_flags: int) -> NDArray[np.uint8]:
+    return np.unpackbits(packed, count=n_flags, bitorder='little')
 
 
 @kernel

@@ -24,7 +24,7 @@ from uav_collect.uav.action_codes import HOVER
 from uav_collect.uav.agent import Agent, allocator_named
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.messages import Decision, packed_map, packed_maps, RadioMessage
-from uav_collect.uav.observation import Layout, Observer
+from uav_collect.uav.observation import AnyLayout, Observer
 from uav_collect.uav.policy import Policy
 from uav_collect.uav.view import LocalView
 
@@ -64,7 +64,7 @@ def fly_again(
     crew: Sequence[FlownBy | None],
     *,
     failsafes: Container[int] = (),
-    layouts: Sequence[Layout] = (),
+    layouts: Sequence[AnyLayout] = (),
     n_events: int | None = None,
     faults: Sequence[FaultRecord] = (),
 ) -> Reflight:
@@ -107,7 +107,7 @@ def _fly(
     injected: Sequence[FaultRecord],
     *,
     failsafes: Container[int],
-    layouts: Sequence[Layout],
+    layouts: Sequence[AnyLayout],
     n_events: int | None,
 ) -> Reflight:
     simulation = Simulation(site, header.mission_seed)
@@ -190,7 +190,7 @@ class _WatchedAgent(Agent):
     """An agent that notes what its messages say."""
 
     def __init__(
-        self, briefing: Briefing, uav: int, by: FlownBy, layouts: Sequence[Layout]
+        self, briefing: Briefing, uav: int, by: FlownBy, layouts: Sequence[AnyLayout]
     ) -> None:
         allocator = allocator_named(by.allocator)
         super().__init__(briefing, uav, by.policy, allocator, guard_after=by.guard_after)

@@ -8,17 +8,29 @@ out a decision of each mission and goes on to the next one; everything in betwee
 from collections.abc import Callable, Sequence
 import copy
 from dataclasses import dataclass, replace
+from functools import cache
 import math
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from uav_collect.errors import AllocationError, PolicyMismatchError
-from uav_collect.kernels.arrays import Bools, check_shape, copied, Floats, Ints, new_row, Row
+from uav_collect.kernels.arrays import (
+    Bools,
+    check_shape,
+    copied,
+    Floats,
+    Ints,
+    new_row,
+    new_table,
+    Row,
+)
 from uav_collect.kernels.compile import kernel, kernels_are_compiled
+from uav_collect.kernels.patience import say
 from uav_collect.missions.batch_kernels import (
     Batch,
     fly_batch,
+    IN_FLIGHT,
     Settings,
 )
 from uav_collect.missions.batch_metrics import BatchMetrics
@@ -26,6 +38,7 @@ from uav_collect.missions.batch_start import new_batch, restart
 from uav_collect.missions.branches import Branches
 from uav_collect.missions.event_log import grown_log, logged_events, mission_header
 from uav_collect.missions.experience import Episode, N_UAV_SCALARS, Records, write_fleet
+from uav_collect.missions.own_reward import OwnReward, rewarded
 from uav_collect.physics.bandwidth import EQUAL, EXACT
 from uav_collect.recording.mission_log import MissionHeader, MissionLog
 from uav_collect.scenario.site import Site
@@ -35,9 +48,17 @@ from uav_collect.uav.belief import belief_of
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.exploration import explore
 from uav_collect.uav.heuristics import Heuristic
-from uav_collect.uav.observation import frames, Layout
+from uav_collect.uav.observation import (
+    AnyLayout,
+    frames,
+    Layout,
+    observation_size,
+    OwnLayout,
+    write_own,
+)
 from uav_collect.uav.policy import Policy
 from uav_collect.uav.policy_network import FrozenPolicy
+from uav_collect.uav.user_policy import arrayed
 from uav_collect.world.dynamics import look, mission_of
 from uav_collect.world.faults import fault_records
 from uav_collect.world.reward import KILOJOULE_J, Reward
@@ -56,9 +77,10 @@ _OWN_TABLES = (
 class VectorEnvConfig:
     """How missions are stepped."""
 
-    layout: Layout | None = Layout.EGOCENTRIC  # of observations; None: there are none
+    layout: AnyLayout | None = Layout.EGOCENTRIC  # of observations; None: there are none
     allocator: str = 'equal'  # or 'exact'
     reward: Reward | None = Reward.PAPER  # None: it is not summed up
+    own_reward: OwnReward | None = None  # a user's, of whole episodes; `reward` is ENERGY then
     energy_unit_j: float = KILOJOULE_J  # energy that takes one from the energy reward
     rule: Heuristic | None = None  # that decides; None: each step does
     is_synchronous: bool = False  # UAVs wait for each other and decide at the same instants
@@ -117,6 +139,9 @@ class VectorEnv:
         check_can_start(site.scenario, self._batch.briefing)
         layout = Layout.EGOCENTRIC if config.layout is None else config.layout
         self._frames = frames(layout, self._batch.briefing)
+        self._own = layout if isinstance(layout, OwnLayout) else None
+        if self._own is not None:
+            self._make_room(self._own)
         self._branches = (
             Branches(site, self._batch, config.energy_unit_j)
             if config.branch_share > 0.0
@@ -245,7 +270,7 @@ class VectorEnv:
         rows = slice(first, first + int(self.n_recorded[world]))
         missions = self._batch.missions
         tables: list[Any] = [np.array(table[rows]) for table in self._batch.records]
-        return Episode(
+        episode = Episode(
             mission_seed=int(missions.seed[world][0]),
             demand_bit=demand_by_cell(
                 self._batch.sensor_field.first_sensor, missions.demand_bit[world]
@@ -253,6 +278,10 @@ class VectorEnv:
             records=Records(*tables),
             is_whole=self._batch.waiting.uav[world] == NONE,
         )
+        if self._config.own_reward is None or not episode.n_decisions:
+            return episode
+        end = missions.energy_left_j[world], sum(self._batch.complete[world])
+        return rewarded(self._config.own_reward, episode, self._batch.briefing, *end)
 
     def mission_log(self, world: int, policy_name: str) -> MissionLog:
         """The log of a mission so far; the missions must be logged."""
@@ -363,11 +392,43 @@ class VectorEnv:
 
     def _fly(self, answers: Any) -> None:  # noqa: ANN401 - a row
         """Fly on with the answers, with more room for the log as often as that is needed."""
+        flown = [] if self._own is None else self._flown_by(answers)
         n_in_flight = fly_batch(self._batch, answers)
         while n_in_flight:
             n_worlds = len(self._batch.n_events)
             self._batch = self._batch._replace(log=grown_log(self._batch.log, n_worlds))
             n_in_flight = fly_batch(self._batch, new_row(n_worlds, NONE))
+        if self._own is not None:
+            self._look_on(self._own, flown)
+
+    def _flown_by(self, answers: Row[int]) -> list[int]:
+        """The missions that answers carry on."""
+        waiting = enumerate(self._batch.waiting.uav)
+        return [it for it, uav in waiting if uav == IN_FLIGHT or answers[it] != NONE]
+
+    def _make_room(self, own: OwnLayout) -> None:
+        """Make observations longer by a user's numbers."""
+        briefing = self._batch.briefing
+        self._arrayed = arrayed(briefing)
+        size = observation_size(own, len(briefing.is_open), briefing.n_uavs)
+        table = new_table(len(self._batch.n_events), size, 0.0)
+        waiting = self._batch.waiting._replace(observation=table)
+        self._batch = self._batch._replace(waiting=waiting)
+        if self._is_compiled:
+            _say_in_python(own.label)
+
+    def _look_on(self, own: OwnLayout, worlds: Sequence[int]) -> None:
+        """Write a user's numbers of the missions that wait since they were flown on."""
+        batch, n_uavs = self._batch, self._scenario.n_uavs
+        for world in worlds:
+            uav = int(batch.waiting.uav[world])
+            if uav == NONE:
+                continue
+            mission = mission_of(batch.missions, world)
+            view = look(batch.briefing, batch.sensor_field, mission, uav, batch.view_rows)
+            belief = belief_of(batch.beliefs, world * n_uavs + uav)
+            of = belief, view, batch.waiting.legal[world], batch.waiting.observation[world]
+            write_own(own, self._arrayed, uav, *of)
 
     def _check_legal(self, actions: Ints, is_asked: Bools) -> None:
         """Raise ValueError if an action of a mission that is asked is not legal."""
@@ -384,6 +445,11 @@ class VectorEnv:
         return (
             f'action {action} of UAV {uav + 1} in mission {seed} is not legal; legal are {legal}'
         )
+
+
+@cache
+def _say_in_python(label: str) -> None:
+    say(f'observation {label}: its own numbers are made in Python at each decision')
 
 
 @kernel
@@ -410,8 +476,8 @@ def _settings(config: VectorEnvConfig) -> Settings:
     return Settings(
         rule=NONE if config.rule is None else int(config.rule),
         allocator=codes[config.allocator],
-        layout=NONE if config.layout is None else int(config.layout),
-        adviser=NONE if config.layout is None else Layout(config.layout).adviser,
+        layout=NONE if config.layout is None else int(config.layout.base),
+        adviser=NONE if config.layout is None else config.layout.adviser,
         reward=NONE if config.reward is None else int(config.reward),
         is_synchronous=int(config.is_synchronous),
         is_logged=int(config.is_logged),

@@ -10,12 +10,26 @@ from typing import Annotated, Literal
 
 from uav_collect.config import layers, yaml_text
 from uav_collect.config.installed import shared_folders
-from uav_collect.config.rules import name, number, Section, truth, validated, whole, words
+from uav_collect.config.rules import (
+    name,
+    number,
+    Section,
+    truth,
+    validated,
+    whole,
+    words,
+    words_or_code,
+)
 from uav_collect.errors import ConfigError
-from uav_collect.limits import MAX_LAYER_SIZE
+from uav_collect.limits import is_code_name, MAX_LAYER_SIZE
+from uav_collect.missions.own_reward import own_reward, OwnReward
+from uav_collect.training.plug_ins import memory_size, own_mixer, own_network
 from uav_collect.uav.action_codes import NONE
 from uav_collect.uav.briefing import Briefing
-from uav_collect.uav.observation import Layout
+from uav_collect.uav.named_code import named_code
+from uav_collect.uav.observation import AnyLayout
+from uav_collect.uav.own_observation import layout_named
+from uav_collect.uav.user_code import UserCodeError
 from uav_collect.world.reward import crossing_units, KILOJOULE_J, Reward, RewardUnits
 
 _Share = Annotated[float, number(0, 1)]
@@ -27,7 +41,7 @@ _Size = Annotated[int, whole(1, MAX_LAYER_SIZE)]
 class RewardSettings(Section):
     """What the team is rewarded for."""
 
-    goal: Literal['paper', 'energy']
+    goal: Annotated[str, words_or_code('paper', 'energy')]
     discount_per_s: Annotated[float, number(1e-6, 1, 'per s')]
     scale: Annotated[float, number(1e-6, 1e6)]
     # What energy and time count in: kJ and s; crossings of a cell; or, for energy, what the sweep
@@ -39,11 +53,18 @@ class NetworkSettings(Section):
     """Size of the agent network."""
 
     hidden_size: _Size
+    # A user's network; absent: the recurrent one.
+    kind: Annotated[str | None, words_or_code('recurrent')] = None
     # Added to the value of what the sweep advises, where observations show that; absent: 0.
     advice_bonus: Annotated[float | None, number(0, 1e9)] = None
     # What it falls to, evenly over this share of the training, or all of it; absent: it stays.
     advice_bonus_last: Annotated[float | None, number(0, 1e9)] = None
     advice_decay_share: Annotated[float | None, number(0, 1)] = None
+
+    @property
+    def own(self) -> str:
+        """The name of a user's network; '': it is the recurrent one."""
+        return _code_name(self.kind)
 
 
 class MixerSettings(Section):
@@ -53,13 +74,18 @@ class MixerSettings(Section):
     hypernetwork_size: _Size
     pool_side: Annotated[int, whole(1, 64)]
     pooling: Literal['sum', 'mean']
-    # One for each fleet and area, or one for any set of UAVs; absent: fleet.
-    kind: Annotated[str | None, words('fleet', 'set')] = None
+    # One for each fleet and area, or one for any set of UAVs, or a user's; absent: fleet.
+    kind: Annotated[str | None, words_or_code('fleet', 'set')] = None
 
     @property
     def is_of_sets(self) -> bool:
         """Whether one mixer does for all fleets and areas."""
         return self.kind == 'set'
+
+    @property
+    def own(self) -> str:
+        """The name of a user's mixer; '': it is one of ours."""
+        return _code_name(self.kind)
 
 
 class ExplorationSettings(Section):
@@ -173,7 +199,7 @@ class TrainingConfig(Section):
     """All settings of a training."""
 
     name: Annotated[str, name()]
-    observation: Literal['paper', 'egocentric', 'relative']
+    observation: Annotated[str, words_or_code('paper', 'egocentric', 'relative')]
     reward: RewardSettings
     network: NetworkSettings
     mixer: MixerSettings
@@ -187,9 +213,31 @@ class TrainingConfig(Section):
     branches: BranchSettings | None = None  # absent: there are none
 
     @property
-    def layout(self) -> Layout:
+    def layout(self) -> AnyLayout:
         """Layout of the observations."""
-        return Layout[self.observation.upper()]
+        return layout_named(self.observation)
+
+    @property
+    def memory_size(self) -> int:
+        """Numbers that a UAV remembers from decision to decision."""
+        size, own = self.network.hidden_size, self.network.own
+        return memory_size(own, size) if own else size
+
+    @property
+    def code(self) -> tuple[str, ...]:
+        """What users wrote of it, as module:name@version."""
+        names = map(_code_name, self._named.values())
+        return tuple(named_code(name).label for name in names if name)
+
+    @property
+    def _named(self) -> dict[tuple[str, ...], str | None]:
+        """The settings that may name code, by their path."""
+        return {
+            ('observation',): self.observation,
+            ('reward', 'goal'): self.reward.goal,
+            ('network', 'kind'): self.network.kind,
+            ('mixer', 'kind'): self.mixer.kind,
+        }
 
     def advice_bonus(self, share_done: float) -> float:
         """What is added to the value of the advice after a share of the training."""
@@ -207,8 +255,14 @@ class TrainingConfig(Section):
 
     @property
     def reward_kind(self) -> Reward:
-        """Which of the rewards the team gets."""
-        return Reward[self.reward.goal.upper()]
+        """Which of the rewards missions sum up: where a user's follows, the energy's."""
+        return Reward.PAPER if self.reward.goal == 'paper' else Reward.ENERGY
+
+    @property
+    def own_reward(self) -> OwnReward | None:
+        """A user's reward, if the team gets one."""
+        name = _code_name(self.reward.goal)
+        return own_reward(name) if name else None
 
     def reward_units(self, briefing: Briefing) -> RewardUnits:
         """What a second and a joule are worth in a scenario, see also `learning.units`."""
@@ -242,8 +296,8 @@ class TrainingConfig(Section):
 
     @property
     def fingerprint(self) -> str:
-        """16 hex digits that change with any setting."""
-        return hashlib.sha256(self.to_yaml().encode()).hexdigest()[:16]
+        """16 hex digits that change with any setting, and with users' code that one names."""
+        return hashlib.sha256('\n'.join((self.to_yaml(), *self.code)).encode()).hexdigest()[:16]
 
     def to_yaml(self) -> str:
         """The settings as a file that stands alone."""
@@ -265,6 +319,7 @@ def load_preset(
     folders = shared_folders('training')
     document = layers.load(name_or_path, folders, field='preset', overrides=overrides)
     config = validated(TrainingConfig, document)
+    _check_code(config, document)
     if config.layout.adviser == NONE:
         _refuse_advice(config, document)
     if config.network.advice_decay_share is not None and config.network.advice_bonus_last is None:
@@ -295,6 +350,43 @@ def _refuse_advice(config: TrainingConfig, document: layers.Document) -> None:
     ]
     if problems:
         raise ConfigError(*problems)
+
+
+def _check_code(config: TrainingConfig, document: layers.Document) -> None:
+    """Refuse names of users' code that is not there, or is not what it is named for."""
+    problems = []
+    for keys, given in config._named.items():
+        if name := _code_name(given):
+            try:
+                _load_code(keys, name, config)
+            except UserCodeError as error:
+                problems.append(document.problem(keys, f'is {name}: {error}'))
+    if problems:
+        raise ConfigError(*problems)
+
+
+def _load_code(keys: tuple[str, ...], name: str, config: TrainingConfig) -> None:
+    match keys:
+        case ('observation',):
+            layout_named(name)
+        case ('reward', 'goal'):
+            own_reward(name)
+        case ('network', 'kind'):
+            own_network(name)
+            memory_size(name, config.network.hidden_size)
+        case _:
+            own_mixer(name)
+
+
+def _code_name(given: str | None) -> str:
+    """The name of a user's code; '' where a setting has none."""
+    return given if given is not None and is_code_name(given) else ''
+
+
+def code_of_training(config: TrainingConfig, algorithm: str) -> tuple[str, ...]:
+    """What users wrote that a training goes by, as module:name@version, each once."""
+    own = (named_code(algorithm).label,) if is_code_name(algorithm) else ()
+    return tuple(dict.fromkeys((*config.code, *own)))
 
 
 def preset_names() -> tuple[str, ...]:

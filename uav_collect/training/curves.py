@@ -20,6 +20,7 @@ from uav_collect.analysis.trajectories import COLOURS, DPI
 from uav_collect.errors import TrainingRunError
 from uav_collect.kernels.arrays import Floats
 from uav_collect.training.run_record import (
+    algorithm_text,
     CurveAxis,
     CurveMeasure,
     PANEL_FILE,
@@ -78,7 +79,7 @@ def _common_settings(record: RunRecord) -> tuple[object, ...]:
 
 def _labels(records: Sequence[RunRecord]) -> list[str]:
     """The algorithm of each curve, and whatever else differs between the curves."""
-    algorithms = [record.algorithm.upper() for record in records]
+    algorithms = [algorithm_text(record.algorithm) for record in records]
     scenarios = [record.scenario_text for record in records]
     settings = [' '.join((record.preset, *record.overrides)) for record in records]
     others = [

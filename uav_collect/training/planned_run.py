@@ -10,7 +10,7 @@ from typing import Any, TYPE_CHECKING
 
 from uav_collect.errors import TrainingRunError
 from uav_collect.revision import git_revision, package_versions
-from uav_collect.training.run_record import RUN_FILE, RunRecord
+from uav_collect.training.run_record import algorithm_text, RUN_FILE, RunRecord
 
 if TYPE_CHECKING:  # loaded when training, so that --help answers at once
     from uav_collect.scenario.model import Scenario
@@ -41,7 +41,7 @@ class PlannedRun:
         """What is trained, for people; all seeds have the same."""
         record = self.record
         settings = ' '.join((record.preset, *record.overrides))
-        return f'{record.algorithm.upper()}, {record.scenario_text}, {settings}'
+        return f'{algorithm_text(record.algorithm)}, {record.scenario_text}, {settings}'
 
     @property
     def scenario_files(self) -> tuple[Path, ...]:
@@ -63,6 +63,7 @@ def new_record(
         others: the fields of a `RunRecord` that do not follow from these.
     """
     from uav_collect.scenario.load import fingerprint
+    from uav_collect.training.config import code_of_training
 
     names = ' '.join(dict.fromkeys(scenario.name for scenario in scenarios))
     return RunRecord(
@@ -73,6 +74,7 @@ def new_record(
         preset=config.name,
         training_fingerprint=config.fingerprint,
         initial='' if initial is None else initial.header.version,
+        code=code_of_training(config, others['algorithm']),
         started=datetime.datetime.now().astimezone().isoformat(timespec='seconds'),
         git_revision=git_revision(),
         versions=package_versions(),
@@ -91,7 +93,7 @@ def stored_run(folder: Path, record: RunRecord) -> PlannedRun:
         PolicyMismatchError: the policy that it started from cannot be read.
     """
     from uav_collect.scenario.load import fingerprint, from_file
-    from uav_collect.training.config import load_preset
+    from uav_collect.training.config import code_of_training, load_preset
     from uav_collect.uav.policy_file import load_policy
 
     run_file = folder / RUN_FILE
@@ -108,6 +110,8 @@ def stored_run(folder: Path, record: RunRecord) -> PlannedRun:
         names = ' '.join(dict.fromkeys(scenario.name for scenario in scenarios))
         _check_same(first, 'name', names, record.scenario, run_file)
     config = load_preset(folder / CONFIG_FILE)
+    code = code_of_training(config, record.algorithm)
+    _check_same(folder / CONFIG_FILE, 'code', ' '.join(code), ' '.join(record.code), run_file)
     _check_same(
         folder / CONFIG_FILE, 'fingerprint', config.fingerprint, record.training_fingerprint,
         run_file,

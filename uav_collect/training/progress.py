@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from uav_collect.kernels.arrays import Floats
 from uav_collect.kernels.compile import compilation
-from uav_collect.uav.policy_network import policy_rank
+from uav_collect.uav.policy_header import policy_rank
 
 _REPORT_EVERY_S = 1.0
 _N_RECENT = 100  # missions

@@ -17,14 +17,14 @@ import numpy as np
 from uav_collect import files
 from uav_collect.errors import TrainingRunError
 from uav_collect.kernels.arrays import Floats
-from uav_collect.limits import ALGORITHMS, DEVICES, MAX_SEED
+from uav_collect.limits import DEVICES, is_algorithm, is_code_name, MAX_SEED
 
 RUN_FILE = 'run.json'
 VALIDATION_FILE = 'validation.csv'
 PROGRESS_FILE = 'progress.csv'
 FORMAT = 'uav_collect.training/1'
 PANEL_FILE = 'panel.csv'
-_LATER = ('courses',)  # fields that records of before do not have
+_LATER = ('courses', 'code')  # fields that records of before do not have
 _MAX_BYTES = 2**20  # of a record
 _MAX_TABLE_BYTES = 2**30
 _MAX_SHOWN = 60  # characters of a wrong value
@@ -115,7 +115,7 @@ class RunRecord:
     """What was trained: everything in which one run differs from another."""
 
     training: str  # for people, and how the folders of its seeds begin
-    algorithm: str  # aqmix, qmix or aiql
+    algorithm: str  # aqmix, qmix, aiql or module:Name
     scenario: str  # names of the scenarios, each once
     n_uavs: tuple[int, ...]  # of each scenario
     scenario_fingerprint: str  # of each scenario
@@ -135,6 +135,7 @@ class RunRecord:
     is_done: bool  # it has had its time
     # Fingerprints of what courses are drawn from and of the panel; '': it learns in scenarios.
     courses: str = ''
+    code: tuple[str, ...] = ()  # what users wrote of it, each as module:name@version
 
     @property
     def scenario_text(self) -> str:
@@ -155,9 +156,15 @@ class RunRecord:
     def to_json(self) -> bytes:
         """The record as the text of a run.json."""
         values = asdict(self)
-        if not self.courses:  # as in records of before there were courses
-            del values['courses']
+        for name in _LATER:  # as in records of before there were such
+            if not values[name]:
+                del values[name]
         return (json.dumps({'format': FORMAT, **values}, indent=2) + '\n').encode()
+
+
+def algorithm_text(name: str) -> str:
+    """An algorithm, for people."""
+    return name if is_code_name(name) else name.upper()
 
 
 def read_run(folder: Path) -> RunRecord:
@@ -196,7 +203,7 @@ def _record(values: object) -> RunRecord:
     record = RunRecord(**read)
     n_uavs, n_fingerprints = len(record.n_uavs), len(record.scenario_fingerprint.split())
     for is_right, what in (
-        (record.algorithm in ALGORITHMS, f'algorithm is {_shown(record.algorithm)}'),
+        (is_algorithm(record.algorithm), f'algorithm is {_shown(record.algorithm)}'),
         (record.device in DEVICES, f'device is {_shown(record.device)}'),
         (record.seed in record.seeds, f'seeds are {_shown(record.seeds)}: lack {record.seed}'),
         (

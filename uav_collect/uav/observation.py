@@ -9,14 +9,17 @@ A layout's name carries its version: a frozen policy refuses any other.
   that one policy may fly several of both.
 - `egocentric/3`, see `relative_observation`: for any field and fleet, in a frame of the UAV's own,
   with the advice of the sweep.
+Behind the numbers of a layout may stand a user's own ones: an `OwnLayout`, see `own_observation`.
 """
 
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from enum import IntEnum
 import math
 
 import numpy as np
 from uav_collect.errors import ConfigError
-from uav_collect.kernels.arrays import Ints, new_row, Row
+from uav_collect.kernels.arrays import Floats, Ints, new_row, Row
 from uav_collect.kernels.compile import kernel
 from uav_collect.limits import EGOCENTRIC_MAX_UAVS, MAX_UAVS, RELATIVE_MAX_UAVS
 from uav_collect.uav import relative_observation
@@ -28,6 +31,7 @@ from uav_collect.uav.heuristics import choose, Heuristic, MEMORY_SIZE, shares_fo
 from uav_collect.uav.moves import new_moves
 from uav_collect.uav.relative_observation import encode_relative
 from uav_collect.uav.sharing import Shares
+from uav_collect.uav.user_policy import arrayed, Situation, situation_of
 from uav_collect.uav.view import LocalView, VIEW_CELLS
 
 PATCH_SIDE = 9  # cells of the egocentric layout's fine patch
@@ -67,21 +71,58 @@ class Layout(IntEnum):
         """The rule whose advice it shows, and by whose word a UAV flies home; NONE: none's."""
         return int(Heuristic.SWEEP) if self == Layout.RELATIVE else NONE
 
+    @property
+    def base(self) -> 'Layout':
+        """The layout itself, which kernels encode."""
+        return self
 
-def frames(layout: Layout, briefing: Briefing) -> Ints:
+    @property
+    def n_own(self) -> int:
+        """How many numbers of a user's stand behind it."""
+        return 0
+
+
+@dataclass(frozen=True)
+class OwnLayout:
+    """A layout with numbers behind it that a user's code makes, in Python wherever it flies."""
+
+    label: str  # module:name of the code
+    base: Layout
+    n_own: int
+    numbers: Callable[[Situation], Floats] = field(compare=False, repr=False)  # (n_own,)
+
+    @property
+    def max_uavs(self) -> int:
+        """UAVs of a fleet that it has room for."""
+        return self.base.max_uavs
+
+    @property
+    def adviser(self) -> int:
+        """The rule whose advice it shows; NONE: none's."""
+        return self.base.adviser
+
+
+AnyLayout = Layout | OwnLayout
+
+
+def frames(layout: AnyLayout, briefing: Briefing) -> Ints:
     """The frame of each UAV, in which a layout shows it places and actions, (U,)."""
     uavs = range(briefing.n_uavs)
-    if layout != Layout.RELATIVE:
+    if layout.base != Layout.RELATIVE:
         return np.full(briefing.n_uavs, IDENTITY)
     return np.array([frame_of(briefing, uav) for uav in uavs])
 
 
-def observation_size(layout: Layout, n_cells: int, n_uavs: int) -> int:
+def observation_size(layout: AnyLayout, n_cells: int, n_uavs: int) -> int:
     """Length of an observation.
 
     Raises:
         ConfigError: the layout has no room for so many UAVs.
     """
+    return _base_size(layout.base, n_cells, n_uavs) + layout.n_own
+
+
+def _base_size(layout: Layout, n_cells: int, n_uavs: int) -> int:
     if layout == Layout.PAPER:
         return 3 + n_cells + VIEW_CELLS + N_ACTIONS + n_uavs
     if n_uavs > layout.max_uavs:
@@ -97,12 +138,17 @@ def observation_size(layout: Layout, n_cells: int, n_uavs: int) -> int:
     return _N_SCALARS + maps + peers + N_ACTIONS + EGOCENTRIC_MAX_UAVS
 
 
-def observation_bound(layout: Layout, briefing: Briefing, most_bit: float) -> float:
+def observation_bound(layout: AnyLayout, briefing: Briefing, most_bit: float) -> float:
     """What no number of an observation exceeds, in either direction; a whole number, and rough.
 
     Args:
         most_bit: the most data that a cell can hold [bit].
+
+    Returns:
+        Infinity where some numbers are a user's own.
     """
+    if layout.n_own:
+        return math.inf
     if layout == Layout.PAPER:
         return math.ceil(max(1.0, most_bit / _DEMAND_SCALE_BIT))
     if layout == Layout.RELATIVE:
@@ -116,7 +162,7 @@ def observation_bound(layout: Layout, briefing: Briefing, most_bit: float) -> fl
     return math.ceil(max(1.0, *bounds))
 
 
-def advice_columns(layout: Layout, size: int) -> range:
+def advice_columns(layout: AnyLayout, size: int) -> range:
     """Which numbers of an observation show the advice, one-hot by action in the UAV's frame.
 
     Args:
@@ -125,7 +171,8 @@ def advice_columns(layout: Layout, size: int) -> range:
     Returns:
         None where the layout shows none.
     """
-    return range(0) if layout.adviser == NONE else range(size - N_ACTIONS, size)
+    end = size - layout.n_own
+    return range(0) if layout.adviser == NONE else range(end - N_ACTIONS, end)
 
 
 class Observer:
@@ -134,7 +181,7 @@ class Observer:
     It writes the observations of one UAV, one after the other, into the same row.
     """
 
-    def __init__(self, layout: Layout, briefing: Briefing, uav: int) -> None:
+    def __init__(self, layout: AnyLayout, briefing: Briefing, uav: int) -> None:
         """Get ready to look with a UAV, by index.
 
         Raises:
@@ -158,15 +205,44 @@ class Observer:
             self._adviser, self._briefing, *ways, self._uav, belief, view, legal, self._memory
         )
 
-    def encode(self, belief: Belief, view: LocalView, advice: int) -> Row[float]:
+    def encode(self, belief: Belief, view: LocalView, legal: Row[int], advice: int) -> Row[float]:
         """The observation; the same row each time."""
-        of = self._briefing, self._shares, self._uav
-        encode(int(self._layout), *of, belief, view, advice, self.observation)
-        return self.observation
+        layout, row, of = self._layout, self.observation, (self._briefing, self._shares, self._uav)
+        encode(int(layout.base), *of, belief, view, advice, row)
+        if isinstance(layout, OwnLayout):
+            write_own(layout, arrayed(self._briefing), self._uav, belief, view, legal, row)
+        return row
 
     def observe(self, belief: Belief, view: LocalView, legal: Row[int]) -> Row[float]:
         """The observation of a decision among legal actions."""
-        return self.encode(belief, view, self.advice(belief, view, legal))
+        return self.encode(belief, view, legal, self.advice(belief, view, legal))
+
+
+def write_own(
+    layout: OwnLayout,
+    briefing: Briefing,
+    uav: int,
+    belief: Belief,
+    view: LocalView,
+    legal: Row[int],
+    out: Row[float],
+) -> None:
+    """Write a user's numbers behind those of the layout that they extend.
+
+    The sensors below are left out of what the user's code sees: what a learner keeps of a decision
+    does not have them, and it must give the same numbers again.
+
+    Args:
+        briefing: its rows are arrays.
+        out: written at its end, shape (observation_size,).
+
+    Raises:
+        ConfigError: the user's code fails, or does not give so many finite numbers.
+    """
+    seen = view._replace(n_sensors=0)
+    numbers = layout.numbers(situation_of(briefing, uav, belief, seen, legal)).tolist()
+    for index, number in enumerate(numbers, start=len(out) - layout.n_own):
+        out[index] = number
 
 
 @kernel

@@ -8,7 +8,7 @@ from uav_collect.config.installed import shared_folders
 from uav_collect.config.yaml_text import shown
 from uav_collect.errors import PolicyMismatchError
 from uav_collect.kernels.arrays import Row
-from uav_collect.limits import BEST, is_lookahead_name, LOOKAHEAD
+from uav_collect.limits import BEST, is_code_name, is_lookahead_name, LOOKAHEAD
 from uav_collect.scenario.model import Scenario
 from uav_collect.uav.action_codes import NONE
 from uav_collect.uav.belief import Belief
@@ -16,9 +16,10 @@ from uav_collect.uav.briefing import brief, Briefing
 from uav_collect.uav.heuristics import Heuristic, RulePolicy
 from uav_collect.uav.learned_on import strangeness, strangeness_within
 from uav_collect.uav.lookahead import lookahead_named, LookaheadPolicy, slowness
+from uav_collect.uav.named_code import named_code
 from uav_collect.uav.policy_file import FORMAT, load_policy, SUFFIX, WEIGHTS_FORMAT
 from uav_collect.uav.policy_network import FrozenPolicy, LearnedPolicy
-from uav_collect.uav.user_policy import is_user_policy_name, user_policy, UserPolicy
+from uav_collect.uav.user_policy import user_policy, UserPolicy
 from uav_collect.uav.view import LocalView
 
 STRONG = 'strong'  # stands for the learned policy that is shipped for the scenario at hand
@@ -73,7 +74,7 @@ def policy_named(name: str) -> NamedPolicy:
             return RulePolicy(Heuristic.RANDOM)
         case _ if is_lookahead_name(name):  # before functions, whose names look alike
             return lookahead_named(name)
-        case _ if is_user_policy_name(name):
+        case _ if is_code_name(name):
             return user_policy(name)
     file = _file_of(name)
     if file is None:
@@ -116,9 +117,11 @@ def policy_for(name: str, scenario: Scenario) -> NamedPolicy:
 
 def remarks(policy: Policy, scenario: Scenario) -> list[str]:
     """What whoever flies a policy in a scenario should know of it, in one line each."""
-    old = outdated(policy.name, policy.frozen) if isinstance(policy, LearnedPolicy) else None
     slow = slowness(policy, scenario) if isinstance(policy, LookaheadPolicy) else None
-    return [line for line in (old, slow, unfamiliar(policy, scenario)) if line is not None]
+    lines = [slow, unfamiliar(policy, scenario)]
+    if isinstance(policy, LearnedPolicy):
+        lines = [outdated(policy.name, policy.frozen), *lines, changed(policy)]
+    return [line for line in lines if line is not None]
 
 
 def outdated(name: str, policy: FrozenPolicy) -> str | None:
@@ -144,6 +147,20 @@ def unfamiliar(policy: Policy, scenario: Scenario) -> str | None:
         strange += strangeness_within(within, scenario)
     what = f'policy {policy.name} flies outside what it learned on'
     return f'{what}: {"; ".join(strange)}' if strange else None
+
+
+def changed(policy: LearnedPolicy) -> str | None:
+    """In one line, that users' code by which a policy flies is not what it learned with."""
+    header = policy.frozen.header
+    flown = [name for name in (header.layout.label, header.network) if is_code_name(name)]
+    differing = [
+        label
+        for label in header.code.split()
+        if label.split('@')[0] in flown and label != named_code(label.split('@')[0]).label
+    ]
+    if not differing:
+        return None
+    return f'policy {policy.name} learned with {" and ".join(differing)}, which has changed since'
 
 
 def guard_for(policy: Policy, guard_after: int) -> int:

@@ -19,8 +19,10 @@ from uav_collect.config.yaml_text import shown
 from uav_collect.errors import PolicyMismatchError
 from uav_collect.uav.action_codes import NONE
 from uav_collect.uav.learned_on import LearnedOn, LearnedWithin
-from uav_collect.uav.observation import Layout
-from uav_collect.uav.policy_network import check_shapes, FrozenPolicy, PolicyHeader, Validation
+from uav_collect.uav.observation import AnyLayout
+from uav_collect.uav.own_observation import layout_labelled
+from uav_collect.uav.policy_header import check_shapes, PolicyHeader, Validation
+from uav_collect.uav.policy_network import FrozenPolicy
 from uav_collect.uav.tensor_file import parsed_json, read_head, read_tensors, tensor_file
 
 FORMAT = 'uav_collect.policy/2'
@@ -31,7 +33,7 @@ _NO_DIGEST = '0' * 64
 
 # Of a header's field.
 _Value = (
-    Layout | Validation | tuple[LearnedOn, ...] | tuple[LearnedWithin, ...] | int | float | str
+    AnyLayout | Validation | tuple[LearnedOn, ...] | tuple[LearnedWithin, ...] | int | float | str
 )
 
 
@@ -41,6 +43,8 @@ def policy_bytes(policy: FrozenPolicy) -> bytes:
     left_out = {
         'advice_bonus': header.layout.adviser == NONE,
         'learned_within': not header.learned_within,
+        'network': not header.network,
+        'code': not header.code,
     }
     texts = {
         field.name: _text(getattr(header, field.name))
@@ -109,7 +113,7 @@ def _said(digest: str) -> bytes:
 
 
 def _text(value: _Value) -> str:
-    if isinstance(value, Layout):
+    if isinstance(value, AnyLayout):
         return value.label
     if isinstance(value, tuple):
         return json.dumps([asdict(each) for each in value])
@@ -126,11 +130,8 @@ def _header(texts: Mapping[str, str]) -> PolicyHeader:
 
 
 def _parsed(name: str, kind: object, text: str) -> Any:  # noqa: ANN401 - of that kind
-    if kind is Layout:
-        known = {layout.label: layout for layout in Layout}
-        if text not in known:
-            raise PolicyMismatchError(f'{name} is {shown(text)}: must be {" or ".join(known)}')
-        return known[text]
+    if kind == AnyLayout:
+        return layout_labelled(text)
     if kind is int:
         if not (text.isascii() and text.isdecimal() and len(text) <= _MAX_DIGITS):
             raise PolicyMismatchError(f'{name} is {shown(text)}: must be a whole number')

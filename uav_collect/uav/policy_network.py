@@ -1,100 +1,37 @@
-"""A frozen policy: the weights of a recurrent network that learns no more, and where it is from.
+"""A frozen policy: a network that learns no more, in numpy alone and in float64, and its header.
 
-The network is encoder, GRU cell, head:
-
-    h = GRU(relu(encoder(observation)), h of the UAV's decision before, zero at first)
-    Q = head(h), one value per action
-
-It runs on numpy alone, in float64. A batch of decisions gives each of them the very bits that it
-gets alone, so missions flown many at once equal those flown by one agent per UAV.
+A batch of decisions gives each of them the very bits that it gets alone, so missions flown many at
+once equal those flown by one agent per UAV. The header's `network` says which one it is:
+- nothing: encoder, GRU cell, head, as `Recurrent` has them;
+- names of layers and activations, separated by spaces: `Layers`, which the file alone describes;
+- `module:Name`: a user's class, whose module must be there.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
+from functools import cache
 import hashlib
-from itertools import product
-from typing import Annotated
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from uav_collect.config.rules import number, text, whole
-from uav_collect.config.yaml_text import shown
 from uav_collect.errors import PolicyMismatchError
 from uav_collect.kernels.arrays import Bools, Floats, Ints, Row, row_of
-from uav_collect.limits import MAX_CELLS_PER_SIDE, MAX_LAYER_SIZE, MAX_SEED
+from uav_collect.limits import is_code_name
 from uav_collect.uav.action_codes import HOME, N_ACTIONS, NONE
 from uav_collect.uav.belief import Belief
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.exploration import explore
 from uav_collect.uav.frames import COMPASS_ACTIONS
-from uav_collect.uav.learned_on import LearnedOn, LearnedWithin
-from uav_collect.uav.observation import Layout, observation_size, Observer
+from uav_collect.uav.named_code import named_code, NamedCode
+from uav_collect.uav.observation import Observer
+from uav_collect.uav.policy_header import ACTIVATIONS, check_shapes, PolicyHeader
+from uav_collect.uav.user_code import UserCodeError, value_text
 from uav_collect.uav.view import LocalView
-
-_ALMOST_ALL = 0.99  # of the missions: from there on efficiency alone decides
-
-_MAX_BONUS = 1e12
-_MAX_TEXT = 4096  # characters of a text in a header; one may name many scenarios
 
 Weights = Mapping[str, NDArray[np.float32]]
 
-_Share = Annotated[float, number(0, 1)]
-_Amount = Annotated[float, number(0, 1e12)]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Validation:
-    """What a policy achieved on average in missions that it did not learn from."""
-
-    efficiency_kbit_per_j: _Amount
-    completion_s: _Amount
-    energy_kj: _Amount
-    collected_share: _Share
-    complete_share: _Share  # of the missions: all data collected
-    safe_share: _Share  # of the missions: every UAV landed with its margin
-    missions: Annotated[int, whole(0, MAX_SEED)]
-    bandwidth: Annotated[str, text(64)]  # how it was shared
-
-    @property
-    def rank(self) -> tuple[float, float]:
-        """How good the policy is: of two, the one of greater rank is kept."""
-        return policy_rank(self.complete_share, self.safe_share, self.efficiency_kbit_per_j)
-
-
-def policy_rank(
-    complete_share: float, safe_share: float, efficiency_kbit_per_j: float
-) -> tuple[float, float]:
-    """How good a policy is by its validation: of two, the one of greater rank is kept.
-
-    A policy that leaves data or a UAV behind is no better for having saved energy.
-    """
-    return min(complete_share, safe_share, _ALMOST_ALL), efficiency_kbit_per_j
-
-
-@dataclass(frozen=True, kw_only=True)
-class PolicyHeader:
-    """What a frozen policy sees, what it may fly, and how it was learned."""
-
-    layout: Layout
-    observation_size: int
-    hidden_size: int
-    cells_per_side_min: int
-    cells_per_side_max: int
-    n_uavs_min: int
-    n_uavs_max: int
-    scenario: str  # that it learned in
-    fingerprint: str  # of that scenario
-    preset: str  # of the training
-    algorithm: str  # aqmix, qmix or aiql
-    seed: int  # of the training
-    decisions: int  # learned from
-    updates: int  # of the weights
-    version: str  # for people and for logs: run, update, digest of the weights
-    git_revision: str
-    validation: Validation
-    learned_on: tuple[LearnedOn, ...] = ()  # by scenario; none where the file does not say
-    advice_bonus: float = 0.0  # added to the value of what the layout's adviser would do
-    learned_within: tuple[LearnedWithin, ...] = ()  # one of drawn scenarios; else none
+_NORM_EPSILON = 1e-5  # torch's own
 
 
 class FrozenPolicy:
@@ -106,7 +43,7 @@ class FrozenPolicy:
         """Check the weights and lay them out as inference reads them.
 
         Args:
-            weights: float32 by name, of the shapes that `weight_shapes` gives.
+            weights: float32 by name, of the shapes that `policy_header.check_network` takes.
             is_header_covered: by the digest of the file that it was read from, if from any.
 
         Raises:
@@ -117,16 +54,7 @@ class FrozenPolicy:
         self.header = header
         self.is_header_covered = is_header_covered
         self.weights = dict(weights)
-        # Upcast once; transposed, so that each product walks the memory in order.
-        wide = {name: np.asarray(tensor, dtype=np.float64) for name, tensor in weights.items()}
-        self._encoder = np.ascontiguousarray(wide['encoder.weight'].T)  # (O, H)
-        self._encoder_bias = wide['encoder.bias']
-        self._input = np.ascontiguousarray(wide['gru.weight_ih'].T)  # (H, 3 H)
-        self._input_bias = wide['gru.bias_ih']
-        self._recurrent = np.ascontiguousarray(wide['gru.weight_hh'].T)  # (H, 3 H)
-        self._recurrent_bias = wide['gru.bias_hh']
-        self._head = np.ascontiguousarray(wide['head.weight'].T)  # (H, A)
-        self._head_bias = wide['head.bias']
+        self._network = network_of(header.network, weights)
 
     @property
     def digest(self) -> str:
@@ -147,15 +75,7 @@ class FrozenPolicy:
         Returns:
             Q, shape (N, A), and the hidden states after this decision, shape (N, H).
         """
-        size = self.header.hidden_size
-        encoded = np.maximum(_product(observation, self._encoder) + self._encoder_bias, 0.0)
-        from_input = _product(encoded, self._input) + self._input_bias
-        from_hidden = _product(hidden, self._recurrent) + self._recurrent_bias
-        gates = _sigmoid(from_input[:, : 2 * size] + from_hidden[:, : 2 * size])
-        reset, update = gates[:, :size], gates[:, size:]
-        new = np.tanh(from_input[:, 2 * size :] + reset * from_hidden[:, 2 * size :])
-        following = new + update * (hidden - new)
-        return _product(following, self._head) + self._head_bias, following
+        return self._network.step(observation, hidden)
 
     def actions(self, values: Floats, legal: Bools, frame: Ints, advice: Ints) -> Ints:
         """The legal action of the highest value in each row, the lowest of the frame's that tie.
@@ -176,22 +96,6 @@ class FrozenPolicy:
         best = best_actions(values, np.take_along_axis(legal, turned, axis=1))
         chosen: Ints = turned[np.arange(len(best)), best]
         return chosen
-
-    def misfit(self, briefing: Briefing) -> str | None:
-        """Why the policy cannot fly a fleet over an area; None if it can."""
-        header = self.header
-        area, n_uavs = (briefing.n_rows, briefing.n_columns), briefing.n_uavs
-        least, most = header.cells_per_side_min, header.cells_per_side_max
-        known = _areas_of_paper(header)
-        if known and area not in known:
-            allowed = ' or '.join(f'{rows} x {columns}' for rows, columns in sorted(known))
-            return f'area is {area[0]} x {area[1]} cells: must be {allowed}'
-        if not all(least <= side <= most for side in area):
-            allowed = f'must have {_span(least, most)} rows and columns'
-            return f'area is {area[0]} x {area[1]} cells: {allowed}'
-        if not header.n_uavs_min <= n_uavs <= header.n_uavs_max:
-            return f'n_uavs is {n_uavs}: must be {_span(header.n_uavs_min, header.n_uavs_max)}'
-        return None
 
 
 @dataclass
@@ -228,7 +132,7 @@ class LearnedPolicy:
         Raises:
             PolicyMismatchError: it did not learn to fly such a fleet, or such an area.
         """
-        misfit = self.frozen.misfit(briefing)
+        misfit = self.frozen.header.misfit(briefing)
         if misfit is not None:
             raise PolicyMismatchError(f'policy {self.name}: {misfit}')
         self._observer = Observer(self.frozen.header.layout, briefing, uav)
@@ -243,7 +147,7 @@ class LearnedPolicy:
         self._advice = observer.advice(belief, view, legal)
         if self._advice == HOME:
             return HOME
-        observed = np.array([observer.encode(belief, view, self._advice)], dtype=np.float64)
+        observed = np.array([observer.encode(belief, view, legal, self._advice)], dtype=np.float64)
         values, self._hidden = self.frozen.step(observed, self._hidden)
         frame, advice = np.array([observer.frame]), np.array([self._advice])
         return int(self.frozen.actions(values, np.array([legal]) == 1, frame, advice)[0])
@@ -310,26 +214,184 @@ def best_actions(values: Floats, legal: Bools) -> Ints:
     return best
 
 
-def weight_shapes(observation_size: int, hidden_size: int) -> dict[str, tuple[int, ...]]:
-    """The tensors of a policy by name; gates in the order reset, update, new."""
-    return {
-        'encoder.weight': (hidden_size, observation_size),
-        'encoder.bias': (hidden_size,),
-        'gru.weight_ih': (3 * hidden_size, hidden_size),
-        'gru.weight_hh': (3 * hidden_size, hidden_size),
-        'gru.bias_ih': (3 * hidden_size,),
-        'gru.bias_hh': (3 * hidden_size,),
-        'head.weight': (N_ACTIONS, hidden_size),
-        'head.bias': (N_ACTIONS,),
-    }
-
-
 def weights_digest(weights: Weights) -> str:
     """64 hex digits that change with any weight: SHA-256 of their bytes in the names' order."""
     digest = hashlib.sha256()
     for name in sorted(weights):
         digest.update(np.ascontiguousarray(weights[name], dtype='<f4').tobytes())
     return digest.hexdigest()
+
+
+class Network(Protocol):
+    """What values the actions of decisions."""
+
+    def step(self, observation: Floats, memory: Floats) -> tuple[Floats, Floats]:
+        """Value the actions of decisions of different UAVs or missions.
+
+        Args:
+            observation: shape (N, observation_size).
+            memory: of each UAV after its decision before, zeros at first, shape (N, H).
+
+        Returns:
+            Q, shape (N, A), and the memories after this decision, shape (N, H).
+        """
+
+
+def network_of(text: str, weights: Weights) -> Network:
+    """The network that a header's text and its weights make.
+
+    Raises:
+        PolicyMismatchError: it is a user's class, and that is missing or lacks something.
+    """
+    match text:
+        case '':
+            return Recurrent(weights)
+        case _ if is_code_name(text):
+            return _OwnNetwork(text, weights)
+        case _:
+            return Layers(text, weights)
+
+
+class Recurrent:
+    """Encoder, GRU cell, head.
+
+    h = GRU(relu(encoder(observation)), h of the UAV's decision before, zero at first)
+    Q = head(h), one value per action
+    """
+
+    def __init__(self, weights: Weights) -> None:
+        """Lay the weights out as inference reads them."""
+        self._encoder = _Linear(weights, 'encoder')
+        self._cell = _Gru(weights, 'gru')
+        self._head = _Linear(weights, 'head')
+
+    def step(self, observation: Floats, memory: Floats) -> tuple[Floats, Floats]:
+        """Value the actions of decisions of different UAVs or missions, see `Network`."""
+        encoded = np.maximum(self._encoder(observation), 0.0)
+        following = self._cell(encoded, memory)
+        return self._head(following), following
+
+
+class Layers:
+    """Layers and activations one after the other; one of them may be a GRU cell."""
+
+    def __init__(self, text: str, weights: Weights) -> None:
+        """Lay the weights out; their shapes are those that `check_layers` takes."""
+        self._layers = [
+            name if name in ACTIVATIONS else _layer(weights, name) for name in text.split()
+        ]
+
+    def step(self, observation: Floats, memory: Floats) -> tuple[Floats, Floats]:
+        """Value the actions of decisions of different UAVs or missions, see `Network`."""
+        x = observation
+        for layer in self._layers:
+            match layer:
+                case 'relu':
+                    x = np.maximum(x, 0.0)
+                case 'tanh':
+                    x = np.tanh(x)
+                case _Gru():
+                    x = memory = layer(x, memory)
+                case _Linear() | _Norm():
+                    x = layer(x)
+        return x, memory
+
+
+class _OwnNetwork:
+    """What a user's class computes on board by its `fly`."""
+
+    def __init__(self, name: str, weights: Weights) -> None:
+        self._name = name
+        self._weights = {key: np.asarray(it, dtype=np.float64) for key, it in weights.items()}
+        self._code = _code(name)
+
+    def step(self, observation: Floats, memory: Floats) -> tuple[Floats, Floats]:
+        """Value the actions of decisions of different UAVs or missions, see `Network`."""
+        code, fly = self._code, getattr(self._code.target, 'fly', None)
+        try:
+            answers = [
+                code.call(fly, self._weights, observation[row], memory[row])  # type: ignore[arg-type]
+                for row in range(len(observation))  # one by one: a batch might round otherwise
+            ]
+            values, memories = (
+                np.array([answer[part] for answer in answers], dtype=np.float64)
+                for part in range(2)
+            )
+        except UserCodeError as error:
+            raise PolicyMismatchError(f'network {self._name}: {error}') from error
+        except (TypeError, ValueError, IndexError):
+            raise self._unlike(value_text(answers[0]), memory) from None
+        if values.shape != (len(observation), N_ACTIONS) or memories.shape != memory.shape:
+            raise self._unlike(value_text(answers[0]), memory)
+        return values, memories
+
+    def _unlike(self, shown: str, memory: Floats) -> PolicyMismatchError:
+        wanted = f'{N_ACTIONS} values and {memory.shape[1]} numbers of memory'
+        return PolicyMismatchError(f'network {self._name}: fly gives {shown}: must be {wanted}')
+
+
+@cache
+def _code(name: str) -> NamedCode:
+    try:
+        return named_code(name, ('fly',))
+    except UserCodeError as error:
+        what = f'network {name}: {error}; the policy flies by its class alone'
+        raise PolicyMismatchError(what) from error
+
+
+def _layer(weights: Weights, name: str) -> '_Linear | _Gru | _Norm':
+    if f'{name}.weight_ih' in weights:
+        return _Gru(weights, name)
+    return _Norm(weights, name) if weights[f'{name}.weight'].ndim == 1 else _Linear(weights, name)
+
+
+class _Linear:
+    def __init__(self, weights: Weights, name: str) -> None:
+        self._weight = _transposed(weights[f'{name}.weight'])  # (in, out)
+        self._bias = _wide(weights[f'{name}.bias'])
+
+    def __call__(self, x: Floats) -> Floats:
+        return _product(x, self._weight) + self._bias
+
+
+class _Norm:
+    """Layer normalisation over a row."""
+
+    def __init__(self, weights: Weights, name: str) -> None:
+        self._weight, self._bias = _wide(weights[f'{name}.weight']), _wide(weights[f'{name}.bias'])
+
+    def __call__(self, x: Floats) -> Floats:
+        centred = x - x.mean(axis=1, keepdims=True)
+        spread = np.sqrt((centred * centred).mean(axis=1, keepdims=True) + _NORM_EPSILON)
+        normed: Floats = centred / spread * self._weight + self._bias
+        return normed
+
+
+class _Gru:
+    def __init__(self, weights: Weights, name: str) -> None:
+        self._input = _transposed(weights[f'{name}.weight_ih'])  # (in, 3 H)
+        self._input_bias = _wide(weights[f'{name}.bias_ih'])
+        self._recurrent = _transposed(weights[f'{name}.weight_hh'])  # (H, 3 H)
+        self._recurrent_bias = _wide(weights[f'{name}.bias_hh'])
+
+    def __call__(self, x: Floats, memory: Floats) -> Floats:
+        size = memory.shape[1]
+        from_input = _product(x, self._input) + self._input_bias
+        from_memory = _product(memory, self._recurrent) + self._recurrent_bias
+        gates = _sigmoid(from_input[:, : 2 * size] + from_memory[:, : 2 * size])
+        reset, update = gates[:, :size], gates[:, size:]
+        new = np.tanh(from_input[:, 2 * size :] + reset * from_memory[:, 2 * size :])
+        following: Floats = new + update * (memory - new)
+        return following
+
+
+def _wide(tensor: NDArray[np.float32]) -> Floats:
+    return np.asarray(tensor, dtype=np.float64)
+
+
+def _transposed(tensor: NDArray[np.float32]) -> Floats:
+    # So that each product walks the memory in order.
+    return np.ascontiguousarray(_wide(tensor).T)
 
 
 def _product(rows: Floats, matrix: Floats) -> Floats:
@@ -340,74 +402,6 @@ def _product(rows: Floats, matrix: Floats) -> Floats:
 
 def _sigmoid(x: Floats) -> Floats:
     return 0.5 * np.tanh(0.5 * x) + 0.5  # exp would overflow
-
-
-def _span(low: int, high: int) -> str:
-    return str(low) if low == high else f'{low} to {high}'
-
-
-def check_shapes(header: PolicyHeader, shapes: Mapping[str, tuple[int, ...]]) -> None:
-    """Refuse a header that contradicts itself, or tensors that are not of its shapes.
-
-    Raises:
-        PolicyMismatchError: one line: what, its value, what it must be.
-    """
-    _check_texts(header)
-    _check_numbers(header)
-    wanted = weight_shapes(header.observation_size, header.hidden_size)
-    if unlike := sorted(wanted.keys() ^ shapes.keys()):
-        what = 'is missing' if unlike[0] in wanted else 'is unknown'
-        raise PolicyMismatchError(f'tensor {shown(unlike[0])} {what}: must be {", ".join(wanted)}')
-    for name, shape in wanted.items():
-        if shapes[name] != shape:
-            raise PolicyMismatchError(
-                f'{name} has shape {shown([*shapes[name]])}: must be {list(shape)}'
-            )
-
-
-def _areas_of_paper(header: PolicyHeader) -> set[tuple[int, int]]:
-    """The areas, in rows and columns, that alone a policy can fly; none: not so, or squares."""
-    if header.layout != Layout.PAPER or not any(it.rows for it in header.learned_on):
-        return set()
-    return {it.area for it in header.learned_on}
-
-
-def _check_texts(header: PolicyHeader) -> None:
-    for field_ in fields(header):
-        value = getattr(header, field_.name)
-        if isinstance(value, str) and not (value.isprintable() and len(value) <= _MAX_TEXT):
-            allowed = f'{_MAX_TEXT} printable characters at most'
-            raise PolicyMismatchError(f'{field_.name} is {shown(value)}: must be {allowed}')
-
-
-def _check_numbers(header: PolicyHeader) -> None:
-    most_uavs = header.layout.max_uavs
-    largest = header.cells_per_side_max
-    for name, value, low, high in (
-        ('hidden_size', header.hidden_size, 1, MAX_LAYER_SIZE),
-        ('cells_per_side_min', header.cells_per_side_min, 1, largest),
-        ('cells_per_side_max', largest, header.cells_per_side_min, MAX_CELLS_PER_SIDE),
-        ('n_uavs_min', header.n_uavs_min, 1, header.n_uavs_max),
-        ('n_uavs_max', header.n_uavs_max, header.n_uavs_min, most_uavs),
-    ):
-        if not low <= value <= high:
-            raise PolicyMismatchError(f'{name} is {value}: must be {_span(low, max(low, high))}')
-    most_bonus = _MAX_BONUS if header.layout.adviser != NONE else 0.0
-    if not 0.0 <= header.advice_bonus <= most_bonus:
-        raise PolicyMismatchError(
-            f'advice_bonus is {header.advice_bonus:g}: must be from 0 to {most_bonus:g} for '
-            f'{header.layout.label}'
-        )
-    squares = {(side, side) for side in (header.cells_per_side_min, header.cells_per_side_max)}
-    areas = sorted(_areas_of_paper(header) or squares)
-    for (rows, columns), n_uavs in product(areas, (header.n_uavs_min, header.n_uavs_max)):
-        size = observation_size(header.layout, rows * columns, n_uavs)
-        if size != header.observation_size:
-            words = f'{rows} cells per side' if rows == columns else f'{rows} x {columns} cells'
-            raise PolicyMismatchError(
-                f'observation_size is {header.observation_size}: must be {size} for '
-                f'{header.layout.label}, {words} and {n_uavs} UAVs'
-            )
 
 
 def _check_weights(weights: Weights) -> None:

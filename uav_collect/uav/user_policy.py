@@ -8,14 +8,8 @@ alone: then a mission is the same to the byte however it is flown.
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-import hashlib
-import importlib
-from inspect import getattr_static
 import operator
-import os
-from pathlib import Path
-import sys
-from types import CoroutineType, ModuleType
+from types import CoroutineType
 from typing import Any
 
 import numpy as np
@@ -24,17 +18,15 @@ from uav_collect.kernels.arrays import Ints, Row
 from uav_collect.uav.action_codes import HOME, N_ACTIONS, NONE
 from uav_collect.uav.belief import Belief, BeliefRows
 from uav_collect.uav.briefing import Briefing
+from uav_collect.uav.named_code import code_of, named_code
 from uav_collect.uav.user_code import (
     definition_text,
     kind_text,
-    name_text,
     run_user_code,
     UserCodeError,
     value_text,
 )
 from uav_collect.uav.view import LocalView
-
-_VERSION_DIGITS = 12
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,7 +58,7 @@ class UserPolicy:
         Raises:
             PolicyMismatchError: the class fails, or makes nothing that can be called.
         """
-        self._briefing, self._uav = Briefing(*map(_arrayed, briefing)), uav
+        self._briefing, self._uav = arrayed(briefing), uav
         self._decide = self.target
         if isinstance(self.target, type):
             try:
@@ -85,7 +77,7 @@ class UserPolicy:
         """
         if self._briefing is None or self._decide is None:
             raise RuntimeError('a policy must begin a mission before it chooses')
-        situation = _situation(self._briefing, self._uav, belief, view, legal)
+        situation = situation_of(self._briefing, self._uav, belief, view, legal)
         try:
             answer = run_user_code(self.file, self._decide, situation)
             action = self._action(answer)
@@ -119,27 +111,17 @@ class UserPolicy:
         return PolicyMismatchError(f'policy {self.name}: {what}')
 
 
-def is_user_policy_name(name: str) -> bool:
-    """Whether a name has the form `module:function`."""
-    module, colon, function = name.partition(':')
-    return bool(colon) and all(part.isidentifier() for part in (*module.split('.'), function))
-
-
 def user_policy(name: str) -> UserPolicy:
     """The policy `module:function`; the module may lie in the working directory.
 
     Raises:
         PolicyMismatchError: there is no such module or function, or the module fails.
     """
-    module_name, _, function = name.partition(':')
-    module = _imported(name, module_name)
-    target = getattr_static(module, function, None)
-    if target is None:
-        raise PolicyMismatchError(f'policy {name}: module {module_name} has no {function}')
-    if not callable(target):
-        what = f'{function} is a {kind_text(target)}: must be a function'
-        raise PolicyMismatchError(f'policy {name}: {what}')
-    return _policy(name, target, module)
+    try:
+        code = named_code(name)
+    except UserCodeError as error:
+        raise PolicyMismatchError(f'policy {name}: {error}') from error
+    return UserPolicy(name=name, version=code.version, target=code.target, file=code.file)
 
 
 def policy_of(target: Callable[..., Any]) -> UserPolicy:
@@ -151,52 +133,14 @@ def policy_of(target: Callable[..., Any]) -> UserPolicy:
     if not callable(target):
         what = value_text(target)
         raise PolicyMismatchError(f'policy {what}: must be a name, a function or a class')
-    module = getattr_static(target, '__module__', None)
-    found = sys.modules.get(module) if isinstance(module, str) else None
-    return _policy(name_text(target), target, found)
+    code = code_of(target)
+    return UserPolicy(name=code.name, version=code.version, target=target, file=code.file)
 
 
-def _policy(name: str, target: Callable[..., Any], module: ModuleType | None) -> UserPolicy:
-    file = vars(module).get('__file__') if isinstance(module, ModuleType) else None
-    file = file if isinstance(file, str) else None
-    return UserPolicy(name=name, version=_version(file), target=target, file=file)
-
-
-def _imported(policy: str, module: str) -> ModuleType:
-    # An installed command, unlike "python -m", does not look where the user is.
-    if not {'', os.getcwd()} & set(sys.path):
-        sys.path.append(os.getcwd())
-    try:
-        found = run_user_code(None, importlib.import_module, module)
-    except UserCodeError as failure:
-        error = failure.__cause__
-        name = error.name if isinstance(error, ModuleNotFoundError) else None
-        if name is not None and f'{module}.'.startswith(f'{name}.'):
-            raise PolicyMismatchError(
-                f'policy {policy}: there is no module {name} in {os.getcwd()} or where else '
-                'Python looks (PYTHONPATH)'
-            ) from None
-        raise PolicyMismatchError(
-            f'policy {policy}: module {module} cannot be imported: {failure}'
-        ) from failure
-    if not isinstance(found, ModuleType):
-        what = f'module {module} is a {kind_text(found)}: must be a module'
-        raise PolicyMismatchError(f'policy {policy}: {what}')
-    return found
-
-
-def _version(file: str | None) -> str:
-    """A digest of a module's file, so that results tell which one was flown."""
-    try:
-        content = Path(file or '').read_bytes()
-    except (OSError, ValueError):  # it has none, or lies in an archive
-        return 'built-in'
-    return hashlib.sha256(content).hexdigest()[:_VERSION_DIGITS]
-
-
-def _situation(
+def situation_of(
     briefing: Briefing, uav: int, belief: Belief, view: LocalView, legal: Row[int]
 ) -> Situation:
+    """What a UAV knows, copied: whoever gets it may write into it."""
     # Interpreted kernels hand out lists, and an empty list does not tell what it would hold.
     n_sensors = view.n_sensors
     complete = np.array(belief.complete, dtype=np.uint8)
@@ -216,5 +160,7 @@ def _situation(
     )
 
 
-def _arrayed(value: Any) -> Any:  # noqa: ANN401 - a number or a row
-    return value if isinstance(value, int | float) else np.array(value)
+def arrayed(briefing: Briefing) -> Briefing:
+    """A briefing whose rows are numpy arrays, copies of its own."""
+    values: Any = (it if isinstance(it, int | float) else np.array(it) for it in briefing)
+    return Briefing(*values)

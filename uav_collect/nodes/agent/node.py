@@ -31,8 +31,10 @@ from uav_collect.scenario.model import Scenario
 from uav_collect.uav.action_codes import NONE
 from uav_collect.uav.agent import Agent, allocator_named
 from uav_collect.uav.briefing import brief, Briefing
-from uav_collect.uav.observation import Layout
+from uav_collect.uav.observation import AnyLayout, Layout
+from uav_collect.uav.own_observation import layout_named
 from uav_collect.uav.policy import guard_for, remarks, TOPIC
+from uav_collect.uav.user_code import UserCodeError
 from uav_collect_msgs.srv import Join
 
 _ASK_PERIOD_S = 0.25  # between two requests to join
@@ -385,7 +387,7 @@ class AgentNode(ProcessNode):
             self._command_pub.publish(command)
 
 
-def _layout_named(name: str) -> Layout | None:
+def _layout_named(name: str) -> AnyLayout | None:
     """The layout that a parameter names; None if it is empty.
 
     Raises:
@@ -394,10 +396,13 @@ def _layout_named(name: str) -> Layout | None:
     if not name:
         return None
     try:
-        return Layout[name.upper()]
+        return layout_named(name)
     except KeyError:
         known = ', '.join(layout.name.lower() for layout in Layout)
-        raise NodeError(f'observation_layout {name!r} is unknown; there are {known}') from None
+        what = f'is unknown; there are {known} and module:Name'
+        raise NodeError(f'observation_layout {name!r} {what}') from None
+    except UserCodeError as error:
+        raise NodeError(f'observation_layout {name!r}: {error}') from error
 
 
 def main(argv: Sequence[str]) -> int:

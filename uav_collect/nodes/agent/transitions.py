@@ -9,7 +9,7 @@ from uav_collect.uav.action_codes import BY_POLICY, HOME
 from uav_collect.uav.agent import Agent
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.messages import Decision
-from uav_collect.uav.observation import Layout, Observer
+from uav_collect.uav.observation import AnyLayout, Observer
 from uav_collect.uav.view import LocalView
 
 
@@ -17,7 +17,7 @@ class TransitionBuilder:
     """Builds the messages about one UAV's decisions."""
 
     def __init__(
-        self, layout: Layout | None, briefing: Briefing, uav: int, scenario_fingerprint: str
+        self, layout: AnyLayout | None, briefing: Briefing, uav: int, scenario_fingerprint: str
     ) -> None:
         """Build the transitions of a UAV, by index.
 
@@ -28,7 +28,7 @@ class TransitionBuilder:
         self._briefing = briefing
         self._uav = uav
         self._scenario = scenario_fingerprint
-        self._observers: dict[Layout, Observer] = {}
+        self._observers: dict[AnyLayout, Observer] = {}
 
     def transition(
         self, observation: Any, view: LocalView, agent: Agent, decision: Decision
@@ -50,7 +50,7 @@ class TransitionBuilder:
             action=decision.action,
         )
 
-    def _layout_of(self, agent: Agent) -> Layout:
+    def _layout_of(self, agent: Agent) -> AnyLayout:
         """The layout that learners asked for, or that of the policy which flies."""
         if self._layout is not None:
             return self._layout
@@ -58,7 +58,9 @@ class TransitionBuilder:
             raise RuntimeError('a layout is only implied by the policy of a trainer')
         return agent.policy.current.learned.frozen.header.layout
 
-    def _chosen_from(self, layout: Layout, agent: Agent, decision: Decision) -> Row[float] | None:
+    def _chosen_from(
+        self, layout: AnyLayout, agent: Agent, decision: Decision
+    ) -> Row[float] | None:
         """The observation as the policy has encoded it, if it did: that takes a while."""
         policy = agent.policy
         if decision.reason != BY_POLICY or decision.action == HOME:  # that it may not have to see
@@ -70,7 +72,7 @@ class TransitionBuilder:
             return None
         return learned.observation
 
-    def _observer(self, layout: Layout) -> Observer:
+    def _observer(self, layout: AnyLayout) -> Observer:
         """What encodes observations in a layout; the same one for all decisions."""
         if layout not in self._observers:
             self._observers[layout] = Observer(layout, self._briefing, self._uav)

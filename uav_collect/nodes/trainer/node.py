@@ -153,8 +153,8 @@ class TrainerNode(ProcessNode):
         """What joins the missions of one world into episodes as the run learns from them."""
         scenario, config = self._run.scenarios[0], self._run.config
         site = build_site(scenario)
-        units = reward_units(config, site)
-        builder = EpisodeBuilder(site, config.layout, config.reward_kind, *units)
+        rewards = config.reward_kind, *reward_units(config, site), config.own_reward
+        builder = EpisodeBuilder(site, config.layout, *rewards)
         if kernels_are_compiled():
             builder.warm_up()
         return MissionJoiner(

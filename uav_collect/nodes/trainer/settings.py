@@ -5,12 +5,13 @@ from pathlib import Path
 
 from rclpy.node import Node
 from uav_collect.errors import TrainingRunError
-from uav_collect.limits import FLEET_ALGORITHMS, MAX_DECISIONS, MAX_SEED
+from uav_collect.limits import MAX_DECISIONS, MAX_SEED
 from uav_collect.nodes.parameters import declare, Parameter, values_of
 from uav_collect.scenario.load import load, parse_override
 from uav_collect.training.config import load_preset
 from uav_collect.training.folder import BEGINNING, BEST_POLICY
 from uav_collect.training.planned_run import new_record, PlannedRun, stored_run
+from uav_collect.training.plug_ins import check_fleet_algorithm
 from uav_collect.training.run_record import (
     PROGRESS_FILE,
     read_run,
@@ -31,7 +32,7 @@ PARAMETERS = (
     Parameter(
         name='algorithm',
         default='aqmix',
-        description='how it learns: aqmix or aiql',
+        description='how it learns: aqmix, aiql, or module:Name of a class like one of these',
     ),
     Parameter(
         name='preset',
@@ -157,14 +158,11 @@ def planned_run(settings: TrainerSettings) -> PlannedRun:
     """The run that the settings mean: a new one, or the one that the folder holds.
 
     Raises:
-        TrainingRunError: the folder is of something else, or the algorithm needs one process.
-        ConfigError: scenario or preset are not valid.
+        TrainingRunError: the folder is of something else.
+        ConfigError: scenario or preset are not valid, or the algorithm needs one process.
         PolicyMismatchError: the policy to start from cannot be read.
     """
-    if settings.algorithm not in FLEET_ALGORITHMS:
-        known = ' or '.join(FLEET_ALGORITHMS)
-        why = ': qmix lets all UAVs wait for each other' if settings.algorithm == 'qmix' else ''
-        raise TrainingRunError(f'algorithm is {settings.algorithm!r}: must be {known}{why}')
+    check_fleet_algorithm(settings.algorithm)
     if not settings.output_dir:
         raise TrainingRunError('output_dir is missing: must be a folder for the run')
     run = _new_run(settings, Path(settings.output_dir))

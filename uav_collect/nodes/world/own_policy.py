@@ -26,7 +26,7 @@ def own_policy_msg(scenario: str, briefing: Briefing, warn: Callable[[str], obje
         except PolicyMismatchError as error:
             warn(f'it cannot be chosen: {error}')
             continue
-        misfit = policy.misfit(briefing)
+        misfit = policy.header.misfit(briefing)
         if misfit is not None:
             warn(f'it cannot be chosen: {file}: {misfit}')
             continue

@@ -11,7 +11,7 @@ from uav_collect.studies.jobs.jobs import FlightsJob, Job, job_config, job_kind,
 from uav_collect.studies.jobs.store import Store
 from uav_collect.uav.briefing import brief
 from uav_collect.uav.observation import observation_size
-from uav_collect.uav.policy_network import weight_shapes
+from uav_collect.uav.policy_header import weight_shapes
 
 _ROW_BYTES = 150  # of a CSV
 _FOLDER_BYTES = 20_000  # job.json with its scenario, cost.json, blocks of the disk

@@ -91,7 +91,7 @@ def training_job(
     return TrainingJob(
         scenario=scenario.to_yaml(),
         settings=config.to_yaml(),
-        layout=config.layout.label,
+        layout=' '.join((config.layout.label, *config.code)),
         algorithm=algorithm,
         seed=seed,
         decisions=decisions,
