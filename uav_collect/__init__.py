@@ -5,7 +5,7 @@ Missions:
 - `fly(scenario, policy)` flies one: a `FlownMission` with `log`, `metrics` and `draw(file)`.
 - `evaluate(scenario, policies, missions)` flies many: an `Evaluation` with means and intervals.
 - `choose_policy(scenario, candidates)` finds the best policy for one, by simulation: a `Choice`.
-- `bound(scenario)` plans one whose demand is known: what no flight gets beyond.
+- `bound(scenario)` plans one whose demand is known; what no flight gets beyond is beside it.
 - `load(name_or_path)` reads a `Scenario`; `build_site` draws its sensors.
 - `mission_metrics(log)` is what a mission achieved, from its log alone.
 

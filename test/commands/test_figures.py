@@ -1,10 +1,11 @@
 """The command figures at the smallest scale, whole: from the first job to the claims."""
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Sequence
 import csv
 from dataclasses import dataclass
 import fcntl
 import io
+import json
 import os
 from pathlib import Path
 import re
@@ -16,11 +17,13 @@ from matplotlib.axes import Axes
 from matplotlib.image import imread
 import pytest
 from uav_collect.__main__ import main
+from uav_collect.limits import INTERRUPTED
 from uav_collect.studies import catalogue
 from uav_collect.studies.claims.claims import CLAIMS
 from uav_collect.studies.claims.judging import ClaimStatus
 from uav_collect.studies.findings import Findings
 from uav_collect.studies.jobs.store import Store
+from uav_collect.studies.jobs.worker_messages import Finished, JobReport, WorkItem
 from uav_collect.studies.pictures.draw import draw
 from uav_collect.studies.pictures.drawing import Drawing
 from uav_collect.studies.requests import Requests
@@ -31,7 +34,7 @@ ROOT = Path(__file__).parents[2]
 NAMES = catalogue.study_names()
 UNIT = re.compile(r'.* \[[^\]]+\]$')
 LEARNED = {'AQMIX', 'QMIX', 'AIQL'}
-PLANS = {'shortest clairvoyant plan', 'thriftiest clairvoyant plan'}
+PLANS = {'shortest plan', 'thriftiest plan'}
 
 
 @dataclass(frozen=True)
@@ -83,10 +86,10 @@ def figures(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 
 def labels_of(axes: Axes) -> set[str]:
-    """The names in a panel's legend, without what they count."""
+    """The names in a panel's legend."""
     legend = axes.get_legend()
     assert legend is not None, axes.get_ylabel()
-    return {re.sub(r' \(.*\)$', '', text.get_text()) for text in legend.get_texts()}
+    return {text.get_text() for text in legend.get_texts()}
 
 
 def panels(drawn: Drawing) -> Iterator[Axes]:
@@ -123,7 +126,8 @@ def test_a_table_says_how_many_and_in_which_unit(smoke: Smoke, name: str) -> Non
         assert all(low <= mean <= high for low, mean, high in spans)
         assert all(int(row['n_missions']) >= 1 for row in known)
     else:
-        assert {'x_m', 'y_m'} <= columns
+        shown = {'n_trainings', 'mean', 'low', 'high'} if name == 'runs' else {'x_m', 'y_m'}
+        assert shown <= columns
 
 
 @pytest.mark.parametrize('name', NAMES)
@@ -170,7 +174,7 @@ def test_every_panel_has_all_its_series(smoke: Smoke, name: str) -> None:
             assert {'HERT', 'sweep'} <= set.intersection(*shown)
             assert PLANS & set.union(*shown)
         case CurvesStudy():
-            assert any({'HERT', 'sweep', 'thriftiest clairvoyant plan'} <= it for it in shown)
+            assert any({'HERT', 'sweep', 'thriftiest plan'} <= it for it in shown)
         case _:
             assert all(shown)
 
@@ -183,8 +187,21 @@ def test_the_three_algorithms_are_compared(smoke: Smoke, name: str) -> None:
 def test_the_rows_of_a_line_are_the_values_that_were_tested(smoke: Smoke) -> None:
     scale = load_scale('smoke')
     rows = [row for row in smoke.rows('density') if row['line'] == 'AQMIX']
-    assert [float(row['density_share']) for row in rows] == [*scale.densities] * 2
-    assert {int(row['n_missions']) for row in rows} == {scale.tests.missions}
+    for policies, n_trainings in (('all', scale.seeds.usual), ('best', 1)):
+        some = [row for row in rows if row['policies'] == policies]
+        assert [float(row['density_share']) for row in some] == [*scale.densities] * 2
+        assert {int(row['n_missions']) for row in some} == {scale.tests.missions}
+        assert {int(row['n_trainings']) for row in some} == {n_trainings}
+
+
+def test_trainings_are_written_down_as_marl_eval_reads_them(smoke: Smoke) -> None:
+    [(environment, tasks)] = json.loads((smoke.folder / 'marl_eval.json').read_text()).items()
+    assert environment == 'uav_collect'
+    runs = tasks['paper_8x8_n2']['AQMIX']
+    assert [*runs] == ['seed_0']
+    steps = [it for name, it in runs['seed_0'].items() if name.startswith('step_')]
+    assert all(len(it['efficiency_kbit_per_j']) == 1 and it['step_count'] > 0 for it in steps)
+    assert len(runs['seed_0']['absolute_metrics']['completion_s']) == 12
 
 
 @pytest.mark.parametrize('name', ['loss', 'delay'])
@@ -211,13 +228,61 @@ def test_figures_come_back_as_they_were_without_any_work(smoke: Smoke, copy: Smo
     assert {path: path.stat().st_mtime_ns for path in (smoke.output / 'jobs').rglob('*')} == jobs
 
 
+class Replaying:
+    """An engine that gives what was found before, until a job comes that it is not to do."""
+
+    n_slots = 1
+
+    def __init__(self, found: Store, known: Collection[str]) -> None:
+        self._found, self._known = found, known
+        self._reports: list[tuple[str, JobReport]] = []
+        self._is_over = False
+
+    def start(self, task: WorkItem) -> None:
+        if task.digest not in self._known:
+            self._is_over = True
+            return
+        folder = self._found.folder / 'jobs' / task.digest
+        results = {path.name: path.read_bytes() for path in folder.iterdir()}
+        del results['job.json'], results['cost.json']
+        finished = Finished(results=results, cost=self._found.cost(task.digest))
+        self._reports.append((task.digest, finished))
+
+    def wait(self, timeout_s: float) -> Sequence[tuple[str, JobReport]]:
+        del timeout_s
+        if self._is_over:
+            raise KeyboardInterrupt  # as a second Ctrl-C does, at once
+        reports, self._reports = self._reports, []
+        return reports
+
+    def stop(self) -> None:
+        raise AssertionError
+
+    def close(self) -> None:
+        pass
+
+
+def test_a_study_is_written_as_soon_as_it_is_done_and_cheap_ones_come_first(
+    smoke: Smoke, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    requests = Requests(load_scale('smoke'))
+    catalogue.make_study('trajectories', requests)
+    engine = Replaying(Store(smoke.output), requests.take_new())
+    monkeypatch.setattr('uav_collect.commands.figures._engine', lambda _: engine)
+    asked = ('--only', 'csi', 'trajectories', '--output', str(tmp_path))
+    assert main(['figures', '--scale', 'smoke', *asked]) == INTERRUPTED
+    written = {path.name for path in (tmp_path / 'smoke').iterdir()}
+    files = {f'trajectories.{kind}' for kind in ('csv', 'png', 'pdf')}
+    assert written == {*files, 'results.md'}
+
+
 def test_every_claim_is_judged_by_numbers_with_their_count(smoke: Smoke) -> None:
     text = (smoke.folder / 'results.md').read_text()
     rows = re.findall(r'^\| (\d+) \| (\d+) \| (.*?) \| (.*) \| (.*?) \|$', text, re.MULTILINE)
     assert [statement for _, _, statement, _, _ in rows] == [it.statement for it in CLAIMS]
     verdicts = {str(it) for it in ClaimStatus if it is not ClaimStatus.NOT_RUN}
-    assert {verdict for *_, verdict in rows} <= verdicts
-    details = re.findall(r'^\| .* \| (\d+) (?:missions?|seeds?) \| .* \|$', text, re.MULTILINE)
+    assert {verdict.partition(';')[0] for *_, verdict in rows} <= verdicts
+    details = re.findall(r'^\| .* \| (\d+) (?:missions?|trainings?).* \|$', text, re.MULTILINE)
     assert len(details) > 100
     assert all(int(n) >= 1 for n in details)
 
@@ -243,14 +308,6 @@ def test_what_it_takes_is_said_beforehand(
     assert re.search(r'scale smoke: (\d+) jobs.* \1 missing: 32 of training', shown)
     assert re.search(r'disk: \d+ MB of results, up to \d+ MB of checkpoints', shown)
     assert not (tmp_path / 'o').exists()
-
-
-def test_a_dry_run_measures_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    options = ['--scale', 'paper', '--only', 'csi', '--dry-run', '--output', str(tmp_path / 'o')]
-    assert main(['figures', *options]) == 0
-    shown = capsys.readouterr()
-    assert 'scale paper' in shown.out
-    assert (shown.err, 'cost' in shown.out) == ('', False)
 
 
 def test_the_list_names_every_study_and_does_nothing(

@@ -68,7 +68,7 @@ def done_by(
         store,
         engine,
         checkpoint_s=checkpoint_s,
-        order=lambda job: 0.0,
+        order=lambda job: (0, 0.0),
         is_stopping=is_stopping,
         show=lambda status: None,
     )

@@ -1,4 +1,4 @@
-"""Statements are judged by paired values and intervals."""
+"""Statements are judged by what is paired, by resampled trainings and missions, and by margins."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -6,84 +6,131 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from uav_collect.studies.claims import judging
-from uav_collect.studies.claims.judging import ClaimStatus, Samples
+from uav_collect.studies.claims.judging import ClaimStatus, Evidence, Samples
 
 
 def missions(*values: float) -> Samples:
-    return Samples(value=np.array(values), noun='mission')
+    """Of a rule."""
+    return Samples(value=np.array([values]))
 
 
-def seeds(*values: float) -> Samples:
-    return Samples(value=np.array(values), noun='seed')
+def trained(*rows: Sequence[float], name: str = 'a') -> Samples:
+    """Of a policy of each training."""
+    names = tuple(f'{name}{number}' for number in range(len(rows)))
+    return Samples(value=np.array(rows, dtype=np.float64), trainings=names)
+
+
+def within(samples: Samples, low: float, high: float) -> Evidence:
+    return judging.is_within('it', '%', judging.mean_of, samples, low=low, high=high)
 
 
 def test_a_paired_difference_decides_where_the_means_alone_could_not() -> None:
     low = np.array([1.0, 5.0, 9.0, 2.0, 7.0, 3.0])
     above = judging.is_above('it', 's', missions(*(low + 0.1)), missions(*low))
-    assert (above.status, above.n) == (ClaimStatus.HOLDS, 6)
+    assert (above.status, above.n_missions, above.n_trainings) == (ClaimStatus.HOLDS, 6, 0)
     assert above.estimate is not None
     assert above.estimate.mean == pytest.approx(0.1)
+    assert above.margin_percent == pytest.approx(100.0 * 0.1 / 4.6)
 
 
-def test_what_differs_by_rounding_alone_decides_nothing() -> None:
+def test_what_differs_by_rounding_alone_is_a_tie() -> None:
     whole = missions(*[100.0] * 6)
     above = judging.is_above('data', '%', whole, missions(*[100.0 - 1.4e-14] * 6))
-    assert above.status is ClaimStatus.OPEN
+    assert above.status is ClaimStatus.TIE
     assert above.estimate is not None
     assert (above.estimate.low, above.estimate.high) == (0.0, 0.0)
 
 
+def test_a_difference_within_two_per_cent_either_way_is_a_tie_and_a_wider_one_is_open() -> None:
+    even, odd = [100.0, 101.0] * 50, [101.0, 100.0] * 50
+    assert judging.is_above('it', 's', missions(*even), missions(*odd)).status is ClaimStatus.TIE
+    wide = judging.is_above('it', 's', missions(1, 2, 3), missions(3, 2, 1))
+    assert wide.status is ClaimStatus.OPEN
+
+
 def test_a_difference_of_the_other_sign_does_not_hold() -> None:
-    assert judging.is_above('it', 's', missions(1, 2), missions(2, 3)).status is ClaimStatus.FAILS
+    high, low = missions(1, 2, 3), missions(2, 3, 4)
+    assert judging.is_above('it', 's', high, low).status is ClaimStatus.FAILS
 
 
-def test_a_difference_whose_interval_has_both_signs_is_open() -> None:
-    evidence = judging.is_above('it', 's', missions(1, 2, 3), missions(3, 2, 1))
-    assert evidence.status is ClaimStatus.OPEN
+def test_one_lucky_training_decides_nothing() -> None:
+    rival = trained(*[[1.0, 1.1]] * 4, name='b')
+    lucky = trained([1.0, 1.1], [1.0, 1.1], [1.0, 1.1], [3.0, 3.1])
+    assert judging.is_above('it', 's', lucky, rival).status is ClaimStatus.OPEN
+    better = trained(*[[1.2, 1.3]] * 4)
+    assert judging.is_above('it', 's', better, rival).status is ClaimStatus.HOLDS
 
 
-@pytest.mark.parametrize(('n_seeds', 'status'), [(5, ClaimStatus.OPEN), (6, ClaimStatus.HOLDS)])
-def test_few_seeds_decide_nothing(n_seeds: int, status: ClaimStatus) -> None:
-    high, low = seeds(*range(1, n_seeds + 1)), seeds(*range(n_seeds))
-    assert judging.is_above('it', '1', high, low).status is status
+@pytest.mark.parametrize(('n_trainings', 'status'), [(2, 'OPEN'), (3, 'HOLDS')])
+def test_few_trainings_decide_nothing(n_trainings: int, status: str) -> None:
+    high = trained(*[[it + 9.0] for it in range(n_trainings)])
+    low = trained(*[[it] for it in range(n_trainings)], name='b')
+    evidence = judging.is_above('it', '1', high, low)
+    assert evidence.status is ClaimStatus[status]
+    assert evidence.count == f'{n_trainings} trainings'
+
+
+def test_trainings_that_serve_both_sides_are_drawn_once_for_both() -> None:
+    before = trained([1.0, 2.0], [9.0, 10.0], [20.0, 21.0])
+    after = replace(before, value=before.value + 0.5)
+    assert judging.is_above('it', 's', after, before).status is ClaimStatus.HOLDS
+
+
+def test_a_thing_beside_itself_is_not_judged() -> None:
+    it = replace(missions(1, 2, 3), source=('completion_s', 'job'))
+    assert judging.is_above('it', 's', it, it).status is ClaimStatus.SAME
+    change = judging.is_within('it', '%', judging.change_percent, it, it, low=-2.0, high=2.0)
+    assert change.status is ClaimStatus.SAME
 
 
 def test_what_is_not_known_is_left_out_in_pairs() -> None:
     evidence = judging.is_above('it', 's', missions(2, np.nan, 4), missions(1, 1, np.nan))
-    assert evidence.n == 1
+    assert evidence.n_missions == 1
 
 
 @pytest.mark.parametrize(
-    ('low', 'high', 'status'),
-    [(0.0, 5.0, ClaimStatus.HOLDS), (5.0, 9.0, ClaimStatus.FAILS), (2.0, 9.0, ClaimStatus.OPEN)],
+    ('low', 'high', 'status', 'margin'),
+    [
+        (0.0, 5.0, ClaimStatus.HOLDS, 2.0),
+        (5.0, 9.0, ClaimStatus.FAILS, -3.0),
+        (1.9, 9.0, ClaimStatus.OPEN, 0.1),
+    ],
 )
-def test_a_mean_lies_in_a_span_with_its_whole_interval(
-    low: float, high: float, status: ClaimStatus
+def test_a_mean_lies_in_a_span_with_its_whole_interval_and_says_how_near_it_was(
+    low: float, high: float, status: ClaimStatus, margin: float
 ) -> None:
-    assert judging.is_within('it', '%', missions(1, 2, 3), low, high).status is status
-
-
-def test_a_change_in_per_cent_is_the_ratio_of_the_means() -> None:
-    changed = judging.changed_percent(missions(1, 2, 6), missions(4, 4, 4))
-    assert changed.value.mean() == pytest.approx(100.0 * (3.0 / 4.0 - 1.0))
+    evidence = within(missions(1, 2, 3), low, high)
+    assert evidence.status is status
+    assert evidence.margin_percent == pytest.approx(margin)
 
 
 def test_a_ratio_that_is_the_same_in_every_mission_has_no_spread() -> None:
-    changed = judging.changed_percent(missions(1, 2, 3), missions(2, 4, 6))
-    assert changed.value == pytest.approx([-50.0] * 3)
+    two = missions(1, 2, 3), missions(2, 4, 6)
+    change = judging.is_within('it', '%', judging.change_percent, *two, low=-51.0, high=-49.0)
+    assert change.status is ClaimStatus.HOLDS
+    assert change.estimate is not None
+    assert change.estimate.high - change.estimate.low == pytest.approx(0.0, abs=1e-9)
 
 
 @pytest.mark.parametrize(
     ('statuses', 'status'),
     [
-        ((), ClaimStatus.NOT_RUN),
-        ((ClaimStatus.HOLDS, ClaimStatus.HOLDS), ClaimStatus.HOLDS),
-        ((ClaimStatus.HOLDS, ClaimStatus.OPEN), ClaimStatus.OPEN),
-        ((ClaimStatus.OPEN, ClaimStatus.FAILS, ClaimStatus.HOLDS), ClaimStatus.FAILS),
+        ('', ClaimStatus.NOT_RUN),
+        ('HOLDS HOLDS', ClaimStatus.HOLDS),
+        ('HOLDS SAME', ClaimStatus.HOLDS),
+        ('SAME', ClaimStatus.SAME),
+        ('HOLDS TIE', ClaimStatus.TIE),
+        ('TIE OPEN', ClaimStatus.OPEN),
+        ('OPEN FAILS HOLDS TIE', ClaimStatus.FAILS),
     ],
 )
-def test_a_statement_holds_if_all_its_parts_do(
-    statuses: Sequence[ClaimStatus], status: ClaimStatus
-) -> None:
-    part = judging.is_above('it', 's', missions(1, 2), missions(0, 1))
-    assert judging.combined_status([replace(part, status=it) for it in statuses]) is status
+def test_a_statement_holds_if_all_its_parts_do(statuses: str, status: ClaimStatus) -> None:
+    part = within(missions(1, 2), 0.0, 5.0)
+    parts = [replace(part, status=ClaimStatus[it]) for it in statuses.split()]
+    assert judging.combined_status(parts) is status
+
+
+def test_the_number_that_decides_is_the_nearest_of_those_with_the_verdict() -> None:
+    far, near, other = (within(missions(1, 2, 3), low, 9.0) for low in (0.0, 0.5, 5.0))
+    assert judging.deciding([far, near]) is near
+    assert judging.deciding([far, near, other]) is other

@@ -2,7 +2,9 @@
 
 from collections.abc import Callable, Sequence
 import itertools
+import os
 from pathlib import Path
+import signal
 
 from episodes import single_threaded_torch
 import pytest
@@ -18,7 +20,13 @@ from study_jobs import (
 from uav_collect.studies.jobs.jobs import digest_of, FlightsJob, Job
 from uav_collect.studies.jobs.processes import ProcessEngine
 from uav_collect.studies.jobs.store import Store
-from uav_collect.studies.jobs.worker_messages import Advanced, Compiling, JobReport, Stopped
+from uav_collect.studies.jobs.worker_messages import (
+    Advanced,
+    Compiling,
+    JobReport,
+    Started,
+    Stopped,
+)
 
 
 @pytest.fixture(scope='module')
@@ -114,6 +122,24 @@ def test_a_process_that_compiles_is_ended_with_the_others(
     )
     assert (status.done, status.n_lost, status.failures) == (0, 0, {})
     assert reports[-1] == (digest_of(job), Stopped())
+
+
+def test_what_ends_a_whole_group_of_processes_leaves_it_to_the_caller_to_stop_jobs(
+    tmp_path: Path,
+) -> None:
+    engine, job = ProcessEngine(1), flights()
+    wait_for_reports = engine.wait
+
+    def wait(timeout_s: float) -> Sequence[tuple[str, JobReport]]:
+        reports = wait_for_reports(timeout_s)
+        for _, report in reports:
+            if isinstance(report, Started):
+                os.kill(report.process, signal.SIGTERM)
+        return reports
+
+    engine.wait = wait  # type: ignore[method-assign]
+    status = done_by(engine, by_digest(job), Store(tmp_path))
+    assert (status.done, status.n_lost) == (1, 0)
 
 
 def test_a_job_that_cannot_be_done_says_why(tmp_path: Path) -> None:

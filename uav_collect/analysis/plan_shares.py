@@ -1,4 +1,4 @@
-"""Clairvoyant bounds of many missions: their means, and how near policies come to them."""
+"""Clairvoyant plans and bounds of many missions: their means, and how near policies come."""
 
 from collections.abc import Callable, Mapping, Sequence
 import math
@@ -17,7 +17,7 @@ SHARE_KEYS = ('time_share', 'efficiency_share', 'efficiency_share_of_shortest')
 
 
 def bound_metrics(bound: Bound) -> dict[str, float]:
-    """The numbers of a bound by key, the last word of which is the unit; nan without a plan."""
+    """Of plans and bounds by key, the last word of which is the unit; nan without a plan."""
     numbers = {}
     for name, plan in (('shortest', bound.shortest), ('thriftiest', bound.thriftiest)):
         for key, number in _PLAN_NUMBERS.items():
@@ -48,7 +48,7 @@ def efficiency_share(mission: MissionMetrics, bound: Bound) -> float:
 
 
 def plan_shares(mission: MissionMetrics, bound: Bound) -> dict[str, float]:
-    """How near a mission comes to the bound, by key; nan where it left data, or without a plan."""
+    """How near a mission comes to its plans, by key; nan where it left data, or without a plan."""
     efficiency = efficiency_share(mission, bound)
     of_shortest = efficiency
     if bound.shortest is not None and bound.thriftiest is not None and efficiency > 0.0:

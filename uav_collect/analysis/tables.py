@@ -1,4 +1,4 @@
-"""Tables for the terminal: one mission, many missions of several policies, clairvoyant bounds."""
+"""Tables for the terminal: one mission, many missions of several policies, clairvoyant plans."""
 
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 import math
@@ -375,7 +375,7 @@ def share_table(
 ) -> RenderableType:
     """How near policies come to the plans, in per cent.
 
-    The shortest plan's efficiency is no bound, but what may be reached when time counts first.
+    The shortest plan's efficiency is what may be reached when time counts first.
 
     Args:
         rows: by policy, how many missions count and the estimates by key of `shares`.

@@ -16,13 +16,16 @@ from uav_collect.kernels.patience import waiting_for
 
 if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
     from uav_collect.commands.figures_plan import FiguresPlan
+    from uav_collect.studies.findings import Findings
     from uav_collect.studies.jobs.schedule import JobEngine, JobsStatus
+    from uav_collect.studies.study import Study
 
 _DESCRIPTION = """
 Draws the figures of the paper's evaluation as PNG and PDF, writes their numbers as CSV, and judges
-each of its statements in a table. The trainings, test missions and clairvoyant plans that it takes
-are started, gone on with or found: results are kept by what they depend on, so a second call does
-only what is missing, and one that was killed goes on from the last checkpoint.
+each of its statements in a table: study by study, each as soon as it is done. The trainings, test
+missions and clairvoyant plans that it takes are started, gone on with or found: results are kept
+by what they depend on, so a second call does only what is missing, one that was stopped goes on
+where it was, and one that was killed from the last checkpoint.
 """
 FAILED = 1  # exit status
 _MAX_WORKERS = 4096
@@ -99,23 +102,34 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.list or arguments.dry_run:
         return 0
     plan.check_disk()
-    status = _run_jobs(arguments, plan) if plan.missing else 0
-    if status in (0, FAILED):  # others did not fail where one did; an interruption ends here
-        _draw(arguments, plan)
+    drawn = _Drawn(arguments, plan)
+    drawn.draw_whole()
+    status = _run_jobs(arguments, plan, drawn) if plan.missing else 0
+    drawn.report()
     return status
 
 
-def _run_jobs(arguments: argparse.Namespace, plan: 'FiguresPlan') -> int:
+def _run_jobs(arguments: argparse.Namespace, plan: 'FiguresPlan', drawn: '_Drawn') -> int:
     from uav_collect.commands.figures_display import jobs_display
     from uav_collect.studies.jobs.schedule import run_jobs
 
-    with deferred_interruption() as interruption, jobs_display(plan) as show:
+    n_done = -1
+
+    with deferred_interruption() as interruption, jobs_display(plan) as show_jobs:
+
+        def show(status: 'JobsStatus') -> None:
+            nonlocal n_done
+            show_jobs(status)
+            if status.done != n_done:
+                n_done = status.done
+                drawn.draw_whole()
+
         jobs = run_jobs(
             plan.jobs,
             plan.store,
             _engine(arguments),
             checkpoint_s=arguments.checkpoint_minutes * 60.0,
-            order=lambda job: -plan.rates.cost_s(job),
+            order=plan.turn,
             is_stopping=interruption.acknowledge,
             show=show,
         )
@@ -151,38 +165,56 @@ def _engine(arguments: argparse.Namespace) -> 'JobEngine':
             return ProcessEngine(arguments.workers or len(os.sched_getaffinity(0)))
 
 
-def _draw(arguments: argparse.Namespace, plan: 'FiguresPlan') -> None:
-    """Draw what can be drawn, and judge what can be judged."""
-    from uav_collect.studies import catalogue
-    from uav_collect.studies.claims.claims import judge
-    from uav_collect.studies.findings import Findings
-    from uav_collect.studies.jobs.costs import spent_cost
-    from uav_collect.studies.pictures.draw import draw
-    from uav_collect.studies.results_text import results_text
+class _Drawn:
+    """The studies that are drawn and judged: each once, as soon as all of its jobs are done."""
 
-    findings, folder = Findings(plan.store), arguments.output / plan.scale.name
-    whole = plan.complete_studies()
-    folder.mkdir(parents=True, exist_ok=True)
-    for name, study in whole.items():
-        drawn = draw(study, findings)
-        files.write_atomically(folder / f'{name}.csv', drawn.table)
-        for kind in ('png', 'pdf'):
-            files.write_atomically(folder / f'{name}.{kind}', drawn.picture(kind))
-        print(folder / f'{name}.png')
-    not_run = [name for name in catalogue.study_names() if name not in whole]
-    judged = judge(whole, findings)
-    jobs = plan.jobs_of(whole)
-    text = results_text(plan.scale, whole, judged, spent_cost(jobs, plan.store), not_run)
-    results: Path = arguments.results or folder / 'results.md'
-    files.write_result(results, text.encode())
-    print(results)
-    _report_not_drawn(plan, whole)
+    def __init__(self, arguments: argparse.Namespace, plan: 'FiguresPlan') -> None:
+        self._plan, self._folder = plan, arguments.output / plan.scale.name
+        self._results: Path = arguments.results or self._folder / 'results.md'
+        self._names: list[str] = []
 
+    def draw_whole(self) -> None:
+        """Draw what can be drawn by now, and judge what can be judged."""
+        from uav_collect.studies.findings import Findings
+        from uav_collect.studies.pictures.draw import draw
 
-def _report_not_drawn(plan: 'FiguresPlan', whole: Mapping[str, object]) -> None:
-    lacking = [name for name in plan.studies if name not in whole]
-    if lacking:
-        say(f'not drawn, as jobs are missing: {", ".join(lacking)}')
+        whole = self._plan.complete_studies()
+        new = [name for name in whole if name not in self._names]
+        if not new:
+            return
+        findings = Findings(self._plan.store)
+        self._folder.mkdir(parents=True, exist_ok=True)
+        for name in new:
+            drawn = draw(whole[name], findings)
+            contents = {f'{name}.csv': drawn.table, **drawn.others}
+            for kind in ('png', 'pdf'):
+                contents[f'{name}.{kind}'] = drawn.picture(kind)
+            for file, content in contents.items():
+                files.write_atomically(self._folder / file, content)
+        self._names += new
+        self._judge(whole, findings)
+
+    def _judge(self, whole: Mapping[str, 'Study'], findings: 'Findings') -> None:
+        from uav_collect.studies import catalogue
+        from uav_collect.studies.claims.claims import judge
+        from uav_collect.studies.jobs.costs import spent_cost
+        from uav_collect.studies.results_text import results_text
+
+        plan = self._plan
+        not_run = [name for name in catalogue.study_names() if name not in whole]
+        judged, spent = judge(whole, findings), spent_cost(plan.jobs_of(whole), plan.store)
+        text = results_text(plan.scale, whole, judged, spent, not_run)
+        files.write_result(self._results, text.encode())
+
+    def report(self) -> None:
+        """Say what was written, and what could not be."""
+        for name in self._names:
+            print(self._folder / f'{name}.png')
+        if self._names:
+            print(self._results)
+        lacking = [name for name in self._plan.studies if name not in self._names]
+        if lacking:
+            say(f'not drawn, as jobs are missing: {", ".join(lacking)}')
 
 
 def _minutes(text: str) -> float:

@@ -4,6 +4,7 @@ import argparse
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 import importlib.util
 import os
 from pathlib import Path
@@ -16,7 +17,14 @@ from uav_collect.kernels.patience import waiting_for
 from uav_collect.scenario.load import from_yaml
 from uav_collect.studies import catalogue
 from uav_collect.studies.jobs.costs import disk_bytes, GUESSED_RATES, Rates, rates_of, spent_cost
-from uav_collect.studies.jobs.jobs import FlightsJob, Job, job_kind, PlansJob, TrainingJob
+from uav_collect.studies.jobs.jobs import (
+    digest_of,
+    FlightsJob,
+    Job,
+    job_kind,
+    PlansJob,
+    TrainingJob,
+)
 from uav_collect.studies.jobs.store import Store
 from uav_collect.studies.requests import Requests
 from uav_collect.studies.scale import load_scale, ScaleConfig
@@ -101,6 +109,21 @@ class FiguresPlan:
             if not self.store.missing(self.needs[name])
         }
 
+    def turn(self, job: Job) -> tuple[int, float]:
+        """When a job's turn is: study by study, cheap ones first, in each the long jobs first."""
+        digest = digest_of(job)
+        first = next(number for number, needs in enumerate(self._by_cost) if digest in needs)
+        return first, -self.rates.cost_s(job)
+
+    @cached_property
+    def _by_cost(self) -> list[frozenset[str]]:
+        """The jobs of each study, the one first that lacks the least."""
+        jobs, cost_s = self.jobs, self.rates.cost_s
+        return sorted(
+            self.needs.values(),
+            key=lambda needs: sum(cost_s(jobs[digest]) for digest in needs & self.missing),
+        )
+
     def jobs_of(self, studies: Mapping[str, Study]) -> dict[str, Job]:
         """The jobs that studies need."""
         digests = set().union(*(self.needs[name] for name in studies))
@@ -136,8 +159,7 @@ def plan_figures(arguments: argparse.Namespace) -> FiguresPlan:
     missing = frozenset(store.missing(requests.jobs))
     if not arguments.list and arguments.engine == 'local':
         _check_torch(requests.jobs[digest] for digest in missing)
-    measures = not (arguments.list or arguments.dry_run)
-    rates = _rates(scale, requests.jobs, store, missing, measures=measures)
+    rates = _rates(scale, requests.jobs, store, missing, measures=not arguments.list)
     return FiguresPlan(
         scale=scale,
         studies=studies,

@@ -127,6 +127,11 @@ class Trainer:
         return self._rota.tasks
 
     @property
+    def n_parameters(self) -> int:
+        """How many numbers the networks have that are learned."""
+        return sum(it.numel() for it in self._learner.networks.parameters())
+
+    @property
     def n_updates(self) -> int:
         """How many updates were made so far."""
         return self._learner.n_updates

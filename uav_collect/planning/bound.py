@@ -1,17 +1,18 @@
-"""The clairvoyant bound: what a fleet could do in a mission if it knew all demand beforehand.
+"""What a fleet could do in a mission if it knew all demand beforehand: plans, and proven bounds.
 
-Two plans of the same mission, the shortest and the one of least energy, both of which the world
-can fly as they are, and for each a number below which no flight gets that collects everything.
+Two plans of the same mission, the shortest and the one of least energy that a search finds, both
+of which the world can fly as they are; and for each a number below which no flight gets that
+collects everything. These numbers are bounds; the plans are none, though rarely beaten.
 
-- The shortest plan bounds the completion time; its energy and efficiency bound nothing.
-- The plan of least energy bounds energy and energy efficiency; its time bounds nothing.
-- Neither bounds missions that leave data behind: they may be shorter, and even more efficient.
+- What stands beside the shortest plan is its time, beside the one of least energy its energy and
+  energy efficiency.
+- Missions that leave data behind know no bound: they may be shorter, and even more efficient.
 
 In a plan a UAV flies home from the last cell that it serves. A policy's UAVs fly on until each
 knows every cell to be complete; nothing in the world's rules makes up for that. So a policy hardly
-gets as far as a plan. A plan is the best one found, and could be beaten in principle: by one that
-was not found, or by channels that a later visit draws better. The lower bounds cannot: they hold
-for any moves, any number of visits and any draws.
+gets as far as a plan. A plan is the best one found, and now and then beaten: by one that was not
+found, or by channels that a later visit draws better. The bounds are not: they hold for any moves,
+any number of visits and any draws.
 """
 
 from collections.abc import Sequence
@@ -65,7 +66,10 @@ class Plan:
 
 @dataclass(frozen=True, kw_only=True)
 class Bound:
-    """What is possible in a mission. A plan is None where none within the budgets was found."""
+    """What is possible in a mission: the best plans that were found, and what none can beat.
+
+    A plan is None where none within the budgets was found.
+    """
 
     mission_seed: int
     n_data_cells: int
@@ -87,9 +91,9 @@ def bound_of(
     allocator: str = 'exact',
     n_rounds: int = N_ROUNDS,
 ) -> Bound:
-    """The bound of a mission, from the disk where it was found before.
+    """Plans and bounds of a mission, from the disk where they were found before.
 
-    The same arguments give the same bound, however kernels run.
+    The same arguments give the same, however kernels run.
 
     Args:
         allocator: how bandwidth is shared, one of `limits.ALLOCATOR_NAMES`; cvxpy counts as exact.

@@ -1,8 +1,9 @@
-"""The paper's figures 3 to 13 (Sec. VII) and two of lost and late messages: what each needs."""
+"""The paper's figures 3 to 13 (Sec. VII), and what it lacks: all runs, lost and late messages."""
 
 from collections.abc import Callable, Mapping
 import math
 
+from uav_collect.scenario.model import Scenario
 from uav_collect.studies.comparisons import (
     compare_bandwidths,
     compare_links,
@@ -31,7 +32,12 @@ from uav_collect.studies.study import (
     EFFICIENCY,
     FINISHED,
     LinesStudy,
+    PLAN,
+    RULES,
+    RunsStudy,
     Study,
+    StudyTask,
+    Suite,
     TopologyStudy,
     TrainedPolicies,
     TrajectoriesStudy,
@@ -85,7 +91,7 @@ def _learning_areas(requests: Requests) -> Study:
         name='learning-areas',
         figure=4,
         title='Learning on areas of different size',
-        about='each algorithm is trained on each area',
+        about=f'each algorithm is trained on each area, {requests.trained_by}',
         panels=tuple(panels),
     )
 
@@ -100,7 +106,7 @@ def _learning_uavs(requests: Requests) -> Study:
         name='learning-uavs',
         figure=5,
         title='Learning with different numbers of UAVs',
-        about='each algorithm is trained with each number of UAVs',
+        about=f'each algorithm is trained with each number of UAVs, {requests.trained_by}',
         panels=tuple(panels),
     )
 
@@ -113,10 +119,12 @@ def _energy(requests: Requests) -> Study:
         name='energy',
         figure=6,
         title='Energy budgets',
-        about='policies of the usual field with its full budget, tested with each budget',
+        about=f'trained with {field.uavs[0].energy_budget_kj:g} kJ, {requests.trained_by};'
+        ' tested with each budget',
         over='energy budget of each UAV [kJ]',
         column='energy_budget_kj',
         values=scale.budgets_kj,
+        names=tuple(f'{budget_kj:g}' for budget_kj in scale.budgets_kj),
         measures=(COLLECTED, COMPLETION, EFFICIENCY),
         lines=compare_trained_once(requests, scenarios, train_usual(requests)),
     )
@@ -130,7 +138,8 @@ def _density(requests: Requests) -> Study:
         name='density',
         figure=7,
         title='Density of the demand',
-        about='policies of the usual field with its own density, tested with each density',
+        about=f'trained at a density of {field.demand.cell_share:g}, {requests.trained_by};'
+        ' tested at each',
         over='data density [data cells per cell]',
         column='density_share',
         values=scale.densities,
@@ -141,17 +150,13 @@ def _density(requests: Requests) -> Study:
 
 def _uavs(requests: Requests) -> Study:
     fleets = fleets_of(requests)
-    n_seeds = min(n_seeds for _, _, n_seeds in fleets.values())  # a fair choice of the best
-    trained = [
-        train_all(requests, scenario, decisions, n_seeds)
-        for scenario, decisions, _ in fleets.values()
-    ]
+    trained = [train_all(requests, *fleet) for fleet in fleets.values()]
     scenarios = [scenario for scenario, _, _ in fleets.values()]
     return LinesStudy(
         name='uavs',
         figure=8,
         title='Number of UAVs',
-        about='each algorithm is trained with each number of UAVs',
+        about=f'each algorithm is trained with each number of UAVs, {requests.trained_by}',
         over='number of UAVs [1]',
         column='n_uavs',
         values=tuple(map(float, fleets)),
@@ -170,7 +175,7 @@ def _range(requests: Requests) -> Study:
         name='range',
         figure=9,
         title='Communication range',
-        about='each algorithm is trained with each range',
+        about=f'each algorithm is trained with each range, {requests.trained_by}',
         over='communication range between UAVs [m]',
         column='contact_range_m',
         values=scale.ranges_m,
@@ -202,7 +207,8 @@ def _kernel(requests: Requests) -> Study:
         name='kernel',
         figure=10,
         title='Learning of AQMIX with kernels of different size',
-        about='AQMIX is trained with each kernel on the large field',
+        about=f'AQMIX is trained with each kernel (mixer.pool_side) on {_cells(config)},'
+        f' {requests.trained_by}',
         panels=(panel,),
     )
 
@@ -215,7 +221,8 @@ def _csi(requests: Requests) -> Study:
         name='csi',
         figure=11,
         title='Channel estimation error',
-        about='the policy of the small field with perfect channels, tested with each error',
+        about=f'trained on the small field with perfect channels, {requests.trained_by};'
+        ' tested with each error',
         over='variance of the channel estimation error [1]',
         column='csi_error_variance',
         values=scale.csi_errors,
@@ -232,8 +239,9 @@ def _bandwidth(requests: Requests) -> Study:
         name='bandwidth',
         figure=12,
         title='Optimal and equal bandwidth over the density of the demand',
-        about='the policy of the small field with its own density and perfect channels, tested '
-        f'with each density and a channel estimation error of {scale.bandwidth_csi_error:g}',
+        about=f'trained on the small field with its own density and perfect channels, '
+        f'{requests.trained_by}; tested at each density with a channel estimation error of '
+        f'{scale.bandwidth_csi_error:g}',
         over='data density [data cells per cell]',
         column='density_share',
         values=scale.densities,
@@ -252,7 +260,8 @@ def _trajectories(requests: Requests) -> Study:
         name='trajectories',
         figure=13,
         title='One mission as each learned policy flies it',
-        about='each algorithm is trained on the small field',
+        about=f'each algorithm is trained on the small field, {requests.trained_by};'
+        ' the best in validation flies',
         scenario=field,
         mission_seed=seed,
         flown={label: requests.log_mission(one, field, seed) for label, one in trained.items()},
@@ -291,6 +300,44 @@ def _delay(requests: Requests) -> Study:
     )
 
 
+def _runs(requests: Requests) -> Study:
+    fields, seeds = requests.scale.fields, requests.scale.seeds
+    areas = [
+        _task(requests, _cells(field), field_of(field), field.decisions, n_seeds)
+        for field, n_seeds in (
+            (fields.small, seeds.small),
+            (fields.usual, seeds.usual),
+            (fields.large, seeds.large),
+            (fields.largest, seeds.largest),
+        )
+    ]
+    fleets = [
+        _task(requests, f'{n_uavs} UAVs', scenario, decisions, n_seeds)
+        for n_uavs, (scenario, decisions, n_seeds) in fleets_of(requests).items()
+    ]
+    return RunsStudy(
+        name='runs',
+        figure=None,
+        title='Algorithms over all areas and over all fleets, training by training',
+        about=f'each algorithm is trained for each task, {requests.trained_by}',
+        suites=(
+            Suite(label='areas', key='areas', tasks=tuple(areas)),
+            Suite(label='fleets', key='fleets', tasks=tuple(fleets)),
+        ),
+    )
+
+
+def _task(
+    requests: Requests, label: str, scenario: Scenario, decisions: int, n_seeds: int
+) -> StudyTask:
+    trained = train_all(requests, scenario, decisions, n_seeds)
+    tests = {name: requests.fly(it, scenario) for name, it in trained.items()}
+    tests |= {rule: requests.fly_rule(rule, scenario) for rule in RULES}
+    tests[PLAN] = requests.plan(scenario)
+    key = f'{scenario.name}_n{scenario.n_uavs}'
+    return StudyTask(label=label, key=key, trained=trained, tests=tests)
+
+
 _MAKERS: Mapping[str, _Make] = {
     'topology': _topology,
     'learning-areas': _learning_areas,
@@ -303,6 +350,7 @@ _MAKERS: Mapping[str, _Make] = {
     'csi': _csi,
     'bandwidth': _bandwidth,
     'trajectories': _trajectories,
+    'runs': _runs,
     'loss': _loss,
     'delay': _delay,
 }

@@ -3,14 +3,17 @@
 import csv
 from dataclasses import dataclass
 import io
+import json
 
 import numpy as np
-from uav_collect.analysis.statistics import column_estimates, Estimate
+from uav_collect.analysis.resampling import estimate_mean
+from uav_collect.analysis.statistics import Estimate
 from uav_collect.kernels.arrays import Floats
-from uav_collect.studies.jobs.jobs import CURVE, MISSIONS
+from uav_collect.studies.jobs.jobs import CURVE, MISSIONS, POLICY, SUMMARY
 from uav_collect.studies.jobs.store import Store
 from uav_collect.studies.study import MissionSet, PanelMeasure, TrainedPolicies
 from uav_collect.training.curves import LearningCurve, mean_curve, rising
+from uav_collect.uav.policy_file import policy_from_bytes
 
 _TAIL_SHARE = 0.2  # of a training: its end, over which a curve is averaged
 
@@ -19,8 +22,8 @@ _TAIL_SHARE = 0.2  # of a training: its end, over which a curve is averaged
 class Column:
     """One number of each mission of a test."""
 
-    seed: Floats  # (M,) of the mission
-    value: Floats  # (M,) nan where there is none
+    value: Floats  # (T, M): a row for each training, or one; nan where there is none
+    trainings: tuple[str, ...]  # digests, (T,); none where nothing was trained
 
 
 class Findings:
@@ -42,18 +45,23 @@ class Findings:
             keys = (measure.plan_key,)
         if not all(keys):
             return None
-        tables = [self._table(digest, MISSIONS) for digest in tested.digests]
-        return Column(
-            seed=np.concatenate([table['mission_seed'] for table in tables]),
-            value=np.concatenate(
-                [np.prod([table[key] for key in keys], axis=0) for table in tables]
-            )
-            * measure.scale,
-        )
+        columns = [self.numbers(tested, key) for key in keys]
+        value = np.prod(columns, axis=0) * measure.scale
+        return Column(value=value, trainings=tested.trainings)
 
     def numbers(self, tested: MissionSet, key: str) -> Floats:
-        """A column of the table of all missions of a test, (M,)."""
-        return np.concatenate([self._table(it, MISSIONS)[key] for it in tested.digests])
+        """A column of the tables of all missions of a test, (T, M)."""
+        rows = [
+            np.concatenate([self._table(digest, MISSIONS)[key] for digest in row])
+            for row in tested.digests
+        ]
+        return np.array(rows)
+
+    def best_training(self, tested: MissionSet) -> int:
+        """Which of the trainings gave the policy that is the best in validation."""
+        policies = [policy_from_bytes(self._store.read(it, POLICY)) for it in tested.trainings]
+        ranks = [policy.header.validation.rank for policy in policies]
+        return ranks.index(max(ranks))
 
     def curve(self, trained: TrainedPolicies, key: str) -> LearningCurve | None:
         """Mean and deviation over the seeds; None where they have no stretch in common."""
@@ -74,9 +82,28 @@ class Findings:
             means.append(float(value[is_late].mean()) if is_late.any() else np.nan)
         return np.array(means)
 
+    def n_parameters(self, trained: TrainedPolicies) -> int:
+        """How many numbers the networks have that are learned, the mixer's among them."""
+        return int(self._summary(trained.digests[0])['parameters'])
+
+    def update_ms(self, trained: TrainedPolicies) -> Floats:
+        """What an update took on a core with the missions that it learned from, (T,) [ms]."""
+        cpu_s = [self._store.cost(digest).cpu_s for digest in trained.digests]
+        n_updates = [self._summary(digest)['updates'] for digest in trained.digests]
+        return 1e3 * np.array(cpu_s) / np.maximum(1, n_updates)
+
+    def curve_rows(self, digest: str) -> list[dict[str, float]]:
+        """What the validations of a training gave, one after the other."""
+        table = self._table(digest, CURVE)
+        return [dict(zip(table, row, strict=True)) for row in zip(*table.values(), strict=True)]
+
     def file(self, digest: str, name: str) -> bytes:
         """A file that a job gave."""
         return self._store.read(digest, name)
+
+    def _summary(self, digest: str) -> dict[str, float]:
+        summary: dict[str, float] = json.loads(self._store.read(digest, SUMMARY))
+        return summary
 
     def _line(self, digest: str, key: str) -> tuple[Floats, Floats]:
         """Decisions and values of a training where they are known; decisions rise."""
@@ -98,8 +125,11 @@ def read_table(content: bytes) -> dict[str, Floats]:
 
 
 def estimate_column(column: Column) -> tuple[int, Estimate] | None:
-    """How many missions count, and the estimate of their mean; None where none does."""
-    known = column.value[np.isfinite(column.value)]
-    if not len(known):
+    """How many missions count, and the estimate of their mean; None where none does.
+
+    A mission counts where it has the number with each of the trainings.
+    """
+    known = column.value[:, np.isfinite(column.value).all(axis=0)]
+    if not known.size:
         return None
-    return len(known), column_estimates(known[:, None], int(column.seed[0]))[0]
+    return known.shape[1], estimate_mean(known, column.trainings)

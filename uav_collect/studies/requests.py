@@ -28,6 +28,13 @@ class Requests:
         self._asked.add(digest)
         return digest
 
+    @property
+    def trained_by(self) -> str:
+        """The settings of all trainings, for a caption; a study names what it sets besides."""
+        trainings = self.scale.trainings
+        text = ', '.join(f'{key} = {value}' for key, value in trainings.set.items())
+        return f'preset {trainings.preset}{f" with {text}" if text else ""}'
+
     def take_new(self) -> frozenset[str]:
         """The jobs asked for since the last call."""
         taken, self._asked = frozenset(self._asked), set()
@@ -61,12 +68,16 @@ class Requests:
     def fly(
         self, trained: TrainedPolicies, scenario: Scenario, bandwidth: str = 'exact'
     ) -> MissionSet:
-        """Ask for test missions of the best policy that trainings gave."""
-        return self._tested(LEARNED[trained.label], trained.digests, scenario, bandwidth)
+        """Ask for test missions of each policy that trainings gave."""
+        policy = LEARNED[trained.label]
+        rows = [
+            self._tested(policy, (training,), scenario, bandwidth) for training in trained.digests
+        ]
+        return MissionSet(digests=tuple(rows), trainings=trained.digests)
 
     def fly_rule(self, label: str, scenario: Scenario, bandwidth: str = 'exact') -> MissionSet:
         """Ask for test missions of a rule."""
-        return self._tested(RULES[label], (), scenario, bandwidth)
+        return MissionSet(digests=(self._tested(RULES[label], (), scenario, bandwidth),))
 
     def fly_untrained(self, label: str, scenario: Scenario) -> MissionSet:
         """Ask for test missions of a rule, or of the policy that is shipped for a scenario.
@@ -78,7 +89,8 @@ class Requests:
             return self.fly_rule(label, scenario)
         # Whatever a study changes, the policy that is shipped for the scenario flies.
         shipped = policy_for(specialist_name(scenario), scenario)
-        return self._tested(f'{shipped.name} {shipped.version}', (), scenario, 'exact')
+        policy = f'{shipped.name} {shipped.version}'
+        return MissionSet(digests=(self._tested(policy, (), scenario, 'exact'),))
 
     def plan(self, scenario: Scenario, bandwidth: str = 'exact') -> MissionSet:
         """Ask for plans of the test missions."""
@@ -94,7 +106,7 @@ class Requests:
             )
             for seeds in self._parts()
         ]
-        return MissionSet(digests=tuple(digests), is_planned=True)
+        return MissionSet(digests=(tuple(digests),), is_planned=True)
 
     def references(self, scenario: Scenario, bandwidth: str = 'exact') -> dict[str, MissionSet]:
         """Ask for what learned policies stand beside, by label."""
@@ -102,7 +114,7 @@ class Requests:
         return {**ruled, PLAN: self.plan(scenario, bandwidth)}
 
     def log_mission(self, trained: TrainedPolicies, scenario: Scenario, mission_seed: int) -> str:
-        """Ask for the log of one mission."""
+        """Ask for the log of one mission by the policy that is the best in validation."""
         return self.add(
             _flights(
                 LEARNED[trained.label],
@@ -115,12 +127,11 @@ class Requests:
 
     def _tested(
         self, policy: str, trainings: Sequence[str], scenario: Scenario, bandwidth: str
-    ) -> MissionSet:
-        digests = [
+    ) -> tuple[str, ...]:
+        return tuple(
             self.add(_flights(policy, trainings, self._text(scenario), bandwidth, seeds))
             for seeds in self._parts()
-        ]
-        return MissionSet(digests=tuple(digests), is_planned=False)
+        )
 
     def _text(self, scenario: Scenario) -> str:
         """The scenario as YAML."""

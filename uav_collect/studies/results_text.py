@@ -5,12 +5,13 @@ from collections.abc import Mapping, Sequence
 
 from uav_collect.analysis.statistics import CONFIDENCE_LEVEL
 from uav_collect.studies.claims.claims import JudgedClaim
-from uav_collect.studies.claims.judging import ClaimStatus, Evidence, MIN_SEEDS
+from uav_collect.studies.claims.judging import ClaimStatus, deciding, Evidence, MIN_TRAININGS
+from uav_collect.studies.claims.words import READINGS
 from uav_collect.studies.jobs.costs import SpentCost
 from uav_collect.studies.scale import ScaleConfig
 from uav_collect.studies.study import Study
 
-_ORDER = (ClaimStatus.HOLDS, ClaimStatus.FAILS, ClaimStatus.OPEN, ClaimStatus.NOT_RUN)
+_SURE_TRAININGS = 6  # agree by chance once in 32: enough to say no more about it
 _FEW = 3  # pieces of evidence that the first table has room for
 
 
@@ -35,11 +36,16 @@ def results_text(
         f'Made by `python -m uav_collect figures --scale {scale.name}`; not edited by hand.',
         _what_was_run(scale, studies, spent, not_run),
         '## Claims',
-        f'A statement of the paper, in our words, holds if the {CONFIDENCE_LEVEL:.0%} bootstrap '
-        'interval of every number that it takes lies where the statement puts it, and does not if '
-        'one lies elsewhere as a whole. Tests are paired by mission, all with the optimal '
-        'bandwidth and with the best policy of all seeds in validation; what is said of learning '
-        f'is paired by seed, in the last fifth of trainings, and takes {MIN_SEEDS} seeds.',
+        f'A statement of the paper, in our words, holds if the {CONFIDENCE_LEVEL:.0%} interval of '
+        'every number that it takes lies where the statement puts it, and does not if one lies '
+        'elsewhere as a whole. Trainings and missions are both drawn anew (a hierarchical '
+        'bootstrap, its percentiles widened for few trainings), so no number depends on which '
+        'training is the best; tests fly the same missions, with the optimal bandwidth. What is '
+        'said of learning is measured in the last fifth of trainings. '
+        f'Fewer than {MIN_TRAININGS} trainings decide nothing. Beside the verdict stands the '
+        'margin of the number that decides: how far it is from where the statement turns, in per '
+        'cent; negative, how far beside it.',
+        "How the paper's words are read:\n\n" + '\n'.join(f'- {it}' for it in READINGS),
         _counts(judged),
         _table(judged),
         '## Evidence',
@@ -80,7 +86,7 @@ def _overrides(values: Mapping[str, object]) -> str:
 
 def _counts(judged: Sequence[JudgedClaim]) -> str:
     counted = Counter(it.status for it in judged)
-    counts = [f'{counted[status]} {status}' for status in _ORDER if counted[status]]
+    counts = [f'{counted[status]} {status}' for status in ClaimStatus if counted[status]]
     return f'Of {len(judged)} statements: {", ".join(counts)}.'
 
 
@@ -90,9 +96,21 @@ def _table(judged: Sequence[JudgedClaim]) -> str:
         claim = it.claim
         lines.append(
             f'| {number} | {claim.figure} | {claim.statement} | {_measured(it.evidence)} '
-            f'| {it.status} |'
+            f'| {_verdict(it)} |'
         )
     return '\n'.join(lines)
+
+
+def _verdict(judged: JudgedClaim) -> str:
+    """The status, how near it was, and what so few trainings resolve."""
+    parts, decides = [str(judged.status)], deciding(judged.evidence)
+    if decides is not None:
+        parts.append(f'{decides.margin_percent:+.1f} %')
+        n_trainings = min((it.n_trainings for it in judged.evidence if it.n_trainings), default=0)
+        if MIN_TRAININGS <= n_trainings < _SURE_TRAININGS:
+            chance = 2 ** (n_trainings - 1)
+            parts.append(f'{n_trainings} trainings agree by chance once in {chance}')
+    return '; '.join(parts)
 
 
 def _measured(evidence: Sequence[Evidence]) -> str:
@@ -108,8 +126,10 @@ def _measured(evidence: Sequence[Evidence]) -> str:
 def _word(status: ClaimStatus) -> str:
     return {
         ClaimStatus.HOLDS: 'hold',
+        ClaimStatus.TIE: 'tie',
         ClaimStatus.FAILS: 'do not hold',
         ClaimStatus.OPEN: 'are open',
+        ClaimStatus.SAME: 'are not judged',
     }[status]
 
 
@@ -117,20 +137,21 @@ def _details(number: int, judged: JudgedClaim) -> str:
     lines = [
         f'### {number}. {judged.claim.statement}',
         '',
-        '| | mean | interval | unit | n | |',
-        '|---|---|---|---|---|---|',
+        '| | mean | interval | unit | n | margin | |',
+        '|---|---|---|---|---|---|---|',
     ]
     for it in judged.evidence:
         mean, span = _numbers(it)
-        count = f'{it.n} {it.noun}{"" if it.n == 1 else "s"}'
-        lines.append(f'| {it.what} | {mean} | {span} | {it.unit} | {count} | {it.status} |')
+        margin = '-' if it.estimate is None else f'{it.margin_percent:+.1f} %'
+        lines.append(
+            f'| {it.what} | {mean} | {span} | {it.unit} | {it.count} | {margin} | {it.status} |'
+        )
     return '\n'.join(lines)
 
 
 def _shown(evidence: Evidence) -> str:
     mean, span = _numbers(evidence)
-    count = f'n = {evidence.n} {evidence.noun}{"" if evidence.n == 1 else "s"}'
-    return f'{evidence.what}: {mean} ({span}) {evidence.unit}, {count}'
+    return f'{evidence.what}: {mean} ({span}) {evidence.unit}, n = {evidence.count}'
 
 
 def _numbers(evidence: Evidence) -> tuple[str, str]:

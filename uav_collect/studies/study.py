@@ -22,10 +22,12 @@ class TrainedPolicies:
 
 @dataclass(frozen=True, kw_only=True)
 class MissionSet:
-    """Missions of one policy on one scenario, or the plans of these missions."""
+    """Missions on one scenario: of a rule, of each policy that was trained, or planned."""
 
-    digests: tuple[str, ...]  # in the order of the mission seeds
-    is_planned: bool
+    # Of jobs: a row for each training, or one; in a row in the order of the mission seeds.
+    digests: tuple[tuple[str, ...], ...]
+    trainings: tuple[str, ...] = ()  # digests; none where nothing was trained
+    is_planned: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,6 +56,9 @@ FINISHED = PanelMeasure(
     key='complete_safe_share', title='complete missions, all UAVs home',
     unit='%', scale=100.0, factors=('is_complete', 'is_safe'),
 )  # fmt: skip
+ENERGY = PanelMeasure(
+    key='energy_kj', title='energy, all UAVs', unit='kJ', plan_key='thriftiest_energy_kj'
+)
 COLLECTING = PanelMeasure(key='collecting_s', title='time spent collecting, all UAVs', unit='s')
 REWARD = PanelMeasure(key='training_reward', title='reward of a mission in training', unit='1')
 
@@ -139,4 +144,34 @@ class TrajectoriesStudy:
     tests: Mapping[str, MissionSet]  # many missions of the same policies, by label
 
 
-Study = LinesStudy | CurvesStudy | TopologyStudy | TrajectoriesStudy
+@dataclass(frozen=True, kw_only=True)
+class StudyTask:
+    """A scenario on which each algorithm was trained and tested."""
+
+    label: str
+    key: str  # in files
+    trained: Mapping[str, TrainedPolicies]  # by label
+    tests: Mapping[str, MissionSet]  # by label; of what was trained, of rules, and the plans
+
+
+@dataclass(frozen=True, kw_only=True)
+class Suite:
+    """Tasks over which algorithms are compared as a whole."""
+
+    label: str
+    key: str  # in files
+    tasks: tuple[StudyTask, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunsStudy:
+    """Algorithms over many tasks, training by training."""
+
+    name: str
+    figure: None
+    title: str
+    about: str
+    suites: tuple[Suite, ...]
+
+
+Study = LinesStudy | CurvesStudy | TopologyStudy | TrajectoriesStudy | RunsStudy

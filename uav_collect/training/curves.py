@@ -206,7 +206,9 @@ def draw_curves(
     for index, curve in enumerate(curves):
         marker = 'o' if len(curve.over) == 1 else ''
         colour = COLOURS[index % len(COLOURS)]
-        draw_curve(axes, curve, colour, linewidth=1.8, marker=marker)
+        n_seeds = len(curve.seeds)
+        label = f'{curve.label} ({n_seeds} seed{"s" if n_seeds > 1 else ""})'
+        draw_curve(axes, curve, colour, label=label, linewidth=1.8, marker=marker)
     _draw_references(axes, references or {})
     unit = '' if measure.unit == '1' else f' [{measure.unit}]'
     axes.set_xlabel(axis.title)
@@ -241,15 +243,26 @@ def _write_legend(axes: Axes, figure: Figure) -> None:
 
 
 def draw_curve(
-    axes: Axes, curve: LearningCurve, colour: str, *, linewidth: float, marker: str = ''
+    axes: Axes,
+    curve: LearningCurve,
+    colour: str,
+    *,
+    label: str,
+    linewidth: float,
+    marker: str = '',
+    markers_at: tuple[float, float] = (0.0, 1.0),
 ) -> None:
-    """Draw the mean as a line, and the deviation over several seeds shaded around it."""
-    n_seeds = len(curve.seeds)
-    label = f'{curve.label} ({n_seeds} seed{"s" if n_seeds > 1 else ""})'
+    """Draw the mean as a line, and the deviation over several seeds shaded around it.
+
+    Args:
+        markers_at: where on the line the first marker stands, and how far the next ones are from
+            each other, as shares of the picture.
+    """
     axes.plot(
-        curve.over, curve.mean, color=colour, linewidth=linewidth, marker=marker, label=label
-    )
-    if n_seeds > 1:
+        curve.over, curve.mean, color=colour, linewidth=linewidth, marker=marker, label=label,
+        markersize=4, markevery=markers_at if len(curve.over) > 1 else None,
+    )  # fmt: skip
+    if len(curve.seeds) > 1:
         low, high = curve.mean - curve.deviation, curve.mean + curve.deviation
         axes.fill_between(curve.over, low, high, color=colour, alpha=0.2, linewidth=0)
 

@@ -1,16 +1,18 @@
-"""Judges a statement by what was measured: paired values, bootstrap intervals, one rule each.
+"""Judges a statement by what was measured: resampled trainings and missions, one rule each.
 
-A difference is paired: by mission where policies flew the same missions, by seed where algorithms
-were trained from the same seeds. The interval decides, never a person.
+Policies that flew the same missions are compared mission by mission, and trainings that serve both
+sides of a comparison are drawn once for both. The interval decides, never a person.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
-from uav_collect.analysis.statistics import column_estimates, Estimate
+from uav_collect.analysis.resampling import expanded_interval, resampled_means
+from uav_collect.analysis.statistics import Estimate
 from uav_collect.kernels.arrays import Floats
+from uav_collect.studies.claims.words import ALIKE_PERCENT
 from uav_collect.studies.findings import Findings
 from uav_collect.studies.study import (
     CurvesPanel,
@@ -23,19 +25,20 @@ from uav_collect.studies.study import (
     TrajectoriesStudy,
 )
 
-# Fewer seeds agree by chance too often: of five that toss a coin, all fall alike once in sixteen.
-MIN_SEEDS = 6
-_BOOTSTRAP_SEED = 0
+MIN_TRAININGS = 3  # fewer decide nothing, whatever they say
 _ROUNDING = 1e-9  # relative
-_Rule = Callable[[Estimate], tuple[bool, bool]]  # whether it holds, whether it fails
+_Statistic = Callable[..., Floats]  # of the means of samples, each resampled alike
+_Rule = Callable[[float, float], 'ClaimStatus']  # by an interval
 
 
 class ClaimStatus(StrEnum):
     """Whether a statement holds, by what was measured."""
 
     HOLDS = 'holds'
+    TIE = 'tie'
     FAILS = 'does not hold'
     OPEN = 'not resolvable at this scale'
+    SAME = 'not judged'  # a thing beside itself
     NOT_RUN = 'not run'
 
 
@@ -45,27 +48,32 @@ class Evidence:
 
     what: str
     unit: str
-    n: int  # missions or seeds that count
-    noun: str
+    n_missions: int  # that count
+    n_trainings: int  # of each that was trained, at least; 0 where nothing was
     estimate: Estimate | None  # None where nothing counts
+    margin_percent: float  # how far within what was said, or how far beside it if negative
     status: ClaimStatus
+
+    @property
+    def count(self) -> str:
+        """Of how many missions and trainings, for people."""
+        numbers = ((self.n_missions, 'mission'), (self.n_trainings, 'training'))
+        texts = [f'{n} {noun}{"" if n == 1 else "s"}' for n, noun in numbers if n]
+        return ', '.join(texts) or 'none'
 
 
 @dataclass(frozen=True, kw_only=True)
 class Samples:
-    """A measure of things that can be paired: missions, or trainings by their seed."""
+    """A measure of policies, mission by mission; or of their trainings."""
 
-    value: Floats  # (N,)
-    noun: str  # 'mission' or 'seed'
+    value: Floats  # (T, M): a row for each training, or one; M is 1 where trainings are measured
+    trainings: tuple[str, ...] = ()  # names, (T,); none where nothing was trained
+    source: tuple[str, ...] = ()  # what it is of: the same twice is no comparison
 
-    def paired(self, other: 'Samples') -> tuple[Floats, Floats]:
-        """The values of both, pair by pair, where both are known."""
-        if self.noun != other.noun or len(self.value) != len(other.value):
-            raise ValueError(
-                f'{len(self.value)} {self.noun}s and {len(other.value)} {other.noun}s'
-            )
-        known = np.isfinite(self.value) & np.isfinite(other.value)
-        return self.value[known], other.value[known]
+    @property
+    def is_of_missions(self) -> bool:
+        """Whether missions are measured, and not trainings."""
+        return self.value.shape[1] > 1 or not self.trainings
 
 
 @dataclass(frozen=True)
@@ -101,64 +109,168 @@ class StudyResults:
         column = self.findings.column(tested, measure)
         if column is None:
             raise ValueError(f'plans have no {measure.title}')
-        return Samples(value=column.value, noun='mission')
+        return self._samples(tested, column.value, measure.key)
 
-    def final_values(
-        self, trained: TrainedPolicies, key: str, n_seeds: int | None = None
-    ) -> Samples:
-        """What trainings achieved in their last fifth, by seed."""
-        return Samples(value=self.findings.final_values(trained, key)[:n_seeds], noun='seed')
+    def overlap_percent(self, tested: MissionSet) -> Samples:
+        """Cells that several UAVs flew to, in per cent of all that were flown to, by mission."""
+        shared, visited = (
+            self.findings.numbers(tested, key) for key in ('shared_cells', 'visited_cells')
+        )
+        return self._samples(tested, 100.0 * shared / np.maximum(visited, 1.0), 'overlap')
+
+    def final_values(self, trained: TrainedPolicies, key: str) -> Samples:
+        """What trainings achieved in their last fifth."""
+        return by_training(trained, self.findings.final_values(trained, key), key)
+
+    def _samples(self, tested: MissionSet, value: Floats, key: str) -> Samples:
+        source = key, *(digest for row in tested.digests for digest in row)
+        return Samples(value=value, trainings=tested.trainings, source=source)
+
+
+def by_training(trained: TrainedPolicies, values: Floats, key: str) -> Samples:
+    """A number of each training; those that have none, as they failed at once, are left out."""
+    known = np.isfinite(values)
+    names = tuple(it for it, is_known in zip(trained.digests, known, strict=True) if is_known)
+    source = key, *trained.digests
+    return Samples(value=values[known][:, None], trainings=names, source=source)
 
 
 def is_above(what: str, unit: str, high: Samples, low: Samples) -> Evidence:
-    """Whether one is larger than the other, pair by pair on average."""
-    first, second = high.paired(low)
-    # Sums of the same data in another order differ by rounding, which must not decide.
-    ahead = np.where(np.isclose(first, second, rtol=_ROUNDING, atol=0.0), 0.0, first - second)
-    return _judged(what, unit, ahead, high.noun, lambda it: (it.low > 0, it.high < 0))
+    """Whether one mean is larger than another; the margin is in per cent of the larger one."""
+    return is_positive(what, unit, lambda first, second: first - second, high, low)
 
 
-def is_within(what: str, unit: str, samples: Samples, low: float, high: float) -> Evidence:
-    """Whether a mean lies between two values."""
-    values = samples.value[np.isfinite(samples.value)]
-    return _judged(
-        f'{what} (from {low:g} to {high:g})', unit, values, samples.noun,
-        lambda it: (low <= it.low and it.high <= high, it.high < low or it.low > high),
-    )  # fmt: skip
+def is_positive(
+    what: str, unit: str, statistic: _Statistic, *samples: Samples, one: float | None = None
+) -> Evidence:
+    """Whether a statistic is larger than zero.
+
+    Args:
+        statistic: of the means of the samples, in their order.
+        one: what counts as 100 % for the margin and for a tie; None: the largest mean.
+    """
+    means = [abs(float(it.value.mean())) if it.value.size else 0.0 for it in samples]
+    whole = max(means) if one is None else one
+    alike = whole * ALIKE_PERCENT / 100.0
+
+    def rule(low: float, high: float) -> ClaimStatus:
+        if low > 0:
+            return ClaimStatus.HOLDS
+        if high < 0:
+            return ClaimStatus.FAILS
+        return ClaimStatus.TIE if -alike <= low and high <= alike else ClaimStatus.OPEN
+
+    def margin_percent(mean: float) -> float:
+        return 100.0 * mean / whole if whole else 0.0
+
+    def settled(*means: Floats) -> Floats:
+        # Sums of the same data in another order differ by rounding, which must not decide.
+        found = statistic(*means)
+        return np.where(np.abs(found) <= _ROUNDING * whole, 0.0, found)
+
+    return _judged(what, unit, settled, samples, rule, margin_percent)
 
 
-def changed_percent(after: Samples, before: Samples) -> Samples:
-    """By how much the mean changes, in per cent: its ratio, linear in the pairs."""
-    new, old = after.paired(before)
-    if not len(old) or old.mean() == 0.0:
-        return Samples(value=np.zeros(0), noun=after.noun)
-    ratio = new.mean() / old.mean()
-    # To first order, resampling these resamples the ratio of the means.
-    values = ratio - 1.0 + (new - ratio * old) / old.mean()
-    return Samples(value=100.0 * values, noun=after.noun)
+def is_within(
+    what: str, unit: str, statistic: _Statistic, *samples: Samples, low: float, high: float
+) -> Evidence:
+    """Whether a statistic in per cent lies between two values.
+
+    Args:
+        statistic: of the means of the samples, in their order.
+    """
+
+    def rule(lowest: float, highest: float) -> ClaimStatus:
+        if low <= lowest and highest <= high:
+            return ClaimStatus.HOLDS
+        if highest < low or lowest > high:
+            return ClaimStatus.FAILS
+        return ClaimStatus.OPEN
+
+    def margin_percent(mean: float) -> float:
+        return min(mean - low, high - mean)
+
+    span = f'{what} (from {low:g} to {high:g})'
+    return _judged(span, unit, statistic, samples, rule, margin_percent)
+
+
+def mean_of(mean: Floats) -> Floats:
+    """The statistic of one sample that is its mean."""
+    return mean
+
+
+def change_percent(after: Floats, before: Floats) -> Floats:
+    """The statistic of two samples by how much the second becomes the first, in per cent."""
+    return 100.0 * (_ratio(after, before) - 1.0)
+
+
+def _ratio(first: Floats, second: Floats) -> Floats:
+    known = np.where(second == 0.0, np.nan, second)
+    return np.asarray(first / known)
 
 
 def combined_status(evidence: Sequence[Evidence]) -> ClaimStatus:
-    """The status of a statement: it holds if each part does, and fails if one does."""
+    """The status of a statement: it holds if each part does, and fails if one does.
+
+    What stands beside itself says nothing.
+    """
     statuses = {it.status for it in evidence}
     if not statuses:
         return ClaimStatus.NOT_RUN
-    for status in (ClaimStatus.FAILS, ClaimStatus.OPEN):
+    for status in (ClaimStatus.FAILS, ClaimStatus.OPEN, ClaimStatus.TIE, ClaimStatus.HOLDS):
         if status in statuses:
             return status
-    return ClaimStatus.HOLDS
+    return ClaimStatus.SAME
 
 
-def _judged(what: str, unit: str, values: Floats, noun: str, rule: _Rule) -> Evidence:
-    if not len(values):
-        return Evidence(
-            what=what, unit=unit, n=0, noun=noun, estimate=None, status=ClaimStatus.OPEN
-        )
-    estimate = column_estimates(values[:, None], _BOOTSTRAP_SEED)[0]
-    holds, fails = rule(estimate)
-    status = ClaimStatus.HOLDS if holds else ClaimStatus.FAILS if fails else ClaimStatus.OPEN
-    if len(values) < 2 or (noun == 'seed' and len(values) < MIN_SEEDS):
+def deciding(evidence: Sequence[Evidence]) -> Evidence | None:
+    """Of the numbers that decide, the one with the least margin."""
+    status = combined_status(evidence)
+    of_status = [it for it in evidence if it.status is status and it.estimate is not None]
+    return min(of_status, key=lambda it: it.margin_percent, default=None)
+
+
+def _judged(
+    what: str,
+    unit: str,
+    statistic: _Statistic,
+    samples: Sequence[Samples],
+    rule: _Rule,
+    margin_percent: Callable[[float], float],
+) -> Evidence:
+    known = _known(samples)
+    numbers = [len(it.trainings) for it in samples if it.trainings]
+    n_missions = max((it.value.shape[1] for it in known if it.is_of_missions), default=0)
+    evidence = Evidence(
+        what=what, unit=unit, n_missions=n_missions, n_trainings=min(numbers, default=0),
+        estimate=None, margin_percent=0.0, status=ClaimStatus.OPEN,
+    )  # fmt: skip
+    sources = [it.source for it in samples]
+    if len(samples) > 1 and sources[0] and len(set(sources)) == 1:
+        return replace(evidence, status=ClaimStatus.SAME)
+    if not all(it.value.size for it in known):
+        return evidence
+    mean = float(statistic(*(it.value.mean() for it in known)))
+    draws = statistic(*(resampled_means(it.value, it.trainings) for it in known))
+    n_least = min([*numbers, n_missions] if n_missions else numbers)
+    if not np.isfinite(mean) or not np.isfinite(draws).all():
+        return evidence
+    low, high = expanded_interval(draws, n_least) if n_least > 1 else (mean, mean)
+    estimate = Estimate(mean=mean, low=min(low, mean), high=max(high, mean), median=mean)
+    status = rule(estimate.low, estimate.high)
+    if n_least < 2 or min(numbers, default=MIN_TRAININGS) < MIN_TRAININGS:
         status = ClaimStatus.OPEN
-    return Evidence(
-        what=what, unit=unit, n=len(values), noun=noun, estimate=estimate, status=status
-    )
+    margin = margin_percent(mean)
+    return replace(evidence, estimate=estimate, margin_percent=margin, status=status)
+
+
+def _known(samples: Sequence[Samples]) -> list[Samples]:
+    """Samples without the missions that one of them has no number for."""
+    of_missions = [it for it in samples if it.is_of_missions]
+    if not of_missions:
+        return [*samples]
+    n_missions = {it.value.shape[1] for it in of_missions}
+    if len(n_missions) > 1 or len(of_missions) < len(samples):
+        raise ValueError(f'samples of {sorted(n_missions)} missions cannot be paired')
+    known = np.all([np.isfinite(it.value).all(axis=0) for it in samples], axis=0)
+    return [replace(it, value=it.value[:, known]) for it in samples]

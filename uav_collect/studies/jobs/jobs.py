@@ -16,7 +16,7 @@ from uav_collect.scenario.model import Scenario
 from uav_collect.training.config import TrainingConfig
 
 # Raised when a job's result means something else than before, though its fields are the same.
-_FORMATS = {'training': 1, 'flights': 1, 'plans': 1}
+_FORMATS = {'training': 2, 'flights': 1, 'plans': 1}
 _DIGEST_LENGTH = 24  # hex digits: 96 bits
 
 # The files that come out of jobs.

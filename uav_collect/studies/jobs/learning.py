@@ -70,7 +70,7 @@ def run_training(
     policy = trainer.best_policy()
     if policy is None:
         raise DivergedError(f'{job.algorithm}, seed {job.seed}: diverged: {diverged}')
-    yield _results(job, policy, rows, trainer.n_updates, diverged)
+    yield _results(job, policy, rows, trainer, diverged)
 
 
 def _trainer_of(job: TrainingJob) -> Trainer:
@@ -89,7 +89,7 @@ def _results(
     job: TrainingJob,
     policy: FrozenPolicy,
     rows: list[list[float]],
-    n_updates: int,
+    trainer: Trainer,
     diverged: str,
 ) -> dict[str, bytes]:
     # The checkout of who did it must not show in the bytes; the cost says which it was.
@@ -99,7 +99,8 @@ def _results(
         'algorithm': job.algorithm,
         'seed': job.seed,
         'decisions': job.decisions,
-        'updates': n_updates,
+        'updates': trainer.n_updates,
+        'parameters': trainer.n_parameters,
         'diverged': diverged,
         'best': {
             'version': header.version,

@@ -13,10 +13,12 @@ from traceback import format_exc
 
 from uav_collect.kernels import patience
 from uav_collect.studies.jobs.worker_messages import (
+    Advanced,
     Failed,
     Finished,
     JobReport,
     Lost,
+    Saved,
     Stopped,
     Stopping,
     WorkItem,
@@ -25,6 +27,7 @@ from uav_collect.studies.jobs.worker_messages import (
 _STOP = 'stop'
 _END_S = 5.0  # until a process that was asked to end is killed
 _STOPPING_S = 6.0  # until one that does not say that it leaves its job is: it compiles
+_SAVING_S = 60.0  # the same for one that is amidst its job: on a busy machine a step takes long
 
 
 @dataclass(eq=False)
@@ -32,6 +35,7 @@ class _Worker:
     process: BaseProcess
     connection: Connection
     digest: str | None = None  # of the job that it does
+    has_advanced: bool = False  # in that job, so there is something to lose
 
 
 class ProcessEngine:
@@ -41,7 +45,7 @@ class ProcessEngine:
         """Start no process yet: each is started when there is a job for it."""
         self._n_slots = n_slots
         self._workers: list[_Worker] = []
-        self._killed_at_s = math.inf  # those who have not answered by then
+        self._stopped_s = math.inf
         self._answered: set[str] = set()  # digests
         self._context = multiprocessing.get_context('spawn')  # torch and numba have threads
 
@@ -55,15 +59,18 @@ class ProcessEngine:
         worker = next((it for it in self._workers if it.digest is None), None)
         if worker is None:
             worker = self._new_worker()
-        worker.digest = task.digest
+        worker.digest, worker.has_advanced = task.digest, False
         _send(worker, task)
 
     def wait(self, timeout_s: float) -> Sequence[tuple[str, JobReport]]:
         """Reports of jobs; of one whose process is gone, that it is lost."""
-        if monotonic() >= self._killed_at_s:
-            for worker in self._workers:
-                if worker.digest not in (None, *self._answered):
-                    worker.process.kill()
+        for worker in self._workers:
+            patience_s = _SAVING_S if worker.has_advanced else _STOPPING_S
+            if monotonic() >= self._stopped_s + patience_s and worker.digest not in (
+                None,
+                *self._answered,
+            ):
+                worker.process.kill()
         reports: list[tuple[str, JobReport]] = []
         by_connection = {worker.connection: worker for worker in self._workers}
         for connection in wait([*by_connection], timeout_s):
@@ -76,7 +83,7 @@ class ProcessEngine:
 
     def stop(self) -> None:
         """Ask all processes to save and leave their jobs; who does not answer is killed."""
-        self._killed_at_s = monotonic() + _STOPPING_S
+        self._stopped_s = monotonic()
         for worker in self._workers:
             if worker.digest is not None:
                 _send(worker, _STOP)
@@ -111,9 +118,10 @@ class ProcessEngine:
             self._workers.remove(worker)
             worker.connection.close()
             worker.process.join()
-            if monotonic() >= self._killed_at_s:
+            if math.isfinite(self._stopped_s):
                 return Stopped()
             return Lost(why=f'process {worker.process.pid} ended: {worker.process.exitcode}')
+        worker.has_advanced |= isinstance(report, Advanced | Saved)
         if isinstance(report, Stopping) and worker.digest is not None:
             self._answered.add(worker.digest)
         if isinstance(report, Finished | Failed | Stopped):
@@ -129,7 +137,8 @@ def _send(worker: _Worker, what: WorkItem | str) -> None:
 def _worker_loop(connection: Connection) -> None:
     """Do jobs until there is nobody who gives any."""
     patience.be_silent()  # the schedule says what this process does
-    for number in (signal.SIGINT, signal.SIGHUP):  # who started us says when to stop
+    # Who started us says when to stop, whoever else in our group is asked to.
+    for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)
     try:
         while True:

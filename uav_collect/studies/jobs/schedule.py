@@ -58,6 +58,7 @@ class JobsStatus:
 
 
 Show = Callable[[JobsStatus], None]
+_Turn = tuple[int, float]
 
 
 @dataclass
@@ -142,7 +143,7 @@ def run_jobs(
     engine: JobEngine,
     *,
     checkpoint_s: float,
-    order: Callable[[Job], float],
+    order: Callable[[Job], _Turn],
     is_stopping: Callable[[], bool],
     show: Show,
 ) -> JobsStatus:
@@ -176,7 +177,7 @@ def run_jobs(
     return status
 
 
-def _needed_first(jobs: Mapping[str, Job], order: Callable[[Job], float]) -> Iterable[str]:
+def _needed_first(jobs: Mapping[str, Job], order: Callable[[Job], _Turn]) -> Iterable[str]:
     return sorted(jobs, key=lambda digest: (order(jobs[digest]), digest))
 
 

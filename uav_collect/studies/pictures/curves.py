@@ -6,7 +6,7 @@ from uav_collect.analysis.trajectories import COLOURS
 from uav_collect.studies.findings import estimate_column, Findings
 from uav_collect.studies.pictures.drawing import (
     COLOUR,
-    count_label,
+    count_text,
     Drawing,
     label_axes,
     panels,
@@ -23,6 +23,8 @@ from uav_collect.studies.study import (
 from uav_collect.training.curves import draw_curve, LearningCurve
 
 _SIZE_IN = (4.2, 3.9)
+_MARKERS = ('o', 's', '^', 'D', 'v')
+_WIDEST, _NARROWER = 3.0, 0.45  # lines, the first one and each after it
 _OVER = 'decisions in training [1]'
 
 
@@ -32,8 +34,13 @@ def draw(study: CurvesStudy, findings: Findings) -> Drawing:
     Raises:
         StoreError: a job of it is not done.
     """
+    trainings = [len(curve.digests) for panel in study.panels for curve in panel.curves]
+    tested = [it for panel in study.panels for it in panel.references.values()]
+    missions = [findings.numbers(it, 'mission_seed').shape[1] for it in tested]
     note = (
-        f'Fig. {study.figure} of the paper; {study.about}; mean and standard deviation over seeds.'
+        f'Fig. {study.figure} of the paper; {study.about}; n = {count_text(trainings, "training")}'
+        ' of each, mean and standard deviation; rules and plans:'
+        f' {count_text(missions, "mission")}.'
         ' Above: missions that explore; below: validation'
     )
     measures = (REWARD, EFFICIENCY)
@@ -45,7 +52,13 @@ def draw(study: CurvesStudy, findings: Findings) -> Drawing:
                 curve = findings.curve(trained, measure.key)
                 if curve is not None:
                     colour = COLOUR.get(curve.label, COLOURS[index])
-                    draw_curve(axes, curve, colour, linewidth=1.6)
+                    # Wide below narrow, each with marks of its own: what coincides is seen.
+                    draw_curve(
+                        axes, curve, colour, label=curve.label,
+                        linewidth=_WIDEST - _NARROWER * index,
+                        marker=_MARKERS[index % len(_MARKERS)],
+                        markers_at=(0.03 * index, 0.15),
+                    )  # fmt: skip
                     rows += _rows(panel, curve, measure)
             if measure is EFFICIENCY:
                 rows += _draw_references(axes, panel, findings)
@@ -79,10 +92,9 @@ def _draw_references(axes: Axes, panel: CurvesPanel, findings: Findings) -> list
         if point is None:
             continue
         n_missions, estimate = point
-        name = 'thriftiest clairvoyant plan' if label == PLAN else label
         axes.axhline(
             estimate.mean, color=COLOUR[label], linewidth=1.1, linestyle=STYLE[label],
-            label=count_label(name, [n_missions], 'mission'),
+            label='thriftiest plan' if label == PLAN else label,
         )  # fmt: skip
         about = (panel.key, label, EFFICIENCY.key, EFFICIENCY.unit, '', n_missions, '')
         rows.append([*about, estimate.mean, '', estimate.low, estimate.high])

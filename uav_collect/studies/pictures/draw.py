@@ -1,11 +1,12 @@
 """Draws a study from what was found for it, and from nothing else."""
 
 from uav_collect.studies.findings import Findings
-from uav_collect.studies.pictures import curves, lines, missions
+from uav_collect.studies.pictures import curves, lines, missions, runs
 from uav_collect.studies.pictures.drawing import Drawing
 from uav_collect.studies.study import (
     CurvesStudy,
     LinesStudy,
+    RunsStudy,
     Study,
     TopologyStudy,
     TrajectoriesStudy,
@@ -27,3 +28,5 @@ def draw(study: Study, findings: Findings) -> Drawing:
             return missions.draw_topology(study)
         case TrajectoriesStudy():
             return missions.draw_trajectories(study, findings)
+        case RunsStudy():
+            return runs.draw(study, findings)

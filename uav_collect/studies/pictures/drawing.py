@@ -1,7 +1,7 @@
 """What all figures of studies have in common: colours, panels, legends, files."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 import io
 import textwrap
 
@@ -16,6 +16,7 @@ COLOUR = {
     AQMIX: COLOURS[0], QMIX: COLOURS[1], AIQL: COLOURS[2], HERT: '#555555', SWEEP: '#009E73',
     PLAN: '#111111', STRONG: COLOURS[0],
 }  # fmt: skip
+MARKER = {AQMIX: 'o', QMIX: 's', AIQL: '^', HERT: 'D', SWEEP: 'v', PLAN: 'x', STRONG: 'o'}
 STYLE = dict(zip((HERT, SWEEP, PLAN), REFERENCE_STYLES, strict=True))
 SOLID = (0.0, ())
 THIN = (0.0, (3.0, 1.0))
@@ -28,6 +29,7 @@ class Drawing:
 
     figure: Figure
     table: bytes  # CSV, units in the header
+    others: Mapping[str, bytes] = field(default_factory=dict)  # files beside it, by name
 
     def picture(self, kind: str) -> bytes:
         """The figure as 'png' or 'pdf': the same numbers give the same bytes."""
@@ -73,8 +75,8 @@ def label_axes(axes: Axes, over: str, title: str, unit: str) -> None:
     axes.spines[['top', 'right']].set_visible(False)
 
 
-def count_label(label: str, numbers: Sequence[int], noun: str) -> str:
-    """A label with how many things its line is made of: `sweep (300 missions)`."""
+def count_text(numbers: Sequence[int], noun: str) -> str:
+    """How many things are shown, for a caption: `300 missions`, `3 to 6 trainings`."""
     least, most = min(numbers), max(numbers)
     count = f'{least}' if least == most else f'{least} to {most}'
-    return f'{label} ({count} {noun}{"" if most == 1 else "s"})'
+    return f'{count} {noun}{"" if most == 1 else "s"}'
