@@ -24,6 +24,7 @@ SUMMARIES = {
     'evaluate': 'fly many missions in this process: means with 95 % intervals',
     'size': 'say how many UAVs and how much battery a site takes',
     'train': 'learn a policy for a scenario, from missions in this process',
+    'tune': 'train by each combination of settings, say which did best',
     'refine': 'learn on, on your own field, from what flies it best',
     'train-fleet': 'let a fleet learn over ROS 2 while it flies',
     'curves': 'draw the learning curves of trainings, mean and deviation',
@@ -125,6 +126,8 @@ def command_named(name: str) -> Command:
             from uav_collect.commands.size import add_arguments, run
         case 'train':
             from uav_collect.commands.train import add_arguments, run
+        case 'tune':
+            from uav_collect.commands.tune import add_arguments, run
         case 'refine':
             from uav_collect.commands.refine import add_arguments, run
         case 'train-fleet':

@@ -33,15 +33,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='learn on courses that are drawn anew all the time, in place of scenarios: anywhere,'
         ' or a YAML file (with --preset anywhere, or one that extends it)',
     )
-    _add_learning_options(parser)
+    add_learning_options(parser)
     options.add_budget_options(parser, _MINUTES, 'how long to train each seed')
-    parser.add_argument(
-        '--checkpoint-minutes',
-        type=options.minutes,
-        default=5.0,
-        metavar='M',
-        help='how often to save all that --resume needs (default: %(default)g)',
-    )
+    add_checkpoint_option(parser)
     parser.add_argument(
         '--output',
         type=Path,
@@ -57,7 +51,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _add_learning_options(parser: argparse.ArgumentParser) -> None:
+def add_checkpoint_option(parser: argparse.ArgumentParser) -> None:
+    """Add how often a run is saved."""
+    parser.add_argument(
+        '--checkpoint-minutes',
+        type=options.minutes,
+        default=5.0,
+        metavar='M',
+        help='how often to save all that --resume needs (default: %(default)g)',
+    )
+
+
+def add_learning_options(parser: argparse.ArgumentParser) -> None:
+    """Add how to learn, and where from; `fill_in` gives them their defaults."""
     parser.add_argument(
         '--algorithm',
         type=options.algorithm(ALGORITHMS),
@@ -96,7 +102,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Train one run for each seed; returns the exit status."""
     options.check_torch('train')
     if arguments.resume is None:
-        _fill_in(arguments)
+        fill_in(arguments)
     training = plan_training(arguments)
     _check_device(training.runs[0].record.device)
     status = _train_all(training, arguments.checkpoint_minutes * 60.0)
@@ -122,7 +128,7 @@ def _train_all(training: TrainingPlan, checkpoint_s: float) -> int:
     return status
 
 
-def _fill_in(arguments: argparse.Namespace) -> None:
+def fill_in(arguments: argparse.Namespace) -> None:
     """Fill in the defaults of options that were not given."""
     for name, default in (
         ('algorithm', _ALGORITHM if arguments.courses is None else _COURSES_ALGORITHM),

@@ -26,7 +26,7 @@ if TYPE_CHECKING:  # loaded when training, so that --help answers at once
     from uav_collect.uav.policy_network import FrozenPolicy
 
 RUNS = Path('runs') / 'train'
-_OWN = (
+OWN_OPTIONS = (
     'scenario', 'set', 'uavs', 'courses', 'algorithm', 'preset', 'override', 'start_from', 'seed',
     'device', 'output',
 )  # fmt: skip
@@ -154,7 +154,7 @@ def _default_name(names: Sequence[str], n_uavs: Sequence[int], algorithm: str, p
 
 def _resumed_training(arguments: argparse.Namespace) -> TrainingPlan:
     """The named run, then the other runs of its training that are not done."""
-    given = [name for name in _OWN if getattr(arguments, name) not in (None, [])]
+    given = [name for name in OWN_OPTIONS if getattr(arguments, name) not in (None, [])]
     if given:
         option = f'--{given[0].replace("_", "-")}'
         what = f'{option} cannot be given with --resume: the run goes on as it was begun'

@@ -112,6 +112,7 @@ NEEDED = {
     'size': (*_SHOWING, 'matplotlib'),
     'bound': _SHOWING,
     'train': (*_SHOWING, 'matplotlib'),
+    'tune': (*_SHOWING, 'matplotlib'),
     'refine': _SHOWING,
     'train-fleet': _SHOWING,
     'curves': (*_SHOWING, 'matplotlib'),
