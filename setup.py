@@ -93,7 +93,7 @@ setup(
     long_description=(HERE / 'README.md').read_text(encoding='utf-8'),
     long_description_content_type='text/markdown',
     maintainer='uav_collect maintainers',
-    maintainer_email='maintainers@users.noreply.h-seed-8378662b.example',
+    maintainer_email='uav-collect@users.noreply.github.com',
     license='Apache-2.0',
     keywords=['UAV', 'data collection', 'multi-agent', 'reinforcement learning', 'ROS 2'],
     project_urls={'Paper': 'https://arxiv.org/abs/2601.10849'},

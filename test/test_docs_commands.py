@@ -14,6 +14,7 @@ ABROAD = {
     'export',
     'fastdds',
     'jupytext',
+    'pip',
     'ray',
     'rviz2',
     'source',

@@ -1,5 +1,8 @@
 """Which of the policies that trainers publish count, and how a UAV takes one up."""
 
+import hashlib
+from pathlib import Path
+import sys
 from types import SimpleNamespace
 from typing import Any
 
@@ -12,6 +15,8 @@ from uav_collect.scenario.load import load
 from uav_collect.uav.action_codes import NONE
 from uav_collect.uav.briefing import brief, Briefing
 from uav_collect.uav.exploration import explore
+from uav_collect.uav.named_code import TRUSTED_VARIABLE
+from uav_collect.uav.policy_file import policy_bytes
 from uav_collect.uav.policy_network import ExploringPolicy, LearnedPolicy
 
 FROZEN = random_policy(header())
@@ -158,3 +163,26 @@ def test_exploration_follows_the_mission_seed_the_uav_and_its_decisions(
         random = [explore(5, 1, it, 0.5, HOVER_SHARE, 0.0, NONE, legal) for it in range(50)]
         assert chosen == [4 if action < 0 else action for action in random]
     assert len(set(chosen)) > 2
+
+
+def test_code_that_a_published_policy_names_is_imported_only_if_it_is_trusted(
+    briefing: Briefing, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / 'by_topic.py').write_text('raise RuntimeError("was imported")\n')
+    monkeypatch.syspath_prepend(tmp_path)
+    # The digest covers what is written; only the label of the layout names the module.
+    plain = policy_bytes(FROZEN)
+    label = FROZEN.header.layout.label.encode()
+    named = b'by_topic:Sees'.ljust(len(label))[: len(label)]
+    assert label in plain and named.decode().partition(':')[0] == 'by_topic'
+    content = plain.replace(label, named)
+    values = {'content': content, 'sha256': hashlib.sha256(content).hexdigest()}
+
+    refusal = PolicyStore(briefing).add(message(1, **values))
+    assert refusal is not None and f'only imported where {TRUSTED_VARIABLE} lists it' in refusal
+    assert 'was imported' not in refusal
+    assert 'by_topic' not in sys.modules
+
+    monkeypatch.setenv(TRUSTED_VARIABLE, f'other:Thing,{named.decode()}')
+    refusal = PolicyStore(briefing).add(message(1, **values))
+    assert refusal is not None and 'was imported' in refusal

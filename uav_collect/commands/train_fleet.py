@@ -87,12 +87,14 @@ def run(arguments: argparse.Namespace) -> int:
     """Start the fleet and the trainer, and see them to their end; returns the exit status."""
     from uav_collect.training.config import load_preset
     from uav_collect.training.plug_ins import check_fleet_algorithm, short_name
+    from uav_collect.uav.named_code import trust
 
     options.check_torch('train-fleet')
     check_fleet_algorithm(arguments.algorithm)
     scenario = options.scenario_of(arguments)
     config = load_preset(arguments.preset, options.overrides_of(arguments.override))
     check_ros()
+    trust([label.partition('@')[0] for label in config.code])
     folder = arguments.output or _RUNS / (
         f'{scenario.name}_n{scenario.n_uavs}_{short_name(arguments.algorithm)}_{config.name}_s{arguments.seed}'
     )

@@ -11,6 +11,7 @@ from uav_collect.errors import PolicyMismatchError
 from uav_collect.kernels.arrays import Row
 from uav_collect.uav.belief import Belief
 from uav_collect.uav.briefing import Briefing
+from uav_collect.uav.named_code import of_published
 from uav_collect.uav.policy import TOPIC
 from uav_collect.uav.policy_file import policy_from_bytes
 from uav_collect.uav.policy_network import (
@@ -76,7 +77,8 @@ def checked_policy(msg: Any, briefing: Briefing) -> PublishedPolicy:
     digest = hashlib.sha256(content).hexdigest()
     if digest != msg.sha256:
         raise PolicyMismatchError(f'its SHA-256 is {digest[:8]}..., not {msg.sha256[:8]}...')
-    frozen = policy_from_bytes(content)
+    with of_published():
+        frozen = policy_from_bytes(content)
     if frozen.header.version != msg.version:
         raise PolicyMismatchError(f'its file is of version {shown(frozen.header.version)}')
     misfit = frozen.header.misfit(briefing)

@@ -1,6 +1,8 @@
 """Finds the code that users name as `module:name`: a policy, a mixer, a reward, ..."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 import hashlib
 import importlib
@@ -13,7 +15,10 @@ from typing import Any
 
 from uav_collect.uav.user_code import kind_text, name_text, run_user_code, UserCodeError
 
+# Code that a published policy may name, with commas between: importing a module runs it.
+TRUSTED_VARIABLE = 'UAV_COLLECT_TRUSTED_CODE'
 _VERSION_DIGITS = 12
+_is_published = ContextVar('is_published', default=False)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,8 +51,14 @@ def named_code(name: str, members: Sequence[str] = ()) -> NamedCode:
         members: what it must have, such as methods.
 
     Raises:
-        UserCodeError: there is no such module or name, the module fails, or a member is missing.
+        UserCodeError: there is no such module or name, the module fails, a member is missing, or a
+            published policy names what is not trusted.
     """
+    if _is_published.get() and name not in os.environ.get(TRUSTED_VARIABLE, '').split(','):
+        raise UserCodeError(
+            f'{name} is named by a published policy: its module is only imported where '
+            f'{TRUSTED_VARIABLE} lists it'
+        )
     module_name, _, target_name = name.partition(':')
     module = _imported(module_name)
     target = getattr_static(module, target_name, None)
@@ -63,6 +74,22 @@ def named_code(name: str, members: Sequence[str] = ()) -> NamedCode:
         )
     file = _file_of(module)
     return NamedCode(name=name, target=target, version=_version(file), file=file)
+
+
+def trust(names: Sequence[str]) -> None:
+    """Let this process, and those that it starts, import code that published policies name."""
+    known = filter(None, os.environ.get(TRUSTED_VARIABLE, '').split(','))
+    os.environ[TRUSTED_VARIABLE] = ','.join(dict.fromkeys((*known, *names)))
+
+
+@contextmanager
+def of_published() -> Iterator[None]:
+    """While something is read that anybody may have published: only trusted code is imported."""
+    token = _is_published.set(True)
+    try:
+        yield
+    finally:
+        _is_published.reset(token)
 
 
 def code_of(target: Callable[..., Any]) -> NamedCode:
