@@ -17,7 +17,12 @@ from uav_collect.training.progress import Budget
 ROOT = Path(__file__).parent.parent
 PAGE = (ROOT / 'docs' / 'extending.md').read_text()
 BLOCKS = re.findall(r'```python\n(.*?)```', PAGE, re.DOTALL)
-EXAMPLES = sorted((ROOT / 'examples').glob('*.py'))
+OTHER_LEARNERS = (ROOT / 'docs' / 'rl.md').read_text()  # links the examples that it is about
+EXAMPLES = [
+    path
+    for path in sorted((ROOT / 'examples').glob('*.py'))
+    if f'examples/{path.name})' not in OTHER_LEARNERS
+]
 SCENARIO = tiny(uav(5.0, energy_budget_kj=25.0), uav(10.0, energy_budget_kj=12.0))
 
 

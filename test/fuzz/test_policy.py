@@ -106,6 +106,9 @@ class Forgery:
 
 Change = Callable[[Forgery], None]
 
+# What files of before do not say.
+SAID_SINCE = {'learned_on', 'learned_within', 'advice_bonus', 'network', 'code'}
+
 
 def set_text(name: str, text: str, it: Forgery) -> None:
     it.texts[name] = text
@@ -341,7 +344,7 @@ def check_meaning(policy: FrozenPolicy, content: bytes) -> None:
     for field in fields(policy.header):
         value = getattr(policy.header, field.name)
         if field.name not in texts:
-            assert field.name in {'learned_on', 'learned_within', 'advice_bonus'}, texts
+            assert field.name in SAID_SINCE, texts
             assert value == field.default
         elif isinstance(value, str):
             assert value == texts[field.name]

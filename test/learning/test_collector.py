@@ -17,6 +17,7 @@ from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.uav.action_codes import FORWARD, HOME, HOVER, NONE, RIGHT
+from uav_collect.uav.observation import Layout
 from uav_collect.world.reward import Reward
 
 torch = single_threaded_torch()
@@ -146,7 +147,7 @@ def test_without_exploration_it_flies_what_the_network_holds_best_from_a_fresh_h
     assert len(ended) >= 8  # in four places: most of them after another mission
     site = build_site(tiny(*FLEET))
     for episode in ended:
-        env = VectorEnv(site, [episode.mission_seed], VectorEnvConfig(layout=0))
+        env = VectorEnv(site, [episode.mission_seed], VectorEnvConfig(layout=Layout.PAPER))
         hidden, decisions = torch.zeros(2, 8), env.decisions
         for uav_index, action in zip(episode.records.uav, episode.records.action, strict=True):
             if action == NONE:

@@ -145,7 +145,12 @@ def test_the_header_tells_the_spans_and_is_read_back(trained: Trained) -> None:
         ({'courses': None}, 'preset small: courses is missing'),
         ({'mixer__kind': 'fleet'}, "mixer.kind is 'fleet': must be set to learn on courses"),
         (
-            {'observation': 'paper', 'network__advice_bonus': 0, 'exploration__advice_share': 0},
+            {
+                'observation': 'paper',
+                'network__advice_bonus': 0,
+                'network__advice_bonus_last': 0,
+                'exploration__advice_share': 0,
+            },
             "observation is 'paper': must be one that no area changes",
         ),
         (

@@ -73,7 +73,10 @@ def test_the_launch_file_declares_its_arguments_with_the_defaults_of_the_nodes(
 
 
 def test_it_starts_executables_that_are_installed(description: Made) -> None:
-    installed = set(re.findall(r"'(\w+) = uav_collect", (ROOT / 'setup.py').read_text()))
+    [nodes_of_setup] = re.findall(
+        r'^NODES = \((.*)\)$', (ROOT / 'setup.py').read_text(), re.MULTILINE
+    )
+    installed = set(re.findall(r"'(\w+)'", nodes_of_setup))
     own = {
         node.options['executable']
         for node in started(description)

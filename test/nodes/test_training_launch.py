@@ -110,7 +110,7 @@ def test_the_trainer_hears_all_worlds_and_its_end_ends_all(description: Made) ->
     ('name', 'text', 'words'),
     [
         ('output_dir', '', 'must be given'),
-        ('algorithm', 'qmix', 'must be one of aqmix, aiql'),
+        ('algorithm', 'qmix', 'must be aqmix or aiql'),
         ('preset', 'nope', 'nope'),
         ('worlds', '17', 'must be a whole number from 1 to 16'),
         ('worlds', 'two', 'must be a whole number from 1 to 16'),

@@ -7,7 +7,7 @@ from random_policies import header, random_policy
 from uav_collect.scenario.load import load, with_uavs
 from uav_collect.scenario.model import Scenario
 from uav_collect.uav.learned_on import learned_on, LearnedOn, strangeness
-from uav_collect.uav.policy import policy_for, policy_named, shipped_policies, unfamiliar
+from uav_collect.uav.policy import ANYWHERE, policy_for, policy_named, shipped_policies, unfamiliar
 from uav_collect.uav.policy_network import LearnedPolicy
 
 HOME = 'fleet.default.home'
@@ -129,8 +129,8 @@ def test_what_a_file_does_not_say_is_not_judged() -> None:
     assert unfamiliar(policy_named('sweep'), paper(radio__contact_range_m=0.0)) is None
 
 
-@pytest.mark.parametrize('name', shipped_policies())
-def test_each_shipped_policy_is_at_home_where_it_learned(name: str) -> None:
+@pytest.mark.parametrize('name', [it for it in shipped_policies() if it != ANYWHERE])
+def test_each_shipped_specialist_is_at_home_where_it_learned(name: str) -> None:
     policy = policy_named(name)
     assert isinstance(policy, LearnedPolicy)
     home = policy.frozen.header
@@ -141,3 +141,13 @@ def test_each_shipped_policy_is_at_home_where_it_learned(name: str) -> None:
     elsewhere = dataclasses.replace(scenario, demand=wider)
     assert 'data of a sensor 0.01 to 90 Mbit' in (unfamiliar(policy, elsewhere) or '')
     assert dataclasses.asdict(home.learned_on[0])['cells_per_side'] == home.cells_per_side_min
+
+
+def test_the_policy_for_any_field_is_at_home_within_its_courses_alone() -> None:
+    policy = policy_named(ANYWHERE)
+    assert isinstance(policy, LearnedPolicy)
+    assert policy.frozen.header.learned_on == ()
+    for name in ('paper_8x8', 'paper_10x10', 'paper_20x20'):
+        assert unfamiliar(policy, load(name)) is None
+    assert 'data of a sensor 10 to 40 Mbit' in (unfamiliar(policy, load('lillgrund')) or '')
+    assert unfamiliar(policy, paper(area__cells_per_side=40)) is not None

@@ -15,7 +15,7 @@ from uav_collect.uav.action_codes import ACTION_NAMES
 from uav_collect.world.sensor_field import demand_of
 
 _SIDE_IN = 4.6
-_SIZE_IN = (5.0, 6.1)
+_SIZE_IN = (5.0, 6.7)
 _LOG_COLUMNS = (
     'decision', 'time_s', 'action', 'x_m', 'y_m', 'duration_s', 'energy_j', 'collected_bit',
 )  # fmt: skip
