@@ -15,6 +15,7 @@ import sys
 from episodes import single_threaded_torch
 from matplotlib.axes import Axes
 from matplotlib.image import imread
+from processes import complaints
 import pytest
 from uav_collect.__main__ import main
 from uav_collect.limits import INTERRUPTED
@@ -331,4 +332,4 @@ def test_a_value_of_a_scale_that_cannot_be_is_named(tmp_path: Path) -> None:
     scale.write_text('extends: smoke\ndensities: [0.3, 0.1]\n')
     done = figures('--scale', str(scale), '--list')
     assert done.returncode == 2
-    assert done.stderr == f'error: {scale}: densities is [0.3, 0.1]: must rise\n'
+    assert complaints(done.stderr) == [f'error: {scale}: densities is [0.3, 0.1]: must rise']

@@ -7,6 +7,7 @@ import shlex
 import subprocess
 import sys
 
+from processes import complaints
 import pytest
 from tiny_world import tiny
 
@@ -71,11 +72,6 @@ def unread() -> Iterator[int]:
     os.close(writing)
 
 
-def complaints(done: subprocess.CompletedProcess[str]) -> list[str]:
-    """What was said on stderr, but for what a busy machine waits for."""
-    return [line for line in done.stderr.splitlines() if not line.startswith('waiting for ')]
-
-
 @pytest.mark.parametrize('surroundings', SURROUNDINGS)
 def test_missions_are_evaluated_whoever_listens(surroundings: str, folder: Path) -> None:
     table, options = folder / 'Tabelle ö.json', ['--missions', '1', '--policy', 'sweep', 'hert']
@@ -85,7 +81,7 @@ def test_missions_are_evaluated_whoever_listens(surroundings: str, folder: Path)
         ['evaluate', '--scenario', scenario, *options, '--json', table],
         *SURROUNDINGS[surroundings],
     )
-    assert (done.returncode, complaints(done)) == (0, [])
+    assert (done.returncode, complaints(done.stderr)) == (0, [])
     is_heard = '>&-' not in SURROUNDINGS[surroundings][0].split()
     assert ('missions flown' in done.stdout) is is_heard
     assert table.stat().st_size > 0
@@ -106,7 +102,7 @@ def test_misuse_is_said_in_one_line_or_not_at_all(surroundings: str) -> None:
     redirection, environment = SURROUNDINGS[surroundings]
     done = run(['evaluate', '--policy', 'größer'], redirection, environment)
     assert (done.returncode, done.stdout) == (2, '')
-    lines = complaints(done)
+    lines = complaints(done.stderr)
     if '2>' in redirection:
         assert lines == []
     else:
@@ -119,13 +115,13 @@ def test_misuse_is_said_in_one_line_or_not_at_all(surroundings: str) -> None:
 )
 def test_a_reader_that_has_left_costs_no_word(arguments: list[object], unread: int) -> None:
     done = run(arguments, stdout=unread)
-    assert (done.returncode, complaints(done)) == (1, [])
+    assert (done.returncode, complaints(done.stderr)) == (1, [])
 
 
 def test_a_reader_that_has_left_costs_no_file(folder: Path, unread: int) -> None:
     table, options = folder / 'left.csv', ['--missions', '1', '--csv']
     done = run(['evaluate', '--scenario', folder / 'field.yaml', *options, table], stdout=unread)
-    assert (done.returncode, complaints(done)) == (1, [])
+    assert (done.returncode, complaints(done.stderr)) == (1, [])
     assert table.stat().st_size > 0
 
 
@@ -151,7 +147,7 @@ def test_a_picture_is_drawn_whatever_the_environment_names(
     picture.unlink(missing_ok=True)
     golden = ROOT / 'test' / 'golden' / 'run_folder'
     done = run(['report', golden, '--pictures', folder], '', environment)
-    assert (done.returncode, complaints(done)) == (0, [])
+    assert (done.returncode, complaints(done.stderr)) == (0, [])
     assert 'completion time' in done.stdout
     assert picture.read_bytes().startswith(b'\x89PNG')
 
@@ -160,7 +156,7 @@ def test_a_picture_that_cannot_be_drawn_costs_no_table(folder: Path) -> None:
     golden = ROOT / 'test' / 'golden' / 'run_folder'
     done = run(['report', golden, '--pictures', folder / 'field.yaml'])
     assert done.returncode == 2
-    [line] = complaints(done)
+    [line] = complaints(done.stderr)
     picture = folder / 'field.yaml' / 'trajectories_seed_5.png'
     assert line == f'error: {picture}: cannot be drawn: Not a directory'
     assert 'completion time' in done.stdout

@@ -48,6 +48,11 @@ def own_domain() -> Iterator[int]:
     raise RuntimeError('every ROS domain id is held by a test')
 
 
+def complaints(output: str) -> list[str]:
+    """The lines of an output but those that say, on a busy machine, what is waited for."""
+    return [line for line in output.splitlines() if not line.startswith('waiting for')]
+
+
 def ros_environment(domain: int, log_folder: Path) -> dict[str, str]:
     """Return the variables that keep a test's ROS traffic to itself and its output plain."""
     return {

@@ -90,11 +90,13 @@ class ScriptedAgents:
     def _subscribe(self, topic: Any, callback: Callable[[Any], None]) -> None:  # noqa: ANN401
         self.node.create_subscription(topic.message, topic.name, callback, topic.qos)
 
-    def wait_until(self, condition: Callable[[], bool]) -> None:
-        """Listen until something holds."""
+    def wait_until(self, condition: Callable[[], bool], what: str = '') -> None:
+        """Listen until something holds; a failure says what, and the latest diagnostics."""
         end_s = time.monotonic() + DEADLINE_S
         while not condition():
-            assert time.monotonic() < end_s, f'not within {DEADLINE_S} s'
+            if time.monotonic() >= end_s:
+                last = self.heard[topics.DIAGNOSTICS.name][-1:]
+                raise AssertionError(f'{what}: not within {DEADLINE_S} s; {last}')
             self._executor.spin_once(timeout_sec=_WAIT_S)
 
     def call(self, client: Any, request: Any) -> Any:  # noqa: ANN401

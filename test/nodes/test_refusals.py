@@ -145,7 +145,7 @@ def send_wrongly(pilot: ScriptedAgents, turn: Turn, wrongs: dict[str, Any], stor
         publisher.publish(message)
         pilot.wait_until(lambda n=n_before, c=complaint: (
             int(pilot.diagnostic(f'{what} refused') or 0) > n and pilot.has_warned(c)
-        ))  # fmt: skip
+        ), f'{name} of UAV {turn.uav} is refused')  # fmt: skip
         story.lines[name] = story.world.wait_for(f'UAV 1: {what} refused: .*').group()
 
 

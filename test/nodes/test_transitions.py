@@ -5,7 +5,7 @@ from typing import Any
 
 from fleets import Fleet, listener, Pilots, scenario_of
 import numpy as np
-from processes import Processes
+from processes import complaints, Processes
 import pytest
 from uav_collect.scenario.load import fingerprint
 from uav_collect.scenario.model import Scenario
@@ -78,7 +78,7 @@ def test_an_unknown_layout_is_refused_in_one_line(processes: Processes, tmp_path
     fleet = Fleet(processes=processes, scenario=scenario_of(1), folder=tmp_path / 'run')
     agent = fleet.start_agent(1, observation_layout='square')
     assert agent.wait_for_exit() == 2
-    # A busy machine may first be said to be waited for.
-    said = [line for line in agent.output.splitlines() if not line.startswith('waiting for')]
     known = 'paper, egocentric, relative and module:Name'
-    assert said == [f"error: observation_layout 'square' is unknown; there are {known}"]
+    assert complaints(agent.output) == [
+        f"error: observation_layout 'square' is unknown; there are {known}"
+    ]

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from typing import NamedTuple
 
+from processes import complaints
 import pytest
 from uav_collect.errors import ConfigError
 from uav_collect.scenario.load import from_yaml, load, parse_override
@@ -364,7 +365,7 @@ def test_a_command_shows_the_line_and_exits_with_status_2(
     Path('sensors.csv').write_text('sensor_id,x_m,y_m\na,1,2\na,3,4\n')
     done = evaluate(*arguments)
     assert (done.returncode, done.stdout) == (2, '')
-    assert done.stderr == f'error: {problem}\n'
+    assert complaints(done.stderr) == [f'error: {problem}']
 
 
 def test_a_budget_that_cannot_pay_for_the_way_home_is_refused_with_numbers() -> None:

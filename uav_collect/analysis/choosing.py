@@ -90,12 +90,14 @@ def _made_for(scenario: Scenario, own: Iterable[str]) -> tuple[list[Candidate], 
     left_out: list[str] = []
     with suppress(PolicyMismatchError):  # most scenarios have none
         names.append(specialist_name(scenario))
-    names += [ANYWHERE] if ANYWHERE in shipped_policies() else []
     for name in names:
         try:
             found.append(Candidate(name=name, policy=policy_for(name, scenario)))
         except PolicyMismatchError as error:
             left_out.append(f'{name} cannot be chosen: {error}')
+    if ANYWHERE in shipped_policies():
+        with suppress(PolicyMismatchError):  # it was not made for this one
+            found.append(Candidate(name=ANYWHERE, policy=policy_for(ANYWHERE, scenario)))
     return found, left_out
 
 
