@@ -124,7 +124,7 @@ def test_an_agent_whose_policy_does_not_fit_the_scenario_ends_before_anything_fl
     world = fleet.start_world(seed=SEEDS[0])
     for policy, words in (
         (str(path), 'policy mine: n_uavs is 2: must be 3'),
-        ('strong', 'no learned policy is shipped'),
+        ('paper_10x10_n6_aqmix', 'n_uavs is 2: must be 6'),
     ):
         agent = fleet.start_agent(1, policy)
         assert agent.wait_for_exit() == 2
