@@ -202,12 +202,16 @@ class ScriptedAgents:
             self.answer(turn)
         return self.heard[topics.MISSION.name][-1]
 
-    def diagnostic(self, key: str) -> str:
-        """The latest value that the world's diagnostics give for a key; empty if none."""
+    def diagnostic(self, key: str, mission_id: str = '') -> str:
+        """The latest value that a world's diagnostics give for a key; empty if none.
+
+        Args:
+            mission_id: that the world flies, where others in the domain share the topic.
+        """
         for message in reversed(self.heard[topics.DIAGNOSTICS.name]):
             for status in message.status:
                 for value in status.values:
-                    if value.key == key:
+                    if value.key == key and mission_id in status.message:
                         return str(value.value)
         return ''
 

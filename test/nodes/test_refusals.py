@@ -139,12 +139,14 @@ def send_wrongly(pilot: ScriptedAgents, turn: Turn, wrongs: dict[str, Any], stor
     publisher = (pilot.radio if is_radio else pilot.commands)[turn.uav]
     what = 'radio message' if is_radio else 'command'
     for name, (change, complaint) in wrongs.items():
-        n_before = int(pilot.diagnostic(f'{what} refused') or 0)
+        # The world that had to give way may have counted refusals, too.
+        asked = f'{what} refused', turn.observation.mission_id
+        n_before = int(pilot.diagnostic(*asked) or 0)
         message = deepcopy(turn.radio if is_radio else turn.command)
         change(message, turn)
         publisher.publish(message)
-        pilot.wait_until(lambda n=n_before, c=complaint: (
-            int(pilot.diagnostic(f'{what} refused') or 0) > n and pilot.has_warned(c)
+        pilot.wait_until(lambda n=n_before, c=complaint, a=asked: (
+            int(pilot.diagnostic(*a) or 0) > n and pilot.has_warned(c)
         ), f'{name} of UAV {turn.uav} is refused')  # fmt: skip
         story.lines[name] = story.world.wait_for(f'UAV 1: {what} refused: .*').group()
 
