@@ -11,6 +11,7 @@ import shutil
 
 from bags import HandMadeBag
 import numpy as np
+from processes import complaints
 import pytest
 from uav_collect.__main__ import main
 from uav_collect.analysis import trajectories
@@ -26,11 +27,6 @@ from uav_collect.recording.mission_log import MissionLog, read
 from uav_collect.scenario.load import load
 from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
-
-
-def said_in(stderr: str) -> list[str]:
-    """The lines of a report, but those that a slow machine adds."""
-    return [line for line in stderr.splitlines() if not line.startswith('waiting for ')]
 
 
 @pytest.fixture(scope='module')
@@ -62,7 +58,7 @@ def test_a_damaged_choice_is_a_line_and_the_missions_are_shown_all_the_same(
     monkeypatch.setattr(report, 'show_missions', lambda arguments: shown.append(arguments) or 0)
     assert main(['report', str(tmp_path)]) == 0
     assert len(shown) == 1
-    [line] = said_in(capsys.readouterr().err)
+    [line] = complaints(capsys.readouterr().err)
     assert line.startswith(f'{tmp_path / CHOICE_JSON}: is no choice of a policy: format must be ')
 
 
@@ -111,7 +107,7 @@ def test_a_film_that_cannot_be_written_is_named(
 ) -> None:
     (report_folder / 'film.html').mkdir()
     assert main(['report', str(report_folder), '--html']) == 2
-    [line] = said_in(capsys.readouterr().err)
+    [line] = complaints(capsys.readouterr().err)
     assert 'film.html' in line
 
 
@@ -163,7 +159,7 @@ def test_a_picture_that_cannot_be_drawn_costs_a_line(
     assert main(['report', str(report_folder)]) == 2
     shown = capsys.readouterr()
     why = getattr(error, 'strerror', None) or error
-    assert said_in(shown.err) == [f'error: {report_folder}/mission.png: cannot be drawn: {why}']
+    assert complaints(shown.err) == [f'error: {report_folder}/mission.png: cannot be drawn: {why}']
     assert 'completion time' in shown.out
 
 
@@ -251,7 +247,7 @@ def test_report_of_a_run_whose_bag_is_broken_or_gappy_is_that_of_its_log(
     (report_folder / 'bag' / 'bag_0.mcap').touch()
     assert main(['report', str(report_folder)]) == 0
     broken = capsys.readouterr()
-    [line] = said_in(broken.err)
+    [line] = complaints(broken.err)
     assert line.endswith('the figures are those of the mission log')
     log = read(report_folder / 'mission_4.jsonl')
     gappy = replace(log, events=np.delete(log.events, 3))
@@ -260,7 +256,7 @@ def test_report_of_a_run_whose_bag_is_broken_or_gappy_is_that_of_its_log(
     monkeypatch.setattr(bag_reader, 'read_recording', lambda _: recording)
     assert main(['report', str(report_folder)]) == 0
     shown = capsys.readouterr()
-    [line] = said_in(shown.err)
+    [line] = complaints(shown.err)
     assert line.endswith('lacks 1 events; the figures are those of mission_4.jsonl')
     assert 'warning' not in shown.out
     tables = [text.partition('\npicture')[0] for text in (broken.out, shown.out)]
@@ -336,7 +332,7 @@ def test_report_of_a_damaged_bag_names_the_damage_and_shows_what_is_whole(
     file.write_bytes(content)
     assert main(['report', str(tmp_path / 'bag')]) == 0
     shown = capsys.readouterr()
-    damage, advice = said_in(shown.err)
+    damage, advice = complaints(shown.err)
     assert damage.startswith(f'{tmp_path}/bag: bag.mcap: chunk ')
     assert advice == f'recorder --repair {tmp_path}/bag keeps what is whole'
     assert 'warning: not all of the mission was recorded, or some of it is damaged' in shown.out

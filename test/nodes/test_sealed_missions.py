@@ -16,7 +16,14 @@ for needed in ('rclpy', 'uav_collect_msgs'):
     pytest.importorskip(needed)
 
 from fleets import Fleet, Listener, listener, logs, scenario_of
-from processes import DEADLINE_S, own_domain, Processes, ros_environment, RunningProcess
+from processes import (
+    complaints,
+    DEADLINE_S,
+    own_domain,
+    Processes,
+    ros_environment,
+    RunningProcess,
+)
 from rcl_interfaces.srv import SetParameters
 from rclpy.duration import Duration
 from rclpy.node import NodeNameNonExistentError
@@ -416,7 +423,7 @@ def test_a_node_whose_key_cannot_be_read_does_not_start(
     missing = str(tmp_path / 'missing')
     node = processes.start(name, *arguments, **{KEY_FILE: missing})
     assert node.wait_for_exit() == 2
-    assert node.output.splitlines() == [
+    assert complaints(node.output) == [
         f"error: {KEY_FILE}: [Errno 2] No such file or directory: '{missing}'"
     ]
 

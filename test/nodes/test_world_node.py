@@ -11,7 +11,7 @@ for needed in ('rclpy', 'uav_collect_msgs'):
     pytest.importorskip(needed)
 
 from fleets import Fleet, logs, parameters, scenario_of
-from processes import Processes
+from processes import complaints, Processes
 from scripted_agent_node import scripted_agents, ScriptedAgents
 from uav_collect.analysis.metrics import mission_metrics
 from uav_collect.limits import MAX_SEED
@@ -60,7 +60,7 @@ def test_a_parameter_that_does_not_fit_is_refused_in_one_line(
 ) -> None:
     world = processes.start('world_sim', *parameters(**values))
     assert world.wait_for_exit() == 2
-    (line,) = world.output.splitlines()
+    (line,) = complaints(world.output)
     assert line.startswith('error: ')
     assert complaint in line
 
@@ -80,7 +80,7 @@ def test_a_fleet_that_cannot_start_is_refused_before_anybody_waits(
     fleet = Fleet(processes=processes, scenario=scenario, folder=tmp_path / 'run')
     world = fleet.start_world()
     assert world.wait_for_exit() == 2
-    (line,) = world.output.splitlines()
+    (line,) = complaints(world.output)
     assert 'UAV 1 has 1.1 kJ' in line
 
 

@@ -11,7 +11,7 @@ import sys
 from fleets import Fleet, logs, scenario_of
 import hostile_policies
 from interpreted import interpreted
-from processes import hear_signals, Processes
+from processes import complaints, hear_signals, Processes
 import pytest
 from tiny_world import tiny
 from uav_collect import api
@@ -302,7 +302,7 @@ def test_the_status_is_the_programs_own(name: str, status: int, said: str) -> No
     )
     assert done.returncode == status
     assert said in done.stderr
-    lines = [line for line in done.stderr.splitlines() if not line.startswith('waiting for ')]
+    lines = complaints(done.stderr)
     assert len(lines) == (1 if said else 0)
 
 
