@@ -58,8 +58,12 @@ event = simulation.next_event()
     assert not kernels_are_cached([look, carry_out])
 
 
-def doubled(tmp_path: Path, *, most_bytes: int | None = None) -> tuple[str, str]:
-    """What a process says that compiles a kernel, or finds it; on a disk that may be full."""
+def doubled(tmp_path: Path, *, most_bytes: int | None = None, way: str = '.') -> tuple[str, str]:
+    """What a process says that compiles a kernel, or finds it; on a disk that may be full.
+
+    Args:
+        way: through which folder it finds the kernel's file.
+    """
     script = tmp_path / 'doubled.py'
     if not script.exists():  # its time is that of its kernel
         script.write_text(
@@ -69,7 +73,7 @@ def doubled(tmp_path: Path, *, most_bytes: int | None = None) -> tuple[str, str]
         )
     limit = [] if most_bytes is None else ['prlimit', f'--fsize={most_bytes}']
     done = subprocess.run(
-        [*limit, sys.executable, str(script)],
+        [*limit, sys.executable, str(tmp_path / way / script.name)],
         env={
             **os.environ, 'PYTHONPATH': str(Path(uav_collect.__file__).parents[1]),
             'XDG_CACHE_HOME': str(tmp_path / 'cache'), 'PYTHONDONTWRITEBYTECODE': '1',
@@ -103,6 +107,12 @@ def test_a_damaged_file_of_a_compiled_kernel_is_written_anew(
         file.write_bytes(damage)
         assert doubled(tmp_path) == ('42\n', '')
         assert len(file.read_bytes()) == len(whole)
+
+
+def test_a_kernel_that_is_found_through_a_link_is_compiled_once(tmp_path: Path) -> None:
+    (tmp_path / 'link').symlink_to(tmp_path)
+    assert doubled(tmp_path) == doubled(tmp_path, way='link') == ('42\n', '')
+    assert len([*(tmp_path / 'cache').rglob('*.nbc')]) == 1
 
 
 MODULES = (batch_kernels, bound)

@@ -187,12 +187,22 @@ def _is_cached(kernel: Callable[..., object]) -> bool:
 def _compiled(function: _Kernel, *, counts: bool, **more: Any) -> _Kernel:  # noqa: ANN401
     if not kernels_are_compiled():
         return function
+    _name_own_file(function)
     options = {'cache': True, '_nrt': counts, **more, **_OPTIONS}
     compiled: Any = _numba().njit(**options)(function)
     _keep_if_possible(compiled._cache)
     compiled.compile = turn.kept()(compiled.compile)
     kernel_function: _Kernel = compiled
     return kernel_function
+
+
+def _name_own_file(function: Callable[..., object]) -> None:
+    """Let a kernel tell the file it is in, not a link to it: numba keeps kernels by that name.
+
+    ROS finds the package by a link of colcon's, where a command in the checkout finds it as it is.
+    """
+    code = function.__code__
+    function.__code__ = code.replace(co_filename=os.path.realpath(code.co_filename))
 
 
 def _keep_if_possible(kept: Any) -> None:  # noqa: ANN401 - a cache of numba's
