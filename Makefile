@@ -6,7 +6,7 @@
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup field mission train policy train-fleet curves figures test test-ubuntu docs fuzz chaos soak golden check format bench clean distclean
+.PHONY: help setup kernels field mission train policy train-fleet curves figures test test-ubuntu docs fuzz chaos soak golden check format bench clean distclean
 
 VENV := .venv
 PYTHON ?=
@@ -134,6 +134,11 @@ help:  ## this list
 
 setup: $(BUILT)  ## everything that missions need, in .venv, build and install (2 minutes once)
 	@echo 'set-up: ready; "make mission" flies, docs/how_to/nodes.md shows how to reach the executables'
+
+kernels: $(INSTALLED)  ## compile ahead what the first large job would wait for (two minutes once)
+	@UAV_COLLECT_KERNELS=compiled $(VENV)/bin/python -m uav_collect evaluate --missions 1 \
+	  --policy sweep strong anywhere > /dev/null
+	@echo 'kernels: compiled'
 
 field: $(INSTALLED)  ## make a scenario of a list of loggers, with a map, as LIST=loggers.csv UAVS=3
 	@$(VENV)/bin/python -m uav_collect field $(FIELD_OPTIONS)
