@@ -25,8 +25,8 @@ export ROS_LOG_DIR := $(CURDIR)/log/ros
 endif
 
 TESTS ?= test
-# Tests with ROS processes wait most of the time: one more than there are cores.
-WORKERS ?= $(shell expr $$(nproc) + 1)
+# Tests with ROS processes wait most of the time: more than there are cores.
+WORKERS ?= $(shell expr $$(nproc) + 2)
 BENCHES ?= $(sort $(filter-out bench/learners.py,$(wildcard bench/*.py)))
 
 # The variables of mission and train; "make help" prints these lines. Only what is set is passed on:

@@ -11,8 +11,8 @@ import uav_collect
 from uav_collect.kernels.compile import kernels_are_cached, sources_digest
 from uav_collect.missions import batch_kernels
 from uav_collect.missions.batch_kernels import carry_out
+from uav_collect.physics.energy import flight_energy_j
 from uav_collect.planning import bound
-from uav_collect.world.dynamics import look
 
 CHANGED = {
     'edited': lambda package: (package / 'studies' / 'flights.py').write_text('x = 2\n'),
@@ -44,18 +44,11 @@ def test_kernels_count_as_cached_once_they_were_compiled(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
-    assert not kernels_are_cached([look])
-    script = """
-from uav_collect.scenario.load import load
-from uav_collect.missions.simulation import Simulation
-from uav_collect.scenario.site import build_site
-scenario = load('paper_8x8')
-simulation = Simulation(build_site(scenario), 0)
-event = simulation.next_event()
-"""
+    assert not kernels_are_cached([flight_energy_j])
+    script = 'from uav_collect.physics import energy; energy.flight_energy_j(50.0, 5.0, 144.0)'
     subprocess.run([sys.executable, '-c', script], check=True)
-    assert kernels_are_cached([look])
-    assert not kernels_are_cached([look, carry_out])
+    assert kernels_are_cached([flight_energy_j])
+    assert not kernels_are_cached([flight_energy_j, carry_out])
 
 
 def doubled(tmp_path: Path, *, most_bytes: int | None = None, way: str = '.') -> tuple[str, str]:

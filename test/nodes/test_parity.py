@@ -9,8 +9,8 @@ from uav_collect.recording.bag_reader import read_missions
 
 pytestmark = pytest.mark.ros
 
-SEEDS = range(8)
-FEW = range(7, 10)
+SEEDS = range(4)
+FEW = range(7, 9)
 ALL = {1, 2, 3, 4}
 
 # Messages are lost, late and too many; a UAV goes, another falls silent, a third is slow.

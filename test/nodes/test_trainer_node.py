@@ -45,7 +45,7 @@ from uav_collect_msgs.msg import Epoch
 
 pytestmark = pytest.mark.ros
 
-N_KILLS = 20
+N_KILLS = 4
 N_LOST = 50_000
 BRIEF = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 

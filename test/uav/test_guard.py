@@ -295,7 +295,7 @@ def test_whenever_a_peer_is_gone_all_data_is_collected(policy: str) -> None:
 
 # That every mission ends
 
-N_NETWORKS, PER_SCENARIO = 1000, 10
+N_NETWORKS, PER_SCENARIO = 300, 10
 
 
 def random_scenario(rng: np.random.Generator) -> Scenario:
