@@ -32,7 +32,7 @@ BEST = 'best'  # stands for the policy that does best in sampled missions of the
 LOOKAHEAD = 'lookahead'  # and a colon, before the rule that a policy looks ahead with
 LEAST_FUTURES, MOST_FUTURES = 2, 1000  # that such a policy imagines of each action
 
-ALGORITHMS = ('aqmix', 'qmix', 'aiql', 'branches')  # of a training
+ALGORITHMS = ('aqmix', 'qmix', 'aiql', 'branches', 'imitation')  # of a training
 DEVICES = ('cpu', 'cuda')  # that updates are computed on
 FLEET_ALGORITHMS = ('aqmix', 'aiql')  # those whose UAVs do not wait for each other
 

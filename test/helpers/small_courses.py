@@ -28,10 +28,10 @@ def small_courses() -> Courses:
     return Courses(distribution=load_distribution('anywhere', _SIZES), panel=panel)
 
 
-def small_settings(**overrides: object) -> TrainingConfig:
+def small_settings(preset: str = 'anywhere', **overrides: object) -> TrainingConfig:
     """Settings of a small training on courses, each left after a few updates."""
     values: dict[str, object] = {
         'courses__at_once': 3, 'courses__updates_each': 4, 'replay__rows_per_batch': 60,
         'replay__missions_per_batch': 6,
     }  # fmt: skip
-    return small('anywhere', **(values | overrides))
+    return small(preset, **(values | overrides))

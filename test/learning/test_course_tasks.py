@@ -28,12 +28,16 @@ BUDGET = Budget(decisions=DECISIONS)
 
 
 def trainer_of(algorithm: str = 'aqmix', seed: int = 0, **settings: object) -> Trainer:
-    return Trainer((), small_settings(**settings), algorithm, seed, courses=small_courses())
+    preset = 'imitation' if algorithm == 'imitation' else 'anywhere'
+    config = small_settings(preset, **settings)
+    return Trainer((), config, algorithm, seed, courses=small_courses())
 
 
-def tasks_of(config: TrainingConfig | None = None) -> CourseTasks:
+def tasks_of(
+    config: TrainingConfig | None = None, algorithm: Algorithm = Algorithm.AQMIX
+) -> CourseTasks:
     distribution = small_courses().distribution
-    return CourseTasks(distribution, config or small_settings(), Algorithm.AQMIX, 0, 'cpu')
+    return CourseTasks(distribution, config or small_settings(), algorithm, 0, 'cpu')
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,7 +65,7 @@ def names(tasks: CourseTasks) -> list[str]:
     return [task.site.scenario.name for task in tasks.tasks]
 
 
-@pytest.mark.parametrize('algorithm', ['aqmix', 'aiql', 'branches'])
+@pytest.mark.parametrize('algorithm', ['aqmix', 'aiql', 'branches', 'imitation'])
 def test_a_run_that_stopped_half_way_ends_as_the_one_that_went_on(
     algorithm: str, tmp_path: Path
 ) -> None:
@@ -108,9 +112,20 @@ def test_what_was_collected_on_courses_that_are_left_still_counts(trained: Train
 def test_courses_on_which_more_is_to_be_learned_have_more_turns() -> None:
     tasks = tasks_of(small_settings(courses__least_need=0.1))
     for course, share in zip(tasks._courses, (1.2, 0.5, 0.0), strict=True):
-        course.task.source.recent.add(share * course.sweep_kbit_per_j, 0.0)
+        course.task.source.recent.add(share * course.mark_kbit_per_j, 0.0)
     turns = np.bincount([tasks.next_turn() for _ in range(3200)], minlength=3)
     np.testing.assert_allclose(turns / 3200, np.array([0.1, 0.5, 1.0]) / 1.6, atol=0.03)
+
+
+def test_who_imitates_the_sweep_learns_from_it_only_where_it_stays_below() -> None:
+    tasks = tasks_of(small_settings('imitation'), Algorithm.IMITATION)
+    assert [tasks.teaches(place) for place in range(3)] == [False] * 3  # nothing is known yet
+    for course, share in zip(tasks._courses, (1.2, 0.9, 0.0), strict=True):
+        assert course.is_swept
+        course.task.source.recent.add(share * course.mark_kbit_per_j, 0.0)
+    assert [tasks.teaches(place) for place in range(3)] == [False, True, True]
+    tasks._courses[0].is_swept = False
+    assert tasks.teaches(0)
 
 
 def test_a_validation_compares_each_condition_with_the_sweep(trained: Trained) -> None:

@@ -188,7 +188,11 @@ def test_settings_that_name_what_is_missing_are_refused(
         ),
         ({'observation': 'odd_plug_ins:Short'}, 'aqmix', 'must be 1 finite numbers'),
         ({}, 'odd_plug_ins:Wild', "like is 'ddpg': must be aqmix or qmix or aiql"),
-        ({}, 'ddpg', "algorithm is 'ddpg': must be aqmix, qmix, aiql, branches or module:Name"),
+        (
+            {},
+            'ddpg',
+            "algorithm is 'ddpg': must be aqmix, qmix, aiql, branches, imitation or module:Name",
+        ),
         ({'reward__goal': 'odd_plug_ins:shouting'}, 'aqmix', "reward .* gives 'much': must be"),
     ],
 )

@@ -32,7 +32,9 @@ def written(folder: Path, text: str) -> Path:
 
 
 def test_every_shipped_preset_is_valid_and_has_its_files_name() -> None:
-    assert preset_names() == ('anywhere', 'field', 'field_anywhere', 'paper', 'refine', 'strong')
+    assert preset_names() == (
+        'anywhere', 'field', 'field_anywhere', 'imitation', 'paper', 'refine', 'strong',
+    )  # fmt: skip
     assert [load_preset(name).name for name in preset_names()] == [*preset_names()]
 
 

@@ -46,7 +46,7 @@ def problems_of(folder: Path, change: tuple[str, str]) -> str:
 
 
 def test_every_shipped_distribution_is_valid_and_has_its_files_name() -> None:
-    assert course_names() == ('anywhere',)
+    assert course_names() == ('anywhere', 'taught')
     assert [load_courses(name).distribution.name for name in course_names()] == [*course_names()]
 
 
@@ -197,3 +197,31 @@ def test_a_wrong_panel_is_refused_with_the_line(tmp_path: Path, text: str, wrong
     with pytest.raises(ConfigError, match=wrong) as error:
         load_panel(path)
     assert 'mine.yaml:' in str(error.value)
+
+
+def test_half_of_taught_courses_are_like_those_of_teachers() -> None:
+    distribution = load_distribution('taught')
+    courses = [draw_course(distribution, 0, number) for number in range(N_COURSES)]
+    fleets = {(it.cells_per_side, it.speeds_mps) for it in distribution.taught_fleets}
+    known = [
+        it for it in courses
+        if (it.area.n_rows, tuple(uav.speed_mps for uav in it.uavs)) in fleets
+    ]  # fmt: skip
+    assert 0.35 * N_COURSES < len(known) < 0.65 * N_COURSES
+    assert {it.area.n_rows for it in known} == {8, 10, 12, 15}
+    assert any(it.faults for it in known)
+    assert any(math.isinf(it.radio.contact_range_m) for it in known)
+    assert len({it.sensors for it in known}) == len(known)
+    of_base = distribution.base.uavs[0].energy_budget_kj
+    n_of_base = sum(it.uavs[0].energy_budget_kj == of_base for it in known)
+    assert 0 < n_of_base < len(known)
+
+
+def test_fleets_outside_of_the_spans_are_left_out_of_taught_courses() -> None:
+    narrow = load_distribution('taught', {'area.cells_per_side': [8, 9], 'fleet.n_uavs': [1, 8]})
+    assert [it.cells_per_side for it in narrow.taught_fleets] == [8]
+    without = load_distribution('taught', {'area.cells_per_side': [6, 7]})
+    assert without.taught_fleets == ()
+    plain = load_distribution('anywhere', {'area.cells_per_side': [6, 7]})
+    first = [replace(draw_course(it, 0, 0), name='same') for it in (without, plain)]
+    assert first[0] == first[1]

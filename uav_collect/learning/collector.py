@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import torch
 from uav_collect.kernels.arrays import Ints
+from uav_collect.kernels.keyed_random import draw_uniform, TEACHER
 from uav_collect.learning.minibatch import Algorithm
 from uav_collect.learning.network import AgentNetwork
 from uav_collect.learning.saved import SavedPart
@@ -22,6 +23,7 @@ from uav_collect.training.progress import RecentMissions
 from uav_collect.training.seeds import first_seed_of_part
 from uav_collect.uav.action_codes import NONE
 from uav_collect.uav.frames import COMPASS_ACTIONS
+from uav_collect.uav.policy_network import FrozenPolicy
 
 
 class Collector:
@@ -37,12 +39,14 @@ class Collector:
         seed: int,
         device: str = 'cpu',
         part: int = 0,
+        teacher: FrozenPolicy | None = None,
     ) -> None:
         """Start a mission in each world.
 
         Args:
             site: with the training's discount in its reward.
             part: of the run's mission seeds, see `seeds.first_seed_of_part`.
+            teacher: whom the algorithm `imitation` learns from; None: from the adviser.
         """
         n_worlds = config.rollout.missions_at_once
         self._config = config
@@ -63,11 +67,14 @@ class Collector:
                 branch_share=(
                     branch_share(config, site) if algorithm is Algorithm.BRANCHES else 0.0
                 ),
+                teacher=teacher,
             ),
         )
         size = (n_worlds, site.scenario.n_uavs, config.memory_size)
         self._hidden = torch.zeros(size, device=self._device)
         self._worlds = torch.arange(n_worlds, device=self._device)
+        settings = config.imitation if algorithm is Algorithm.IMITATION else None
+        self._teacher_share = 0.0 if settings is None else settings.teacher_share
         self.recent = RecentMissions()
         self.n_decisions = 0
         self.n_missions = 0
@@ -141,12 +148,21 @@ class Collector:
         exploration = self._config.exploration
         explored = self._env.explore(epsilon, exploration.hover_share, self._config.advice_share)
         chosen = turned[np.arange(len(best)), best]
-        return np.where(explored == NONE, chosen, explored)
+        chosen = np.where(explored == NONE, chosen, explored)
+        if self._teacher_share == 0.0:
+            return chosen
+        seeds = self._env.mission_seeds.tolist()
+        return np.where([self._is_teachers(seed) for seed in seeds], self._env.taught, chosen)
+
+    def _is_teachers(self, mission_seed: int) -> bool:
+        """Whether a mission is flown by the teacher; by the key of the mission."""
+        return bool(draw_uniform(mission_seed, TEACHER, 0, 0, 0) < self._teacher_share)
 
     def _restart(self, world: int) -> Episode:
         episode = self._env.episode(world)
-        reward = float(np.sum(episode.records.reward))
-        self.recent.add(self._env.efficiency_kbit_per_j(world), reward)
+        if not self._is_teachers(episode.mission_seed):
+            reward = float(np.sum(episode.records.reward))
+            self.recent.add(self._env.efficiency_kbit_per_j(world), reward)
         self._env.restart(world, self._draw_seed())
         self._hidden[world] = 0.0
         self.n_missions += 1

@@ -16,7 +16,7 @@ from uav_collect.learning.task import (
     states_of,
     Task,
 )
-from uav_collect.learning.units import swept
+from uav_collect.learning.teaching import teaching
 from uav_collect.scenario.site import build_site
 from uav_collect.training.config import CourseSettings, TrainingConfig
 from uav_collect.training.course_draw import draw_course
@@ -32,7 +32,8 @@ class _Course:
 
     number: int  # in the order of being drawn
     task: Task
-    sweep_kbit_per_j: float  # the sweep's efficiency in missions of the course
+    mark_kbit_per_j: float  # the efficiency to reach: of the sweep, or of a better teacher
+    is_swept: bool  # that is the sweep's
     n_updates: int = 0  # so far
     lasts: int = field(default=0)  # updates until another one takes its place
 
@@ -41,7 +42,8 @@ class CourseTasks:
     """Tasks of drawn courses: so many at once, each for a number of updates.
 
     A course has turns in proportion to what is still to be learned on it: how far the missions
-    flown last, which explore, stay below the sweep's efficiency. None goes without turns.
+    flown last, which explore, stay below the sweep's efficiency, or a teacher's. None goes without
+    turns.
     """
 
     def __init__(
@@ -102,8 +104,18 @@ class CourseTasks:
         needs = np.array([self._need(course) for course in self._courses])
         return int(self._rng.choice(len(needs), p=needs / needs.sum()))
 
+    def teaches(self, place: int) -> bool:
+        """Whether there is something to learn on a course.
+
+        Who imitates the sweep has nothing to learn from it where it is surpassed, or may be.
+        """
+        course = self._courses[place]
+        if self._algorithm is not Algorithm.IMITATION or not course.is_swept:
+            return True
+        return course.task.source.recent.efficiency_kbit_per_j < course.mark_kbit_per_j
+
     def count_update(self, place: int) -> None:
-        """Note that a course was learned from; another one takes its place once it has lasted."""
+        """Note that a course had its turn; another one takes its place once it has lasted."""
         course = self._courses[place]
         course.n_updates += 1
         if course.n_updates < course.lasts:
@@ -151,19 +163,23 @@ class CourseTasks:
     def _need(self, course: _Course) -> float:
         """How much there is still to be learned on a course, up to 1."""
         recent = course.task.source.recent.efficiency_kbit_per_j
-        if np.isnan(recent) or course.sweep_kbit_per_j <= 0.0:
+        if np.isnan(recent) or course.mark_kbit_per_j <= 0.0:
             return 1.0
-        missing = 1.0 - recent / course.sweep_kbit_per_j
+        missing = 1.0 - recent / course.mark_kbit_per_j
         return min(max(missing, self._settings.least_need), 1.0)
 
     def _new_course(self, number: int, lasts: int) -> _Course:
         config = self._config
         site = build_site(draw_course(self._distribution, self._seed, number))
-        source = new_collector(site, config, self._algorithm, self._seed, self._device, number)
+        taught = teaching(site, config, self._algorithm, self._seed, number)
+        source = new_collector(
+            site, config, self._algorithm, self._seed, self._device, number, taught.policy
+        )
         return _Course(
             number=number,
             task=new_task(site, source, config, self._settings.at_once),
-            sweep_kbit_per_j=swept(site, self._seed, number).kbit_per_j,
+            mark_kbit_per_j=taught.kbit_per_j,
+            is_swept=taught.policy is None,
             lasts=lasts,
         )
 

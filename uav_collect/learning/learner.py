@@ -146,7 +146,7 @@ class _Tensors:
 
 
 class Learner:
-    """Updates the networks from minibatches: AQMIX, QMIX or AIQL."""
+    """Updates the networks from minibatches, by any of the algorithms."""
 
     def __init__(
         self,
@@ -270,6 +270,8 @@ class Learner:
         values = self._values(self.networks, tensors)
         if self._algorithm is Algorithm.BRANCHES:
             return self._branch_loss(values, tensors), values
+        if self._algorithm is Algorithm.IMITATION:
+            return self._imitation_loss(values, tensors), values
         chosen = self._chosen_values(values, tensors)
         by_uav = self._by_uav(chosen, tensors)
         best = self._best_by_uav(self.networks, values, tensors)
@@ -294,6 +296,17 @@ class Learner:
         wanted = worth[is_known].clamp(_LEAST_WORTH, _MOST_WORTH)
         found = (values - values.gather(1, advice))[is_known] / self._config.reward.scale
         return nn.functional.mse_loss(found, wanted) / (wanted.var(correction=0) + _LEAST_VARIANCE)
+
+    def _imitation_loss(self, values: Tensor, tensors: _Tensors) -> Tensor:
+        """How unlikely what the teacher would do is, if values were the logarithms of odds.
+
+        The mean cross-entropy over legal actions. Where no teacher was asked, it is the adviser.
+        """
+        is_known = ~tensors.worth.isnan().all(dim=1, keepdim=True)
+        taught = torch.where(is_known, tensors.worth.nan_to_num(0.0), tensors.advice)
+        raised = values + self.networks.agent.advice_bonus * tensors.advice
+        odds = (raised / self._config.reward.scale).masked_fill(~tensors.legal, -torch.inf)
+        return nn.functional.cross_entropy(odds, taught.argmax(dim=1))
 
     def targets(self, minibatch: Minibatch, task: int = 0) -> Tensor:
         """What the entries' action values are to become, shape (L,)."""

@@ -43,6 +43,7 @@ class Algorithm(StrEnum):
     QMIX = 'qmix'
     AIQL = 'aiql'
     BRANCHES = 'branches'  # not at all: each learns what `missions.branches` says of its actions
+    IMITATION = 'imitation'  # nor here: each learns what its course's teacher would do
 
     @property
     def mixes(self) -> bool:
@@ -59,7 +60,7 @@ class Minibatch:
     step_sizes: list[int]  # rows of each step
     legal: Bools  # (R, N_ACTIONS), packed; actions are those in the frames of the UAVs
     advice: NDArray[np.float32]  # (R, N_ACTIONS), packed, one-hot; zeros where there is none
-    worth: NDArray[np.float32]  # (R, N_ACTIONS), packed, by branches; nan: there were none
+    worth: NDArray[np.float32]  # (R, N_ACTIONS), packed, by branches or a teacher; nan: by none
     row: Ints  # (E,) packed row of each decision
     action: Ints  # (E,)
     latest: Ints  # (E, U) the latest decision of each UAV, or NO_DECISION

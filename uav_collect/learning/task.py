@@ -16,6 +16,7 @@ from uav_collect.learning.minibatch import (
 )
 from uav_collect.learning.replay import Replay
 from uav_collect.learning.saved import SavedPart
+from uav_collect.learning.teaching import teaching
 from uav_collect.missions.rollout import fly
 from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.model import Scenario
@@ -24,7 +25,7 @@ from uav_collect.training.config import TrainingConfig
 from uav_collect.uav.action_codes import NONE
 from uav_collect.uav.briefing import Briefing, briefing_of
 from uav_collect.uav.observation import observation_size
-from uav_collect.uav.policy_network import LearnedPolicy
+from uav_collect.uav.policy_network import FrozenPolicy, LearnedPolicy
 
 EpisodeSource = Collector | FleetSource  # where a task's episodes come from
 
@@ -101,8 +102,12 @@ class FixedTasks:
         self._turn += 1
         return (self._turn - 1) % len(self.tasks)
 
+    def teaches(self, place: int) -> bool:
+        """Whether there is something to learn on the task of a place."""
+        return True
+
     def count_update(self, place: int) -> None:
-        """Note that the task of a place was learned from."""
+        """Note that the task of a place had its turn."""
 
     def state(self) -> dict[str, Any]:
         """All that they need to go on; the inverse is `restore`."""
@@ -163,26 +168,35 @@ def make_tasks(
     tasks = []
     for index, scenario in enumerate(scenarios):
         site = build_site(scenario)
-        source = (
-            new_collector(site, config, algorithm, seed, device)
-            if sources is None
-            else (sources[index])
-        )
+        if sources is None:
+            taught = teaching(site, config, algorithm, seed)
+            source: EpisodeSource = new_collector(
+                site, config, algorithm, seed, device, teacher=taught.policy
+            )
+        else:
+            source = sources[index]
         tasks.append(new_task(site, source, config, n_tasks))
     return FixedTasks(tasks)
 
 
 def new_collector(
-    site: Site, config: TrainingConfig, algorithm: Algorithm, seed: int, device: str, part: int = 0
+    site: Site,
+    config: TrainingConfig,
+    algorithm: Algorithm,
+    seed: int,
+    device: str,
+    part: int = 0,
+    teacher: FrozenPolicy | None = None,
 ) -> Collector:
     """What flies missions of a site to learn from, in this process.
 
     Args:
         part: of the run's mission seeds; each has its own.
+        teacher: whom to imitate; None: the sweep.
     """
     units = config.reward_units(briefing_of(site))
     learned = site.with_discount(units.discount_per_s)
-    return Collector(learned, config, algorithm, seed, device, part)
+    return Collector(learned, config, algorithm, seed, device, part, teacher)
 
 
 def new_task(site: Site, source: EpisodeSource, config: TrainingConfig, n_tasks: int) -> Task:
@@ -203,17 +217,22 @@ def check_algorithm(algorithm: Algorithm, config: TrainingConfig) -> None:
     Raises:
         ConfigError: one line that says which setting to change.
     """
-    if algorithm is not Algorithm.BRANCHES:
+    sections = {
+        Algorithm.BRANCHES: (config.branches, 'anywhere'),
+        Algorithm.IMITATION: (config.imitation, 'imitation'),
+    }
+    if algorithm not in sections:
         return
-    if config.branches is None:
+    section, preset = sections[algorithm]
+    if section is None:
         raise ConfigError(
-            f'preset {config.name}: branches is missing: must be there to learn by the algorithm '
-            'branches, as the preset anywhere has it'
+            f'preset {config.name}: {algorithm} is missing: must be there to learn by the '
+            f'algorithm {algorithm}, as the preset {preset} has it'
         )
     if config.layout.adviser == NONE:
         raise ConfigError(
             f'observation is {config.observation!r}: must be relative to learn by the algorithm '
-            'branches, which are flown on as the adviser would'
+            f'{algorithm}, for which the adviser flies where nothing better is known'
         )
 
 

@@ -296,7 +296,10 @@ class Trainer:
         for episode in task.source.collect(agent, n_decisions, epsilon):
             task.replay.add(episode)
         is_updated, n_missions = False, config.missions_per_batch(share_done)
-        if task.has_batch(n_missions, config) and not task.source.is_over:
+        has_batch = task.has_batch(n_missions, config) and not task.source.is_over
+        if has_batch and not self._rota.teaches(index):
+            self._rota.count_update(index)
+        elif has_batch:
             batch = task.minibatch(n_missions, config, self.algorithm, self._rng)
             if is_updated := len(batch.entry) > 0:  # excerpts may hold no whole joint choice
                 rate = config.learning_rate(share_done)

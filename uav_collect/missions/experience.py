@@ -59,7 +59,7 @@ class Records(NamedTuple):
     action: _Table  # what was chosen; NONE where that is not known yet
     reward: _Table  # until the next decision of the mission, discounted to this one
     duration_s: _Table
-    branched: _Table  # 1 where what each action is worth is known, see `branches`
+    branched: _Table  # 1 where what each action is worth is known, see `branches` and `teacher`
     worth: _Table  # (N, N_ACTIONS) that; 0 where an action is not legal
 
 

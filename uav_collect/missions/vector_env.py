@@ -39,6 +39,7 @@ from uav_collect.missions.branches import Branches
 from uav_collect.missions.event_log import grown_log, logged_events, mission_header
 from uav_collect.missions.experience import Episode, N_UAV_SCALARS, Records, write_fleet
 from uav_collect.missions.own_reward import OwnReward, rewarded
+from uav_collect.missions.teacher import Teacher
 from uav_collect.physics.bandwidth import EQUAL, EXACT
 from uav_collect.recording.mission_log import MissionHeader, MissionLog
 from uav_collect.scenario.site import Site
@@ -88,6 +89,7 @@ class VectorEnvConfig:
     max_decisions: int = 0  # so many decisions of a mission are recorded for a learner
     guard_after: int = NONE  # decisions without news after which a UAV's guard decides; 0: never
     branch_share: float = 0.0  # of recorded decisions: what each action is worth, see `branches`
+    teacher: FrozenPolicy | None = None  # that says at each decision what it would do
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -147,6 +149,7 @@ class VectorEnv:
             if config.branch_share > 0.0
             else None
         )
+        self._teacher = None if config.teacher is None else Teacher(config.teacher, self._batch)
         self._fly(new_row(len(mission_seeds), NONE))
 
     @property
@@ -173,6 +176,18 @@ class VectorEnv:
     def n_recorded(self) -> Ints:
         """How many decisions of each mission are recorded, the one it waits for included, (W,)."""
         return np.asarray(self._batch.waiting.n_records)
+
+    @property
+    def mission_seeds(self) -> Ints:
+        """Of the missions in flight, (W,)."""
+        return np.array([row[0] for row in self._batch.missions.seed], dtype=np.int64)
+
+    @property
+    def taught(self) -> Ints:
+        """What the teacher would do, or the adviser where there is none; NONE where over, (W,)."""
+        if self._teacher is None:
+            return np.array(self._batch.waiting.advice)
+        return self._teacher.actions(self._batch)
 
     def step(self, actions: Ints) -> AwaitedDecisions:
         """Carry out one decision of each mission.
@@ -251,6 +266,8 @@ class VectorEnv:
         """Let another mission take off in the place of one."""
         self._batch.missions.seed[world][0] = mission_seed
         restart(self._batch, world)
+        if self._teacher is not None:
+            self._teacher.forget()
         self._fly(new_row(len(self._batch.n_events), NONE))
 
     def twin(self) -> 'VectorEnv':
@@ -262,6 +279,7 @@ class VectorEnv:
         tables = {name: copied(getattr(batch, name)) for name in _OWN_TABLES}
         settings = batch.settings._replace(is_logged=0, n_rows=0, reward=NONE)
         other._batch = batch._replace(settings=settings, **tables)
+        other._branches = other._teacher = None
         return other
 
     def episode(self, world: int) -> Episode:
@@ -358,9 +376,8 @@ class VectorEnv:
         n_worlds, most = len(self.n_recorded), self._config.max_decisions
         chosen = self._batch.records.action.reshape(n_worlds, -1)[:, :most]
         is_recorded = np.arange(most) < self.n_recorded[:, None]
-        seeds = [row[0] for row in self._batch.missions.seed]
         return Flights(
-            mission_seeds=np.array(seeds, dtype=np.int64),
+            mission_seeds=self.mission_seeds,
             actions=np.where(is_recorded, chosen, NONE).astype(np.int8),
         )
 
@@ -375,6 +392,8 @@ class VectorEnv:
         for world, seed in enumerate(flights.mission_seeds.tolist()):
             self._batch.missions.seed[world][0] = seed
             restart(self._batch, world)
+        if self._teacher is not None:
+            self._teacher.forget()
         self._fly(new_row(len(flights.mission_seeds), NONE))
         for actions in flights.actions.T.astype(np.int64):
             is_known = actions != NONE
@@ -388,6 +407,8 @@ class VectorEnv:
         row = np.ascontiguousarray(actions, dtype=np.int64)
         if self._branches is not None:
             self._branches.record(self._batch, row != NONE, self._config.branch_share)
+        if self._teacher is not None:
+            self._teacher.record(self._batch, row != NONE)
         self._fly(row if self._is_compiled else row.tolist())
 
     def _fly(self, answers: Any) -> None:  # noqa: ANN401 - a row

@@ -11,9 +11,11 @@ from typing import Annotated, Literal
 from uav_collect.config import layers, yaml_text
 from uav_collect.config.installed import shared_folders
 from uav_collect.config.rules import (
+    Entries,
     name,
     number,
     Section,
+    text,
     truth,
     validated,
     whole,
@@ -195,6 +197,14 @@ class BranchSettings(Section):
     decisions_per_mission: Annotated[float, number(1e-3, 1e6)]
 
 
+class ImitationSettings(Section):
+    """Whom the algorithm `imitation` learns from."""
+
+    # Policies: each teaches where it does better than the sweep, which teaches elsewhere.
+    teachers: Annotated[tuple[Annotated[str, text(4096)], ...], Entries(0, 64)]
+    teacher_share: Annotated[float, number(0, 1)]  # of missions, flown by the teacher itself
+
+
 class TrainingConfig(Section):
     """All settings of a training."""
 
@@ -211,6 +221,7 @@ class TrainingConfig(Section):
     validation: ValidationSettings
     courses: CourseSettings | None = None  # absent: it cannot learn on courses
     branches: BranchSettings | None = None  # absent: there are none
+    imitation: ImitationSettings | None = None  # absent: there is none
 
     @property
     def layout(self) -> AnyLayout:

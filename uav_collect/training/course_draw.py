@@ -1,5 +1,6 @@
 """Draws courses: each a scenario that follows from a distribution, a run's seed and a number."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 import math
 
@@ -20,7 +21,14 @@ from uav_collect.scenario.model import (
     UavConfig,
 )
 from uav_collect.scenario.site import build_site
-from uav_collect.training.courses import CourseDistribution, JITTER, LEAST_DATA, Span
+from uav_collect.training.courses import (
+    CourseDistribution,
+    JITTER,
+    LEAST_DATA,
+    Span,
+    TaughtCourses,
+    TaughtFleet,
+)
 from uav_collect.uav.actions import check_can_start
 from uav_collect.uav.briefing import briefing_of, mean_hover_s
 
@@ -65,13 +73,42 @@ class _Draw:
     distribution: CourseDistribution
 
     def course(self) -> Scenario:
-        base = self.distribution.base
+        base, taught = self.distribution.base, self.distribution.taught
+        fleets = self.distribution.taught_fleets
+        if taught is not None and fleets and self._chance(taught.share):
+            return self._taught(taught, fleets)
         area, sensors = self._area(), self._sensors()
         course = replace(base, area=area, sensors=sensors, faults=None)
         course = self._with_demand(course)
         course = self._with_radio(course)
         course = self._with_fleet(course)
         return self._with_faults(course)
+
+    def _taught(self, courses: TaughtCourses, fleets: Sequence[TaughtFleet]) -> Scenario:
+        """A course like one that a teacher learned on."""
+        base = self.distribution.base
+        fleet = fleets[int(self.rng.integers(len(fleets)))]
+        area = AreaConfig(
+            rows=fleet.cells_per_side,
+            columns=fleet.cells_per_side,
+            cell_size_m=base.area.cell_size_m,
+            altitude_m=base.area.altitude_m,
+        )
+        uavs = tuple(replace(base.uavs[0], speed_mps=speed) for speed in fleet.speeds_mps)
+        sensors = base.sensors
+        if isinstance(sensors, DrawnSensors):
+            sensors = replace(sensors, seed=int(self.rng.integers(2**62)))
+        course = replace(
+            base,
+            area=area,
+            sensors=sensors,
+            demand=replace(base.demand, cell_share=self._by_log(courses.cell_share)),
+            fleet=FleetConfig(uavs=uavs),
+            faults=None,
+        )
+        if not self._chance(courses.own_budget_share):
+            course = _with_budgets(course, self._budget_factor())
+        return self._with_faults(self._with_radio(course))
 
     def _chance(self, share: float) -> bool:
         return bool(self.rng.random() < share)
@@ -162,18 +199,19 @@ class _Draw:
         homes = [self._home(course.area) for _ in range(n_uavs)]
         if not self._chance(courses.apart_share):
             homes = homes[:1] * n_uavs
-        is_tight = self._chance(courses.tight_share)
-        factor = self._even(courses.tight if is_tight else courses.ample)
+        factor = self._budget_factor()
         like = course.uavs[0]
         uavs = [
             replace(like, speed_mps=speed_mps, start=home, home=home, battery=None)
             for speed_mps, home in zip(speeds_mps, homes, strict=True)
         ]
-        course = replace(course, fleet=FleetConfig(uavs=tuple(uavs)))
-        return replace(course, fleet=FleetConfig(uavs=tuple(
-            replace(uav, energy_budget_kj=round(factor * _needs_j(course, uav) / 1e3, 2))
-            for uav in uavs
-        )))  # fmt: skip
+        return _with_budgets(replace(course, fleet=FleetConfig(uavs=tuple(uavs))), factor)
+
+    def _budget_factor(self) -> float:
+        """What UAVs may spend, in what their parts of all cells cost."""
+        courses = self.distribution.fleet
+        is_tight = self._chance(courses.tight_share)
+        return self._even(courses.tight if is_tight else courses.ample)
 
     def _home(self, area: AreaConfig) -> Place:
         """The centre of an open cell, where UAVs start and land."""
@@ -209,6 +247,14 @@ def _planned_s(course: Scenario) -> float:
     """About how long the fleet flies to visit all cells [s]."""
     way_m = _DETOURS * float(open_cells(course.area).sum()) * course.area.cell_size_m
     return way_m / math.fsum(uav.speed_mps for uav in course.uavs)
+
+
+def _with_budgets(course: Scenario, factor: float) -> Scenario:
+    """Each UAV may spend so many times what its part of all cells costs."""
+    return replace(course, fleet=FleetConfig(uavs=tuple(
+        replace(uav, energy_budget_kj=round(factor * _needs_j(course, uav) / 1e3, 2))
+        for uav in course.uavs
+    )))  # fmt: skip
 
 
 def _needs_j(course: Scenario, uav: UavConfig) -> float:

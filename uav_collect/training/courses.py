@@ -131,6 +131,24 @@ class FaultCourses(Section):
     mission_share: _Share
 
 
+class TaughtFleet(Section):
+    """A square area and a fleet over it, for which there is a teacher; the rest is the base's."""
+
+    cells_per_side: Annotated[int, whole(2, MAX_CELLS_PER_SIDE)]
+    speeds_mps: Annotated[
+        tuple[Annotated[float, number(0.1, 100, 'm/s')], ...], Entries(1, MAX_UAVS)
+    ]
+
+
+class TaughtCourses(Section):
+    """Courses like those that teachers learned on, and such that differ by radio and faults."""
+
+    share: _Share
+    fleets: Annotated[tuple[TaughtFleet, ...], Entries(1, 64)]
+    own_budget_share: _Share  # the others have budgets as all fleets
+    cell_share: Annotated[Span, _span(1e-3, 1)]
+
+
 class CourseDistribution(Section):
     """What courses are drawn from."""
 
@@ -143,6 +161,7 @@ class CourseDistribution(Section):
     fleet: FleetCourses
     radio: RadioCourses
     faults: FaultCourses
+    taught: TaughtCourses | None = None  # absent: there are none
 
     @property
     def learned_within(self) -> LearnedWithin:
@@ -165,6 +184,18 @@ class CourseDistribution(Section):
             sensors_per_cell=_sensors_per_cell(sensors),
             cell_share=(demand.cell_share[0], 1.0 if demand.all_share else demand.cell_share[1]),
             data_mbit=(LEAST_DATA * demand.most_mbit[0], demand.most_mbit[1]),
+        )
+
+    @property
+    def taught_fleets(self) -> tuple[TaughtFleet, ...]:
+        """Those of taught courses that lie within what areas and fleets are drawn from."""
+        sides, n_uavs = self.area.cells_per_side, self.fleet.n_uavs
+        fleets = () if self.taught is None else self.taught.fleets
+        return tuple(
+            fleet
+            for fleet in fleets
+            if sides[0] <= fleet.cells_per_side <= sides[1]
+            and n_uavs[0] <= len(fleet.speeds_mps) <= n_uavs[1]
         )
 
     @property

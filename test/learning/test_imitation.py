@@ -1,0 +1,106 @@
+"""Imitation: what is learned is what a teacher would do, and the best at hand teaches."""
+
+from episodes import batch_of, flown, single_threaded_torch, small
+import numpy as np
+import pytest
+from random_policies import header, random_policy
+from tiny_world import tiny, uav
+from uav_collect.errors import ConfigError, PolicyMismatchError
+from uav_collect.learning.minibatch import Algorithm
+from uav_collect.learning.teaching import teaching
+from uav_collect.learning.units import swept
+from uav_collect.scenario.load import load
+from uav_collect.scenario.site import build_site
+from uav_collect.training.config import TrainingConfig
+from uav_collect.uav.briefing import brief
+from uav_collect.uav.observation import Layout
+
+torch = single_threaded_torch()
+from uav_collect.learning.learner import Learner
+from uav_collect.learning.trainer import Trainer
+
+SCENARIO = tiny(uav(5.0, energy_budget_kj=25.0), uav(10.0, energy_budget_kj=12.0))
+
+
+def settings(**overrides: object) -> TrainingConfig:
+    return small('imitation', **{'replay__rows_per_batch': 0, **overrides})
+
+
+def learner_of(config: TrainingConfig) -> Learner:
+    return Learner(config, [brief(SCENARIO)], Algorithm.IMITATION, seed=0)
+
+
+@pytest.mark.parametrize('is_taught', [True, False])
+def test_the_loss_is_how_unlikely_what_the_teacher_or_the_adviser_would_do_is(
+    is_taught: bool,
+) -> None:
+    teacher = random_policy(header(Layout.EGOCENTRIC, 4, 2, hidden_size=8), seed=3)
+    missions = flown(
+        SCENARIO, [5, 6], 12, layout=Layout.RELATIVE, teacher=teacher if is_taught else None
+    )
+    config = settings(reward__scale=0.5)
+    batch, learner = batch_of(missions.episodes, SCENARIO, config), learner_of(config)
+    assert len(learner.networks.mixers) == 0
+    for parameter in learner.networks.parameters():
+        parameter.data.zero_()
+    given = np.array([0.3, -0.1, 0.2, 0.0, 0.5])
+    learner.networks.agent.head.bias.data.copy_(torch.from_numpy(given))
+    learner.networks.agent.advice_bonus = 0.1
+    unlikely = []
+    for legal, advice, worth in zip(batch.legal, batch.advice, batch.worth, strict=True):
+        odds = np.where(legal, np.exp((given + 0.1 * advice) / 0.5), 0.0)
+        known = np.nan_to_num(worth) if np.isfinite(worth).any() else advice
+        unlikely.append(-np.log(odds[known.argmax()] / odds.sum()))
+    assert learner.loss(batch).item() == pytest.approx(np.mean(unlikely), rel=1e-5)
+    assert np.isfinite(batch.worth).any() == is_taught
+
+
+def test_who_learns_comes_to_do_what_the_adviser_would() -> None:
+    batch = batch_of(flown(SCENARIO, [5, 6], 12, layout=Layout.RELATIVE).episodes, SCENARIO,
+                     settings())  # fmt: skip
+    learner = learner_of(settings())
+    losses = [learner.update(batch, 1e-2).loss for _ in range(60)]
+    assert losses[-1] < 0.2 * losses[0]
+
+
+def test_the_sweep_teaches_unless_a_policy_that_fits_is_better() -> None:
+    shipped = settings(imitation__teachers=['paper_10x10_n2_aqmix', 'paper_8x8_n2_aqmix'])
+    site = build_site(load('paper_8x8'))
+    mark = swept(site).kbit_per_j
+    assert teaching(site, shipped, Algorithm.AQMIX) == (None, mark)
+    taught = teaching(site, shipped, Algorithm.IMITATION)
+    assert taught.policy is not None
+    assert taught.policy.header.scenario == 'paper_8x8'
+    assert taught.kbit_per_j > mark
+    tiny_site = build_site(SCENARIO)
+    assert teaching(tiny_site, shipped, Algorithm.IMITATION).policy is None  # nobody fits
+    lost = build_site(load('paper_8x8', {'radio.contact_range_m': 0.0}))
+    assert teaching(lost, shipped, Algorithm.IMITATION).policy is None  # it circles there
+
+
+@pytest.mark.parametrize(
+    ('teacher', 'wrong'),
+    [('sweep', 'teacher sweep: must be a learned policy'), ('nobody', "'nobody' is unknown")],
+)
+def test_who_cannot_teach_is_refused(teacher: str, wrong: str) -> None:
+    with pytest.raises(PolicyMismatchError, match=wrong):
+        Trainer([SCENARIO], settings(imitation__teachers=[teacher]), 'imitation', 0)
+
+
+@pytest.mark.parametrize(
+    ('preset', 'overrides', 'what'),
+    [
+        ('strong', {'observation': 'relative'}, 'preset strong: imitation is missing'),
+        (
+            'strong',
+            {'imitation.teachers': [], 'imitation.teacher_share': 0.5},
+            "observation is 'egocentric': must be relative to learn by the algorithm imitation",
+        ),
+    ],
+)
+def test_settings_that_imitation_cannot_learn_by_are_refused(
+    preset: str, overrides: dict[str, object], what: str
+) -> None:
+    named = {name.replace('.', '__'): value for name, value in overrides.items()}
+    with pytest.raises(ConfigError, match=what):
+        Trainer([tiny()], small(preset, **named), 'imitation', 0)

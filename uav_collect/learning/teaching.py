@@ -1,0 +1,67 @@
+"""Who teaches on a site: whoever of the teachers at hand flies it best."""
+
+from functools import partial
+from typing import NamedTuple
+
+from uav_collect.errors import PolicyMismatchError
+from uav_collect.learning.minibatch import Algorithm
+from uav_collect.learning.units import seeds_of_swept, swept
+from uav_collect.missions.rollout import fly_for_metrics
+from uav_collect.scenario.site import Site
+from uav_collect.training.config import TrainingConfig
+from uav_collect.uav.briefing import briefing_of
+from uav_collect.uav.observation import Layout
+from uav_collect.uav.policy import policy_named
+from uav_collect.uav.policy_network import FrozenPolicy, LearnedPolicy
+
+
+class Teaching(NamedTuple):
+    """The best teacher of a site."""
+
+    policy: FrozenPolicy | None  # None: the sweep
+    kbit_per_j: float  # its efficiency, bandwidth shared equally
+
+
+def teaching(
+    site: Site, config: TrainingConfig, algorithm: Algorithm, seed: int = 0, part: int = 0
+) -> Teaching:
+    """Let all teachers that fit a site fly its missions; the sweep teaches unless one is better.
+
+    Args:
+        algorithm: where it is not `imitation` nobody but the sweep is asked.
+        seed: of a run; `part`: of its mission seeds.
+
+    Raises:
+        PolicyMismatchError: a teacher is unknown or broken, or takes a user's observation.
+    """
+    best = Teaching(None, swept(site, seed, part).kbit_per_j)
+    if algorithm is not Algorithm.IMITATION or config.imitation is None:
+        return best
+    for name in config.imitation.teachers:
+        policy = _fitting(name, site)
+        if policy is None:
+            continue
+        metrics = fly_for_metrics(
+            site, seeds_of_swept(seed, part), partial(_same, policy), 'equal'
+        )
+        kbit_per_j = float(metrics.efficiency_kbit_per_j.mean())
+        if kbit_per_j > best.kbit_per_j:
+            best = Teaching(policy.frozen, kbit_per_j)
+    return best
+
+
+def _fitting(name: str, site: Site) -> LearnedPolicy | None:
+    """A teacher, if it can fly a site's fleet over its area."""
+    policy = policy_named(name)
+    if not isinstance(policy, LearnedPolicy) or not isinstance(
+        policy.frozen.header.layout, Layout
+    ):
+        raise PolicyMismatchError(
+            f"teacher {name}: must be a learned policy that sees nothing of a user's own"
+        )
+    is_fitting = policy.frozen.header.misfit(briefing_of(site)) is None
+    return policy if is_fitting else None
+
+
+def _same(policy: LearnedPolicy) -> LearnedPolicy:
+    return policy
