@@ -51,6 +51,17 @@ def test_only_who_needs_a_package_asks_for_it(tmp_path: Path) -> None:
     assert run(environment, '-m', 'uav_collect', 'evaluate', '--help').returncode == 0
 
 
+def test_what_studies_take_is_said_without_what_they_learn_by(tmp_path: Path) -> None:
+    environment = without(tmp_path, ['torch'], {})
+    asked = ('-m', 'uav_collect', 'figures', '--scale', 'laptop', '--only', 'range')
+    done = run(environment, *asked, '--output', str(tmp_path / 'runs'), '--dry-run')
+    assert (done.returncode, complaints(done.stderr)) == (0, [])
+    assert ' of training' in done.stdout
+    refused = run(environment, *asked, '--output', str(tmp_path / 'runs'))
+    assert refused.returncode == 2
+    assert complaints(refused.stderr)[-1].startswith('error: figures needs torch')
+
+
 def test_a_package_that_is_loaded_late_is_asked_for_in_one_line(tmp_path: Path) -> None:
     environment = without(tmp_path, ['cvxpy'], {})
     asked = ('evaluate', '--missions', '1', '--policy', 'sweep', '--bandwidth', 'cvxpy')

@@ -157,7 +157,8 @@ def plan_figures(arguments: argparse.Namespace) -> FiguresPlan:
         needs[name] = requests.take_new()
     store = Store(arguments.output)
     missing = frozenset(store.missing(requests.jobs))
-    if not arguments.list and arguments.engine == 'local':
+    does_work = not (arguments.list or arguments.dry_run)
+    if does_work and arguments.engine == 'local':
         _check_torch(requests.jobs[digest] for digest in missing)
     rates = _rates(scale, requests.jobs, store, missing, measures=not arguments.list)
     return FiguresPlan(
