@@ -14,9 +14,10 @@ from setuptools import Distribution, find_packages, setup
 
 NAME = 'uav_collect'
 HERE = Path(__file__).resolve().parent  # colcon builds elsewhere, with links to here
-SHARED_FOLDERS = ('config', 'launch')
 NODES = ('world_sim', 'uav_agent', 'recorder', 'trainer', 'control', 'viewer')
 BY_COLCON = bool({'develop', 'install'} & {*sys.argv})  # pip and build use neither
+# colcon builds the messages itself; who has a wheel, by "uav-collect messages".
+SHARED_FOLDERS = ('config', 'launch', *(() if BY_COLCON else ('msg_defs', 'stand_ins')))
 STARTER = 'tools/start_node.sh'
 BUILD = TemporaryDirectory(prefix=f'{NAME}-', ignore_cleanup_errors=True)  # ends with this
 

@@ -75,12 +75,12 @@ def test_nodes_are_where_ros_looks_for_them(wheel: ZipFile) -> None:
     assert all((it.external_attr >> 16) & stat.S_IXUSR for it in starters)
 
 
-def test_every_source_and_every_file_of_config_and_launch_is_in_it(wheel: ZipFile) -> None:
+def test_every_source_and_every_file_that_is_shared_is_in_it(wheel: ZipFile) -> None:
     names = [re.sub(r'^uav_collect-[^/]*\.data/data/', '', name) for name in wheel.namelist()]
     sources = {str(path.relative_to(ROOT)) for path in (ROOT / 'uav_collect').rglob('*.*')}
     shared = {
         f'share/uav_collect/{path.relative_to(ROOT)}'
-        for folder in ('config', 'launch')
+        for folder in ('config', 'launch', 'msg_defs', 'stand_ins')
         for path in (ROOT / folder).rglob('*')
         if path.is_file()
     }

@@ -33,6 +33,7 @@ SUMMARIES = {
     'report': 'tables and pictures of missions that were flown',
     'export': 'hand flights on to ground stations, maps and tables',
     'verify': 'fly recorded missions again, and prove every byte of them',
+    'messages': 'build the ROS messages where pip has installed this',
     'doctor': 'say whether a mission can fly on this machine',
 }
 
@@ -144,6 +145,8 @@ def command_named(name: str) -> Command:
             from uav_collect.commands.export import add_arguments, run
         case 'verify':
             from uav_collect.commands.verify import add_arguments, run
+        case 'messages':
+            from uav_collect.commands.messages import add_arguments, run
         case 'doctor':
             from uav_collect.commands.doctor import add_arguments, run
         case _:

@@ -106,12 +106,12 @@ def test_the_way_to_the_messages_fits_how_the_package_was_built(
     assert words.format(tmp_path) in messages_remedy(tmp_path / package)
 
 
-def test_the_way_to_the_messages_leads_who_installed_by_pip_to_the_sources(
+def test_the_way_to_the_messages_is_a_command_for_who_installed_by_pip(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr('sys.prefix', str(tmp_path))
     package = tmp_path / 'lib' / 'python3.12' / 'site-packages' / 'uav_collect'
-    assert 'make setup" in a clone or an sdist' in messages_remedy(package)
+    assert messages_remedy(package) == 'run "uav-collect messages"'
 
 
 def test_messages_that_are_sourced_and_do_not_load_are_to_be_built_anew(

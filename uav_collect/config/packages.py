@@ -16,6 +16,7 @@ import sys
 from uav_collect.errors import MissingPackageError
 
 MESSAGES = 'uav_collect_msgs'
+_BY_PIP = 'pip install "uav-collect[ros]" (Python 3.11, 3.12)'
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,6 +119,7 @@ NEEDED = {
     'curves': (*_SHOWING, 'matplotlib'),
     'figures': (*_SHOWING, 'matplotlib'),
     'list': _ON_BOARD,
+    'messages': (),
     'doctor': (),
 }
 
@@ -165,12 +167,21 @@ def ros_problem() -> str:
 
 def ros_remedy(*packages: str) -> str:
     """How to get packages of ROS, or this one's messages."""
+    here = Path(__file__).resolve().parents[1]
     if packages == (MESSAGES,):
-        return messages_remedy(Path(__file__).resolve().parents[1])
+        return messages_remedy(here)
     if 'rclpy' in packages:
-        return 'source a ROS 2 Jazzy, or run "make setup" and source install/setup.bash'
+        by_pip = f'{_BY_PIP} and run "uav-collect messages"'
+        by_make = 'run "make setup" and source install/setup.bash'
+        return f'source a ROS 2 Jazzy, or {by_pip if is_by_pip(here) else by_make}'
     names = ' '.join(f'ros-jazzy-{package.replace("_", "-")}' for package in packages)
-    return f'apt install {names}, or run "make setup"'
+    built = 'uav-collect messages' if is_by_pip(here) else 'make setup'
+    return f'apt install {names}, or run "{built}"'
+
+
+def is_by_pip(package: Path) -> bool:
+    """Whether pip has put a Python package, by its folder, into the environment that runs it."""
+    return Path(sys.prefix).resolve() in package.parents[3:4]
 
 
 def messages_remedy(package: Path) -> str:
@@ -179,8 +190,8 @@ def messages_remedy(package: Path) -> str:
     Args:
         package: folder of the Python package, in a checkout or where colcon has installed it.
     """
-    if Path(sys.prefix).resolve() in package.parents[3:4]:  # pip has put it there
-        return 'run "make setup" in a clone or an sdist, then source its install/setup.bash'
+    if is_by_pip(package):
+        return 'run "uav-collect messages"'
     workspace, checkout = _workspace(package)
     installed = workspace / 'install'
     if any((installed / inside / MESSAGES).is_dir() for inside in ('', 'share')):
