@@ -196,9 +196,9 @@ def test_the_rows_of_a_line_are_the_values_that_were_tested(smoke: Smoke) -> Non
 
 
 def test_trainings_are_written_down_as_marl_eval_reads_them(smoke: Smoke) -> None:
-    [(environment, tasks)] = json.loads((smoke.folder / 'marl_eval.json').read_text()).items()
-    assert environment == 'uav_collect'
-    runs = tasks['paper_8x8_n2']['AQMIX']
+    environments = json.loads((smoke.folder / 'marl_eval.json').read_text())
+    assert [*environments] == ['uav_collect_areas', 'uav_collect_fleets']
+    runs = environments['uav_collect_areas']['paper_8x8_n2']['AQMIX']
     assert [*runs] == ['seed_0']
     steps = [it for name, it in runs['seed_0'].items() if name.startswith('step_')]
     assert all(len(it['efficiency_kbit_per_j']) == 1 and it['step_count'] > 0 for it in steps)

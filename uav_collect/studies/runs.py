@@ -3,7 +3,7 @@
 The file is as github.com/instadeepai/marl-eval reads it: environment, task, algorithm, run, step.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 import json
 
 import numpy as np
@@ -54,26 +54,55 @@ def _means(tested: MissionSet, findings: Findings) -> Floats:
 
 
 def marl_eval_json(study: RunsStudy, findings: Findings) -> bytes:
-    """All trainings: each validation as a step, and the test missions as absolute metrics."""
-    tasks = {
-        task.key: {
-            label: _runs(task, label, findings) for label in LEARNED if label in task.trained
-        }
-        for suite in study.suites
+    """All trainings: validations as steps, and the test missions as absolute metrics.
+
+    A suite is an environment. marl-eval wants as many runs everywhere in an environment, and as
+    many steps of each run: as the one with the fewest has.
+    """
+    environments = {
+        f'{_ENVIRONMENT}_{suite.key}': _environment(suite, findings) for suite in study.suites
+    }
+    return (json.dumps(environments, indent=1) + '\n').encode()
+
+
+def _environment(suite: Suite, findings: Findings) -> Mapping[str, object]:
+    labels = [label for label in LEARNED if all(label in task.trained for task in suite.tasks)]
+    trained = [task.trained[label].digests for task in suite.tasks for label in labels]
+    n_runs = min(map(len, trained), default=0)
+    curves = {it: findings.curve_rows(it) for digests in trained for it in digests[:n_runs]}
+    n_steps = min(map(len, curves.values()), default=0)
+    steps = {digest: _steps(rows, n_steps) for digest, rows in curves.items()}
+    return {
+        task.key: {label: _runs(task, label, n_runs, steps, findings) for label in labels}
         for task in suite.tasks
     }
-    return (json.dumps({_ENVIRONMENT: tasks}, indent=1) + '\n').encode()
 
 
-def _runs(task: StudyTask, label: str, findings: Findings) -> Mapping[str, object]:
+def _runs(
+    task: StudyTask,
+    label: str,
+    n_runs: int,
+    steps: Mapping[str, Mapping[str, object]],
+    findings: Findings,
+) -> Mapping[str, object]:
     tested = task.tests[label]
     values = {measure.key: findings.numbers(tested, measure.key) for measure in _MEASURES}
-    runs: dict[str, object] = {}
-    for seed, digest in enumerate(task.trained[label].digests):
-        steps: dict[str, object] = {}
-        for number, row in enumerate(findings.curve_rows(digest)):
-            known = {key: [row[key]] for key in sorted(_VALIDATED)}
-            steps[f'step_{number}'] = {'step_count': int(row['n_decisions']), **known}
-        tests = {key: value[seed].tolist() for key, value in values.items()}
-        runs[f'seed_{seed}'] = {**steps, 'absolute_metrics': tests}
-    return runs
+    return {
+        f'seed_{seed}': {
+            **steps[digest],
+            'absolute_metrics': {key: value[seed].tolist() for key, value in values.items()},
+        }
+        for seed, digest in enumerate(task.trained[label].digests[:n_runs])
+    }
+
+
+def _steps(rows: Sequence[Mapping[str, float]], n_steps: int) -> Mapping[str, object]:
+    """So many of a training's validations, evenly, the first and the last among them."""
+    numbers = np.linspace(0, len(rows) - 1, n_steps).round().astype(int)
+    return {
+        f'step_{step}': {
+            'step_count': int(rows[number]['n_decisions']),
+            **{key: [rows[number][key]] for key in sorted(_VALIDATED)},
+        }
+        for step, number in enumerate(numbers)
+    }
