@@ -84,7 +84,7 @@ def test_report_of_a_folder_or_a_log_prints_and_draws(
 def test_report_draws_where_it_is_asked_to(
     report_folder: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
-    elsewhere = tmp_path_factory.mktemp('pictures')
+    elsewhere = tmp_path_factory.mktemp('pictures') / 'of' / 'mine'
     assert main(['report', str(report_folder), '--pictures', str(elsewhere)]) == 0
     assert [file.name for file in elsewhere.iterdir()] == ['mission.png']
 

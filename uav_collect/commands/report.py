@@ -2,6 +2,7 @@
 
 import argparse
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 import sys
@@ -44,7 +45,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = _DESCRIPTION
     parser.add_argument('path', type=Path, metavar='PATH', help='run folder, mission log or bag')
     parser.add_argument(
-        '--pictures', type=Path, metavar='FOLDER', help='where to draw to (default: beside PATH)'
+        '--pictures',
+        type=Path,
+        metavar='FOLDER',
+        help='where to draw to; made if there is none (default: beside PATH)',
     )
     parser.add_argument(
         '--readings',
@@ -88,6 +92,9 @@ def show_missions(arguments: argparse.Namespace) -> int:
     from uav_collect.analysis.readings import readings_csv
 
     options.check_outputs(arguments.csv, arguments.gif, arguments.mp4)
+    if arguments.pictures is not None:
+        with suppress(OSError):  # who draws there says what is wrong, and tables come all the same
+            arguments.pictures.mkdir(parents=True, exist_ok=True)
     console, n_lacking = plain_console(), 0
     readings: list[tuple[int, Sequence[Reading]]] = []
     missions = missions_at(arguments.path)
