@@ -9,7 +9,9 @@ UNUSABLE = 2  # what was given cannot be used, or what was found cannot be writt
 INTERRUPTED = 130  # after Ctrl-C, as shells have it
 
 MAX_NAME = 64  # characters
-NAME_ALLOWED = f'1 to {MAX_NAME} letters, digits, _, - and ., the first a letter or a digit'
+NAME_ALLOWED = (
+    f'1 to {MAX_NAME} letters of A to Z, digits, _, - and ., the first a letter or a digit'
+)
 _NAME = re.compile(f'[A-Za-z0-9][A-Za-z0-9_.-]{{0,{MAX_NAME - 1}}}')
 
 MAX_SENSORS = 20_000
