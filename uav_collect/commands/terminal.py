@@ -56,8 +56,8 @@ def _lines(total: int, noun: str) -> Iterator[Callable[[int], None]]:
         n_done += n_more
         time_left = left.text(n_done / total)
 
-    def line(_: float) -> str:
-        return ', '.join(filter(None, (f'{n_done} of {total} {noun}', time_left)))
+    def line(lasted_s: float) -> str:
+        return f'{n_done} of {total} {noun}, {time_left or f"{lasted_s:.0f} s so far"}'
 
     with repeated_line(line, every_s=_LINE_EVERY_S):
         yield advance
