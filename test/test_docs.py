@@ -240,7 +240,7 @@ def test_the_scenario_of_the_documents_is_valid(tmp_path: Path) -> None:
 
 def in_a_process_of_its_own(arguments: list[str], folder: Path) -> str:
     """What Python prints that runs in a folder, with the tutorial's policy in it."""
-    (folder / 'my_policies.py').write_text(blocks(OWN_POLICY, 'python')[0])
+    (folder / 'my_policies.py').write_text('\n\n'.join(blocks(OWN_POLICY, 'python')[:2]))
     variables = {'PYTHONPATH': str(ROOT), 'UAV_COLLECT_KERNELS': 'interpreted'}
     return subprocess.run(
         [sys.executable, *arguments],
@@ -252,15 +252,16 @@ def in_a_process_of_its_own(arguments: list[str], folder: Path) -> str:
     ).stdout
 
 
-def test_the_policy_of_the_tutorial_flies(tmp_path: Path) -> None:
-    options = ['--policy', 'my_policies:nearest', '--missions', '3', '--json', 'figures.json']
+@pytest.mark.parametrize('name', ['nearest', 'Rows'])
+def test_the_policies_of_the_tutorial_fly(name: str, tmp_path: Path) -> None:
+    options = ['--policy', f'my_policies:{name}', '--missions', '3', '--json', 'figures.json']
     in_a_process_of_its_own(['-m', 'uav_collect', 'evaluate', *options], tmp_path)
     [flown] = json.loads((tmp_path / 'figures.json').read_text()).values()
     assert flown['complete_share']['mean'] == flown['safe_share']['mean'] == 1.0
 
 
 def test_the_ten_lines_of_the_tutorial_fly_and_draw_a_mission(tmp_path: Path) -> None:
-    _, program = blocks(OWN_POLICY, 'python')
+    *_, program = blocks(OWN_POLICY, 'python')
     assert len(program.splitlines()) == 10
     assert program.count('missions=100') == 1
     script = program.replace('missions=100', 'missions=2')

@@ -10,10 +10,11 @@ from uav_collect.__main__ import command_named
 import yaml
 
 ABROAD = {
+    '.venv/bin/jupyter',
+    '.venv/bin/jupytext',
     'colcon',
     'export',
     'fastdds',
-    'jupytext',
     'pip',
     'ray',
     'rviz2',
@@ -78,6 +79,10 @@ def test_every_command_shown_can_be_given(words: list[str]) -> None:
             parse(name, options)
         case ['.venv/bin/python', '-m', 'uav_collect', name, *options]:
             parse(name, options)
+        case ['.venv/bin/python', '-m', 'pip', 'install', *_]:
+            pass
+        case ['.venv/bin/python', script]:
+            assert (ROOT / script).is_file()
         case ['ros2', *rest]:
             assert is_there(rest)
         case [name, *options] if name in MODULES:

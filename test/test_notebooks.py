@@ -46,7 +46,9 @@ def test_a_notebook_runs_to_its_end(name: str, tmp_path: Path) -> None:
     )
     assert done.returncode == 0, done.stderr
     assert '2 missions from seed 0' in done.stdout
-    assert [file for file in LEFT[name] if not (tmp_path / file).is_file()] == []
+    folder = tmp_path / 'runs' / 'notebooks'
+    assert [file for file in LEFT[name] if not (folder / file).is_file()] == []
+    assert {it.name for it in tmp_path.iterdir()} <= {'runs'}
 
 
 @pytest.mark.parametrize('name', LEFT)

@@ -20,6 +20,8 @@ import sys
 import uav_collect
 
 MISSIONS = int(os.environ.get('UAV_COLLECT_NOTEBOOK_MISSIONS', '100'))
+FOLDER = Path('runs/notebooks')  # of all that is written
+FOLDER.mkdir(parents=True, exist_ok=True)
 
 # %% [markdown]
 # The list is a table with a name and a place for each logger. Yours may be a spreadsheet or a
@@ -28,23 +30,26 @@ MISSIONS = int(os.environ.get('UAV_COLLECT_NOTEBOOK_MISSIONS', '100'))
 # %%
 PLACES_M = [(40 + 55 * n, 60 + 90 * (n % 3) + 12 * n) for n in range(12)]
 ROWS = [f'logger {n},{x_m},{y_m}' for n, (x_m, y_m) in enumerate(PLACES_M, start=1)]
-Path('loggers.csv').write_text('\n'.join(['id,x_m,y_m', *ROWS]) + '\n')
+(FOLDER / 'loggers.csv').write_text('\n'.join(['id,x_m,y_m', *ROWS]) + '\n')
 
 # %% [markdown]
 # `field` makes a scenario of it: cells by how far a logger is heard, a base, and a fleet. It
-# says why each value is what it is, in `loggers.yaml`, and draws a map, `loggers.png`.
+# says why each value is what it is, in `loggers.yaml`, of which this shows the beginning, and
+# draws a map, `loggers.png`.
 
 # %%
-FIELD = ['field', 'loggers.csv', '--uavs', '2', '--force']
+FIELD = ['field', str(FOLDER / 'loggers.csv'), '--uavs', '2', '--force', '--output', str(FOLDER)]
 subprocess.run([sys.executable, '-m', 'uav_collect', *FIELD], check=True)
-print(Path('loggers.yaml').read_text()[:600])
+scenario = FOLDER / 'loggers.yaml'
+print(*scenario.read_text().splitlines()[:16], sep='\n')
 
 # %% [markdown]
 # Two rules fly the same missions. What differs from mission to mission is how much data each
-# logger holds, and how well it is heard.
+# logger holds, and how well it is heard. On a machine where nothing was flown so far this first
+# compiles for a minute or two.
 
 # %%
-compared = uav_collect.evaluate('loggers.yaml', ['sweep', 'hert'], missions=MISSIONS)
+compared = uav_collect.evaluate(scenario, ['sweep', 'hert'], missions=MISSIONS)
 print(compared)
 
 # %% [markdown]
@@ -53,7 +58,7 @@ print(compared)
 
 # %%
 best = max(compared.estimates, key=lambda it: compared.estimates[it]['efficiency_kbit_per_j'].mean)
-mission = uav_collect.fly('loggers.yaml', best, seed=1)
-mission.draw('flight.png')
+mission = uav_collect.fly(scenario, best, seed=1)
+mission.draw(FOLDER / 'flight.png')
 print(mission)
 print('left unread:', mission.unread or 'nothing')

@@ -23,7 +23,8 @@ import uav_collect
 MISSIONS = int(os.environ.get('UAV_COLLECT_NOTEBOOK_MISSIONS', '100'))
 TRAINING = os.environ.get('UAV_COLLECT_NOTEBOOK_TRAINING', '--minutes 5').split()
 SCENARIO = 'paper_10x10'
-RUN = Path('five_minutes')
+FOLDER = Path('runs/notebooks')  # of all that is written
+RUN = FOLDER / 'five_minutes'
 
 
 def command(*words):
@@ -43,11 +44,11 @@ policy = str(RUN / 'policy.safetensors')
 print(uav_collect.evaluate(SCENARIO, [policy, 'sweep', 'hert'], missions=MISSIONS))
 
 # %% [markdown]
-# And this is how it flies: `film_mission_7.html` plays the mission in a browser, with the same
-# mission by the rules as ghosts.
+# And this is how it flies: `film_mission_7.html` plays the mission in a browser, and beside it, as
+# ghosts, the same mission as the rules fly it.
 
 # %%
 mission = uav_collect.fly(SCENARIO, policy, seed=7)
 print(mission)
-Path('mission_7.jsonl').write_bytes(mission.log.to_jsonl())
-command('report', 'mission_7.jsonl', '--html')
+(FOLDER / 'mission_7.jsonl').write_bytes(mission.log.to_jsonl())
+command('report', FOLDER / 'mission_7.jsonl', '--html')
