@@ -18,6 +18,7 @@ CLUSTERS := $(VENV)/.clusters-$(ROS)
 DOCUMENTS := $(VENV)/.documents-$(ROS)
 BUILT := install/.built
 UBUNTU := build/ubuntu_24_04
+STEP := sh tools/step.sh
 
 # The ROS log needs a home.
 ifeq ($(HOME),)
@@ -208,13 +209,13 @@ distclean: clean  ## remove .venv and the tools' caches too
 	rm -rf $(VENV) .mypy_cache .pytest_cache .ruff_cache .hypothesis
 
 $(INSTALLED): requirements/locked/$(ROS).txt tools/make_venv.sh tools/install_locked.sh \
-    tools/write_ros_prefix.sh
+    tools/write_ros_prefix.sh tools/link_package.sh
 	@sh tools/make_venv.sh $(VENV) $(ROS) $(PYTHON)
 	@touch $@
 
 $(DEVELOPED): $(INSTALLED) requirements/locked/dev.txt
-	@echo 'set-up: installing what requirements/dev.txt and pettingzoo.txt list (10 s)'
-	@sh tools/install_locked.sh $(VENV) dev
+	@$(STEP) 'installing what requirements/dev.txt and pettingzoo.txt list (10 s)' \
+	  sh tools/install_locked.sh $(VENV) dev
 	@touch $@
 
 $(LEARNS): $(INSTALLED) requirements/train.txt requirements/locked/train.txt tools/install_training.sh
@@ -222,23 +223,23 @@ $(LEARNS): $(INSTALLED) requirements/train.txt requirements/locked/train.txt too
 	@touch $@
 
 $(CLUSTERS): $(LEARNS) requirements/locked/cluster.txt
-	@echo 'set-up: installing Ray (0.1 GB to fetch)'
-	@sh tools/install_locked.sh $(VENV) cluster
+	@$(STEP) 'installing Ray (0.1 GB to fetch)' sh tools/install_locked.sh $(VENV) cluster
 	@touch $@
 
 $(DOCUMENTS): $(INSTALLED) requirements/locked/documents.txt
-	@echo 'set-up: installing what requirements/documents.txt lists (10 MB to fetch)'
-	@sh tools/install_locked.sh $(VENV) documents
+	@$(STEP) 'installing what requirements/documents.txt lists (10 MB to fetch)' \
+	  sh tools/install_locked.sh $(VENV) documents
 	@touch $@
 
 # Modules of messages fit the numpy that they were built with, or a newer one.
 $(UBUNTU)/.built: $(BUILT) requirements/locked/ubuntu_24_04.txt
-	@echo 'set-up: building uav_collect_msgs with what requirements/ubuntu_24_04.txt lists'
 	@rm -rf $(UBUNTU)
-	@sh tools/install_locked.sh $(VENV) ubuntu_24_04 --target $(UBUNTU)/packages
+	@$(STEP) 'installing what requirements/ubuntu_24_04.txt lists' \
+	  sh tools/install_locked.sh $(VENV) ubuntu_24_04 --target $(UBUNTU)/packages
 	@if [ -f $(VENV)/setup.sh ]; then . $(VENV)/setup.sh; fi; \
 	  export PYTHONPATH=$(CURDIR)/$(UBUNTU)/packages$${PYTHONPATH:+:$$PYTHONPATH}; \
-	  unset MFLAGS MAKELEVEL; MAKEFLAGS=-j$$(nproc) $(VENV)/bin/colcon build \
+	  unset MFLAGS MAKELEVEL; MAKEFLAGS=-j$$(nproc) \
+	  $(STEP) 'building uav_collect_msgs with these' $(VENV)/bin/colcon build \
 	    --packages-select uav_collect_msgs --build-base $(UBUNTU)/build --install-base $(UBUNTU)/install
 	@touch $@
 
@@ -248,8 +249,8 @@ $(BUILT): $(INSTALLED) package.xml setup.py setup.cfg colcon_defaults.yaml resou
     tools/packages_to_build.sh \
     $(shell find msg_defs stand_ins config launch -type d -o -path 'msg_defs/*' -type f \
       -o -path 'stand_ins/*' -type f 2> /dev/null)
-	@echo 'set-up: building the messages and uav_collect (about a minute)'
 	@if [ -f $(VENV)/setup.sh ]; then . $(VENV)/setup.sh; fi; \
 	  unset MFLAGS MAKELEVEL; MAKEFLAGS=-j$$(nproc) \
+	  $(STEP) 'building the messages and uav_collect (about a minute)' \
 	  $(VENV)/bin/colcon build --paths $$(sh tools/packages_to_build.sh)
 	@touch $@

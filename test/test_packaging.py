@@ -10,6 +10,7 @@ import shutil
 import subprocess
 import sys
 from typing import NamedTuple
+import venv
 
 from catkin_pkg.package import parse_package
 from processes import complaints, Processes
@@ -353,6 +354,43 @@ def test_a_clone_that_cannot_be_built_is_refused_before_anything_is_fetched(
     assert done.stderr.startswith(b'set-up: the path of the repository must be of A-Z')
     assert done.stderr.count(b'\n') == 1
     assert [it.name for it in clone.iterdir()] == ['tools']
+
+
+def test_a_step_of_the_set_up_says_what_it_does_and_that_it_lasts(tmp_path: Path) -> None:
+    said = tmp_path / 'said'
+    step = f"until grep -q still '{said}'; do :; done; exit 7"
+    with said.open('w') as file:
+        done = subprocess.run(
+            ['sh', 'tools/step.sh', 'waiting (a second)', 'sh', '-c', step],
+            cwd=ROOT,
+            env={**os.environ, 'SET_UP_LINE_EVERY_S': '0.01'},
+            stdout=file,
+            check=False,
+            timeout=600,
+        )
+    first, second, *_ = said.read_text().splitlines()
+    assert done.returncode == 7
+    assert first == 'set-up: waiting (a second)'
+    assert re.fullmatch(r'set-up: still waiting, for \d+ s', second)
+
+
+def test_the_python_of_the_set_up_finds_the_package_from_anywhere(tmp_path: Path) -> None:
+    environment = {key: value for key, value in os.environ.items() if key != 'PYTHONPATH'}
+    venv.create(tmp_path / 'python', with_pip=False, symlinks=True)
+    subprocess.run(['sh', ROOT / 'tools' / 'link_package.sh', 'python'], cwd=tmp_path, check=True)
+    found = subprocess.run(
+        [
+            tmp_path / 'python' / 'bin' / 'python',
+            '-c',
+            'import uav_collect as it; print(it.__file__)',
+        ],
+        cwd=tmp_path,
+        env=environment,
+        stdout=subprocess.PIPE,
+        text=True,
+        check=True,
+    )
+    assert Path(found.stdout.strip()) == ROOT / 'uav_collect' / '__init__.py'
 
 
 def versions(text: str) -> set[tuple[str, str]]:

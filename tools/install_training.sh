@@ -11,6 +11,8 @@ venv=$1
 cpu_builds=https://download.pytorch.org/whl/cpu
 torch=$(grep '^torch==' requirements/train.txt)
 
+step() { sh tools/step.sh "$@"; }
+
 is_reachable() {
   "$venv/bin/python" -c 'import sys, urllib.request
 urllib.request.urlopen(sys.argv[1], timeout=5)' "$1" 2> /dev/null
@@ -22,11 +24,13 @@ from importlib.metadata import requires
 sys.exit(not any(each.startswith(("nvidia", "cuda")) for each in requires("torch") or ()))'
 }
 
-echo 'set-up: installing torch and what else training needs (0.2 GB to fetch, 2.7 GB with CUDA)'
 set -- --no-deps "$torch"
 if ! command -v nvidia-smi > /dev/null && is_reachable "$cpu_builds/torch/"; then
   set -- --index-url "$cpu_builds" "$@"
 fi
-"$venv/bin/python" -m pip install -qq "$@"
-sh tools/install_locked.sh "$venv" train
-if brings_cuda; then sh tools/install_locked.sh "$venv" cuda; fi
+step 'installing torch (0.2 GB to fetch, 2.7 GB with the CUDA that its build may need)' \
+  "$venv/bin/python" -m pip install -qq "$@"
+step 'installing what else training needs' sh tools/install_locked.sh "$venv" train
+if brings_cuda; then
+  step 'installing the CUDA that this build of torch needs' sh tools/install_locked.sh "$venv" cuda
+fi

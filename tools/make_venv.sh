@@ -9,6 +9,7 @@ kind=$2
 python=${3:-}
 
 say() { echo "set-up: $*"; }
+step() { sh tools/step.sh "$@"; }
 die() { echo "set-up: $*" >&2; exit 1; }
 
 # The interpreter itself, should a virtual environment be active: ours may have to be made anew.
@@ -61,15 +62,17 @@ make_folder() {
 }
 
 install_packages() {
-  say 'installing the packages of requirements/ (0.4 GB to fetch, about a minute)'
   # What is published as source alone is built by this setuptools, not by one that pip would fetch.
-  sh tools/install_locked.sh "$venv" setuptools
+  step 'installing setuptools' sh tools/install_locked.sh "$venv" setuptools
   # Bytecode is compiled afterwards, on all cores: pip compiles on one.
-  sh tools/install_locked.sh "$venv" "$kind" --no-compile --no-build-isolation
-  "$venv/bin/python" -m compileall -qq -j 0 "$venv/lib" || true # templates are no Python
+  step 'installing the packages of requirements/ (0.4 GB to fetch, about a minute)' \
+    sh tools/install_locked.sh "$venv" "$kind" --no-compile --no-build-isolation
+  step 'compiling their Python files on all cores (about a minute)' \
+    "$venv/bin/python" -m compileall -qq -j 0 "$venv/lib" || true # templates are no Python
 }
 
 check_machine
 make_folder
 install_packages
+sh tools/link_package.sh "$venv"
 [ "$kind" = sourced ] || sh tools/write_ros_prefix.sh "$venv"
