@@ -89,11 +89,11 @@ def test_the_summary_says_what_was_proposed(
     printed = capsys.readouterr().out
     for words in ('pipeline.csv, metres of its own', '16 on 3,000 m x 80 m', ' kJ', 'dji_m30'):
         assert words in printed
-    assert "x and y count from the area's south-west corner, at " in printed
-    who = 'who flies it best: python -m uav_collect evaluate --policy sweep hert --missions 100'
-    assert f'{who} --scenario pipeline.yaml\n' in printed
-    assert 'where is not known: waypoints need it, by --crs' in printed
-    assert 'the list does not say how much data sensors hold' in printed
+    assert "x and y       count from the area's south-west corner, which is at x = " in printed
+    who = 'who flies it best: python -m uav_collect evaluate --scenario pipeline.yaml'
+    assert f'{who} --policy best sweep hert --missions 100\n' in printed
+    assert 'not known, but waypoints need it: --crs EPSG:N' in printed
+    assert 'how much data sensors hold, as a column data_mbit would: taken as 0.1' in printed
 
 
 def test_the_next_command_in_a_checkout_is_one_of_make(

@@ -24,19 +24,19 @@ def test_cells_are_as_large_as_corners_have_their_share_of_the_rate() -> None:
     ]
     assert shares[0] >= settings.rate_share > shares[1]
     assert field.corner_share == pytest.approx(shares[0])
-    assert field.why_size.startswith('as large as the radio allows; in a corner, 1')
+    assert field.why_size.startswith("as large as the radio allows; a sensor in a cell's")
 
 
 def test_a_small_field_has_smaller_cells_so_that_each_uav_has_some() -> None:
     field = proposed(ground(*[(5.0 * n, 20.0 * (n % 3)) for n in range(30)]), n_uavs=3)
     assert field.grid.n_data_cells >= 3 * usual_settings().data_cells_per_uav
-    assert 'so small that 3 UAVs have 12 of them to go to' in field.why_size
+    assert f'to lie in {field.grid.n_data_cells} cells, for 3 UAVs to share; ' in field.why_size
 
 
 def test_few_sensors_share_no_cell_if_they_need_not() -> None:
     field = proposed(ground((0.0, 0.0), (60.0, 0.0), (0.0, 60.0)), n_uavs=3)
     assert field.grid.n_data_cells == 3
-    assert field.why_size.startswith('so small that few sensors share one')
+    assert field.why_size.startswith('small enough for few sensors to share a cell; ')
 
 
 def test_a_field_too_large_for_its_cells_has_larger_ones_and_says_what_that_costs() -> None:
@@ -87,6 +87,15 @@ def test_data_are_as_the_list_says_where_it_says_them_of_all() -> None:
     assert 'the list does not say how much data' in ' '.join(doubts(half))
 
 
+def test_a_boundary_that_is_moved_is_a_note() -> None:
+    edge_m = square(-50.0, -50.0, 600.0)
+    wide = proposed(ground((0.0, 0.0), (400.0, 0.0), edge_m=edge_m, widen_m=30.0))
+    assert '--widen moves the boundary itself: 30 m outside of what was' in ' '.join(doubts(wide))
+    assert '--widen' not in ' '.join(
+        doubts(proposed(ground((0.0, 0.0), (400.0, 0.0), edge_m=edge_m)))
+    )
+
+
 def test_a_move_counts_in_rewards_as_much_as_one_of_the_paper() -> None:
     field = proposed(ground(*LINE))
     move_s = field.grid.cell_size_m / field.craft.speed_mps
@@ -127,10 +136,7 @@ def test_the_round_trip_leads_around_no_fly_zones() -> None:
         (
             ground((0.0, 0.0), (400.0, 0.0), no_fly_m=[square(-20.0, -20.0, 40.0)]),
             {},
-            [
-                "sensor 'S1' lies in a cell of ",
-                'that a no-fly zone touches: draw the zone smaller',
-            ],
+            ["sensor 'S1' lies in a no-fly zone: draw the zone smaller, or leave it out"],
         ),
         (
             ground((0.0, 0.0), (400.0, 0.0), (900.0, 50.0), edge_m=square(-50.0, -50.0, 600.0)),
@@ -140,7 +146,7 @@ def test_the_round_trip_leads_around_no_fly_zones() -> None:
         (
             ground((0.0, 0.0), (400.0, 0.0), no_fly_m=[square(150.0, -500.0, 1000.0)]),
             {},
-            ["sensor 'S2' lies in a cell"],
+            ["sensor 'S2' lies in a no-fly zone"],
         ),
         (
             ground((0.0, 0.0), (900.0, 0.0), no_fly_m=[square(400.0, -40.0, 80.0)]),
@@ -170,6 +176,26 @@ def test_what_cannot_be_flown_is_refused_with_what_would_help(
     with pytest.raises(ConfigError) as raised:
         proposed(field, **wishes)  # type: ignore[arg-type]
     assert [word for word in words if word not in str(raised.value)] == []
+
+
+def test_a_sensor_near_a_zone_is_refused_with_a_cell_size_that_serves_all() -> None:
+    # 6 m to the west and to the east of a pond of 108 m: cells of 112 m, or of 16, fit between.
+    pond = square(201.0, 0.0, 108.0)
+    field = ground((0.0, 0.0), (500.0, 300.0), (195.0, 50.0), (315.0, 50.0), no_fly_m=[pond])
+    with pytest.raises(ConfigError) as raised:
+        proposed(field, cell_size_m=100.0)
+    [line] = {problem.partition(': ')[2] for problem in raised.value.problems}
+    assert line.startswith('draw the zone smaller, give --cell-size ')
+    size_m = float(line.split('--cell-size ')[1].split(',')[0])
+    assert proposed(field, cell_size_m=size_m).grid.unserved.size == 0
+
+
+def test_no_cell_size_is_named_for_a_sensor_that_none_serves() -> None:
+    zones = square(0.0, 0.0, 19.9), square(20.1, 0.0, 19.9)  # 0.2 m between them
+    field = ground((20.0, 10.0), (40.0, 60.0), no_fly_m=zones)
+    with pytest.raises(ConfigError) as raised:
+        proposed(field, cell_size_m=30.0)
+    assert '--cell-size' not in str(raised.value)
 
 
 def test_all_sensors_that_cannot_be_served_are_named_at_once() -> None:

@@ -8,8 +8,8 @@ import odd_areas
 import pytest
 from uav_collect.analysis.metrics import mission_metrics
 from uav_collect.missions.rollout import fly
-from uav_collect.planning.reach import energy_remark, reach_of, take_off_lines
-from uav_collect.scenario.load import load
+from uav_collect.planning.reach import energy_remark, reach_of, spare_remark, take_off_lines
+from uav_collect.scenario.load import load, with_uavs
 from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
 
@@ -83,3 +83,12 @@ def test_the_remark_says_how_far_and_how_much_more_it_takes() -> None:
     )
     assert take_off_lines(build_site(paper(25.0)))[1:] == [remark]
     assert take_off_lines(build_site(paper(100.0)))[0].startswith('scenario paper_10x10: 2 UAVs, ')
+
+
+def test_one_uav_is_said_to_do_where_half_its_energy_does_and_then_it_does() -> None:
+    assert spare_remark(build_site(paper(40.0))) is None
+    ample = paper(200.0)
+    assert (spare_remark(build_site(ample)) or '').startswith('1 UAV would do, by an estimate')
+    alone = build_site(with_uavs(ample, 1))
+    assert spare_remark(alone) is None
+    assert all(mission_metrics(log).is_complete for log in fly(alone, range(2), 'sweep'))

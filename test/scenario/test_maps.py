@@ -268,6 +268,7 @@ def test_the_sheet_of_a_workbook_that_says_where_things_are_is_read(tmp_path: Pa
         "of 2 sheets, 'Data' is read",
         'the names of columns stand in row 3',
         'numbers have decimal commas',
+        "columns not read: 'Since', 'Latitude (map)'",
     )
 
 

@@ -59,6 +59,7 @@ def test_what_was_found_is_noted(tmp_path: Path) -> None:
     assert places_of(tmp_path / 'a.csv', LISTS['spreadsheet of Germany']).notes == (
         'fields are separated by semicolons',
         'numbers have decimal commas',
+        "columns not read: 'H\u00f6he'",
     )
     assert places_of(tmp_path / 'b.csv', LISTS['remarks above']).notes == (
         'the names of columns stand in line 3',
@@ -66,6 +67,13 @@ def test_what_was_found_is_noted(tmp_path: Path) -> None:
     assert places_of(tmp_path / 'c.csv', LISTS['both systems']).notes == (
         'places go by lat,lon, not by easting,northing',
     )
+
+
+def test_of_many_columns_that_are_not_read_some_are_named(tmp_path: Path) -> None:
+    rest = [f'h{n}' for n in range(9)]
+    text = f'id,x_m,y_m,data_mbit,{",".join(rest)}\na,1,2,3{",0" * 9}\nb,4,5,6{",0" * 9}\n'
+    named = "'h0', 'h1', 'h2', 'h3', 'h4', 'h5' and 3 more"
+    assert places_of(tmp_path / 'list.csv', text).notes == (f'columns not read: {named}',)
 
 
 def test_columns_of_other_names_are_those_that_a_user_gives(tmp_path: Path) -> None:

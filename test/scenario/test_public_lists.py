@@ -18,7 +18,9 @@ PUBLIC: dict[str, tuple[str, list[str], tuple[float, float], tuple[str, ...]]] =
         'Stations_id;von_datum;bis_datum;Stationshoehe;geoBreite;geoLaenge;Stationsname\r\n'
         '00044;20070401;20250412;44;52.9336;8.2370;Gro\u00dfenkneten\r\n'
         '00073;19520101;20250412;374;52.9411;8.2503;M\u00fchlhausen\r\n',
-        ['00044', '00073'], (52.9336, 8.237), ('fields are separated by semicolons',),
+        ['00044', '00073'], (52.9336, 8.237),
+        ('fields are separated by semicolons',
+         "columns not read: 'von_datum', 'bis_datum', 'Stationshoehe', 'Stationsname'"),
     ),
     'gauges of a water survey': (
         '# Data provided by the survey.\n#\n# agency_cd  -- Agency\n#\n'
@@ -27,49 +29,56 @@ PUBLIC: dict[str, tuple[str, list[str], tuple[float, float], tuple[str, ...]]] =
         'XS\t13346800\tSOUTH FORK, UPPER\t46.73266\t-117.0338\n',
         ['13346760', '13346800'], (46.73183, -117.02266),
         ('fields are separated by tabs', 'the names of columns stand in line 5',
-         'left out: line 6, widths of columns'),
+         'left out: line 6, widths of columns', "columns not read: 'agency_cd', 'station_nm'"),
     ),
     'occurrences of a biodiversity portal': (
         'occurrenceID\tdecimalLatitude\tdecimalLongitude\tlocality\tcode\n'
         'urn:1\t8.4071\t-83.3459\tSirena\tS1\nurn:2\t8.4111\t-83.3554\t\tS2\n',
-        ['S1', 'S2'], (8.4071, -83.3459), ('fields are separated by tabs',),
+        ['S1', 'S2'], (8.4071, -83.3459),
+        ('fields are separated by tabs', "columns not read: 'occurrenceID', 'locality'"),
     ),
     'tags of an animal tracking portal': (
         'event-id,visible,timestamp,location-long,location-lat,individual-local-identifier\n'
         '1,true,2025-04-13 10:00:00.000,11.0161,47.7333,"Base, north"\n'
         '2,true,2025-04-13 10:00:00.000,11.0175,47.7341,Base south\n',
-        ['Base, north', 'Base south'], (47.7333, 11.0161), (),
+        ['Base, north', 'Base south'], (47.7333, 11.0161),
+        ("columns not read: 'event-id', 'visible', 'timestamp'",),
     ),
     'points of an open data portal': (
         '\ufeffNom;Adresse;geo_point_2d\n"Place, nord";1 rue;48.8566, 2.3522\n'
         'Gare;;"48.8570, 2.3530"\n',
         ['Place, nord', 'Gare'], (48.8566, 2.3522),
-        ('fields are separated by semicolons', 'places stand in geo_point_2d, as lat,lon'),
+        ('fields are separated by semicolons', 'places stand in geo_point_2d, as lat,lon',
+         "columns not read: 'Adresse'"),
     ),
     'geometries of a converter': (
         'WKT,name,depth_cm\n"POINT (-117.0891 46.7812)",a,30\n"POINT (-117.0875 46.78)",b,\n',
-        ['a', 'b'], (46.7812, -117.0891), ('places stand in WKT, as x,y',),
+        ['a', 'b'], (46.7812, -117.0891),
+        ('places stand in WKT, as x,y', "columns not read: 'depth_cm'"),
     ),
     'devices of a radio network': (
         'dev_eui,name,latitude,longitude,last_seen,battery\n'
         '70B3D57ED0001A2B,pump,51.5,-0.1201,2025-01-01T00:00:00Z,\n'
         '70B3D57ED0001A2C,gate,51.5004,-0.121,,97 %\n',
-        ['70B3D57ED0001A2B', '70B3D57ED0001A2C'], (51.5, -0.1201), (),
+        ['70B3D57ED0001A2B', '70B3D57ED0001A2C'], (51.5, -0.1201),
+        ("columns not read: 'name', 'last_seen', 'battery'",),
     ),
     'towers of a network of towers': (
         'SITE_ID,SITE_NAME,LOCATION_LAT,LOCATION_LONG,LOCATION_ELEV,IGBP\n'
         'DE-Hai,Hainich,51.0792,10.4522,430,DBF\nDE-HaX,"Hainich, 2",51.0801,10.4531,,DBF\n',
-        ['DE-Hai', 'DE-HaX'], (51.0792, 10.4522), (),
+        ['DE-Hai', 'DE-HaX'], (51.0792, 10.4522),
+        ("columns not read: 'SITE_NAME', 'LOCATION_ELEV', 'IGBP'",),
     ),
     'turbines of a register': (
         'Anlage Nr.;Kennung;Rechtswert;Hochwert;Nabenh\u00f6he [m]\n'
         'WEA 1;W1;361.469,5;6.154.543,0;65,0\nWEA 2;W2;361.203,0;6.154.244,5;65,0\n',
         ['W1', 'W2'], (361469.5, 6154543.0),
-        ('fields are separated by semicolons', 'numbers have decimal commas'),
+        ('fields are separated by semicolons', 'numbers have decimal commas',
+         "columns not read: 'Anlage Nr.', 'Nabenh\u00f6he [m]'"),
     ),
     'plots of a trial': (
         'Plot,Treatment,X (m),Y (m)\n101,A,0.0,0.0\n102,B,7.5,0.0\n103,A,15.0,0.0\n',
-        ['101', '102', '103'], (0.0, 0.0), (),
+        ['101', '102', '103'], (0.0, 0.0), ("columns not read: 'Treatment'",),
     ),
     'sensors of a time series': (
         'sensor_id;sensor_type;location;lat;lon;timestamp;P1\n'
@@ -78,6 +87,7 @@ PUBLIC: dict[str, tuple[str, list[str], tuple[float, float], tuple[str, ...]]] =
         '12;SDS011;7;48.7758;9.1829;2025-04-13T00:02:30;3.3\n',
         ['12', '13'], (48.7758, 9.1829),
         ('fields are separated by semicolons',
+         "columns not read: 'sensor_type', 'timestamp', 'P1'",
          'left out: 1 line of an id or a place that another has'),
     ),
     'logbook in degrees and minutes': (

@@ -295,7 +295,7 @@ def _show(outputs: _Outputs, proposal: 'Proposal', found: 'Survey', scenario: 'S
     """Print what was proposed, and what to type next."""
     from uav_collect.analysis.console import plain_console
     from uav_collect.fields.summary import doubts, summary
-    from uav_collect.planning.reach import energy_remark
+    from uav_collect.planning.reach import energy_remark, spare_remark
     from uav_collect.scenario.site import build_site
 
     console = plain_console()
@@ -303,7 +303,8 @@ def _show(outputs: _Outputs, proposal: 'Proposal', found: 'Survey', scenario: 'S
     console.print(title, style='bold', soft_wrap=True)
     for title, text in summary(proposal):
         console.print(f'  {title:12}  {text}', soft_wrap=True)
-    remark = energy_remark(build_site(scenario))
+    site = build_site(scenario)
+    remark = energy_remark(site) or spare_remark(site)
     for note in (*found.notes, *doubts(proposal), *([] if remark is None else [remark])):
         console.print(f'  {"note":12}  {note}', soft_wrap=True, style='yellow')
     console.print(f'written: {outputs.scenario}, {outputs.picture}', soft_wrap=True)
@@ -316,8 +317,8 @@ def _show(outputs: _Outputs, proposal: 'Proposal', found: 'Survey', scenario: 'S
 def _comparison(path: str) -> str:
     """What shows which policy flies a scenario best, to be typed where this was."""
     program = '.venv/bin/python -m uav_collect' if _is_checkout() else program_name()
-    command = f'{program} evaluate --policy sweep hert --missions 100'
-    return f'{command} --scenario {shlex.quote(path)}'
+    command = f'{program} evaluate --scenario {shlex.quote(path)}'
+    return f'{command} --policy best sweep hert --missions 100'
 
 
 def _is_checkout() -> bool:

@@ -21,6 +21,7 @@ class Craft:
     is_widest: bool  # whether no speed takes it farther
     battery_wh: float | None  # None: what its airframe comes with
     held_wh: float  # by that battery
+    is_battery_asked: bool
     usable_share: float
 
     @property
@@ -55,6 +56,7 @@ def craft_of(wishes: Wishes, settings: FieldSettings) -> Craft:
         flight_power_w=float(powers_w[best]),
         is_widest=wishes.speed_mps is None,
         battery_wh=battery_wh,
+        is_battery_asked=wishes.battery_wh is not None,
         held_wh=battery_wh or airframe.battery_wh or settings.battery_wh,
         usable_share=settings.battery_usable_share,
     )

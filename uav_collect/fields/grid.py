@@ -149,7 +149,12 @@ def least_size_m(ground: Ground) -> float:
 
 
 def best_grid(
-    ground: Ground, cell_size_m: float, altitude_m: float, *, is_fixed: bool
+    ground: Ground,
+    cell_size_m: float,
+    altitude_m: float,
+    *,
+    is_fixed: bool,
+    most_corners: int | None = None,
 ) -> CellGrid:
     """The cells that leave fewest sensors unserved, then those that need fewest hovers.
 
@@ -158,11 +163,14 @@ def best_grid(
         cell_size_m: wanted side of a cell [m].
         altitude_m: at which UAVs fly [m].
         is_fixed: whether cells must not be smaller than that.
+        most_corners: of zones and edges of all grids that are tried while sensors stay unserved;
+            None: as many as take some 20 s.
 
     Where some sensors stay unserved, it is not looked on for long whether they could be.
     """
+    most_corners = _MOST_CORNERS if most_corners is None else most_corners
     best, n_corners = None, 0
-    n_hopeless = _n_under_zones(ground)
+    n_hopeless = int(under_zones(ground).sum())
     for size_m in _sizes_m(ground, cell_size_m, is_fixed=is_fixed):
         # Which cells are open takes longest: it is found out of those that would be taken first.
         for found in sorted(_grids(ground, size_m, altitude_m), key=_cost):
@@ -171,7 +179,7 @@ def best_grid(
             if best.unserved.size == 0:
                 return _trimmed(best)
             n_corners += _n_corners(ground)
-            if best.unserved.size <= n_hopeless or n_corners >= _MOST_CORNERS:
+            if best.unserved.size <= n_hopeless or n_corners >= most_corners:
                 return best
     if best is None:
         raise RuntimeError('no size was tried')
@@ -230,12 +238,12 @@ def _grids(ground: Ground, size_m: float, altitude_m: float) -> Iterator[CellGri
             )
 
 
-def _n_under_zones(ground: Ground) -> int:
-    """How many sensors lie within a no-fly zone: no cells make them served."""
+def under_zones(ground: Ground) -> Bools:
+    """Which sensors lie within a no-fly zone, (S,): no cells make them served."""
     is_under = np.zeros(len(ground.position_m), dtype=np.bool_)
     for zone in ground.no_fly_m:
         is_under |= are_inside(zone, ground.position_m)
-    return int(is_under.sum())
+    return is_under
 
 
 def _n_corners(ground: Ground) -> int:

@@ -4,7 +4,6 @@ from dataclasses import dataclass, replace
 import math
 
 import numpy as np
-from uav_collect.config.yaml_text import shown
 from uav_collect.errors import ConfigError
 from uav_collect.fields.craft import Craft, craft_of
 from uav_collect.fields.grid import (
@@ -15,8 +14,8 @@ from uav_collect.fields.grid import (
     smaller_size_m,
 )
 from uav_collect.fields.ground import Ground
-from uav_collect.fields.outlines import distance_m
 from uav_collect.fields.radio_reach import mean_rate_bps, reach_m
+from uav_collect.fields.served import check_served
 from uav_collect.fields.settings import FieldSettings, Wishes
 from uav_collect.limits import MAX_CELLS_PER_SIDE
 from uav_collect.scenario.model import Point, RadioConfig, Scenario
@@ -74,17 +73,18 @@ def propose(ground: Ground, wishes: Wishes, settings: FieldSettings, base: Scena
     size_m, why = _size(ground, wishes, settings, heard_m)
     grid = best_grid(ground, size_m, altitude_m, is_fixed=wishes.cell_size_m is not None)
     if grid.cell_size_m < size_m:
-        why = 'so small that all sensors lie in open cells'
+        why = 'small enough for all sensors to lie in open cells'
     if wishes.cell_size_m is None and not grid.unserved.size:
         grid, why = _shared(grid, why, wishes.n_uavs, settings)
-    check_served(grid)
+    check_served(grid, settings.least_cell_size_m)
     craft = craft_of(wishes, settings)
     share = _time_share(base, grid.cell_size_m / craft.speed_mps)
     amounts = _amounts(ground, wishes, settings)
     far_bps, near_bps = _corner_rates_bps(grid, base.radio, bandwidth_hz)
     heard = (
-        f'in a corner, {grid.corner_distance_m:.0f} m from the middle, a sensor sends'
-        f' {far_bps / 1e6:.2g} Mbit/s, {far_bps / near_bps:.0%} of what it does in the middle'
+        f"a sensor in a cell's corner, {grid.corner_distance_m:.0f} m from the middle, sends"
+        f' {far_bps / 1e6:.2g} Mbit/s, {100 * far_bps / near_bps:.0f} % of the rate of one in the'
+        ' middle'
     )
     return Proposal(
         grid=grid,
@@ -159,8 +159,9 @@ def _shared(
     if shared is grid:
         return grid, why
     if n_wanted == n_places:
-        return shared, 'so small that few sensors share one'
-    return shared, f'so small that {n_uavs} UAVs have {n_wanted} of them to go to'
+        return shared, 'small enough for few sensors to share a cell'
+    shares = f'in {shared.n_data_cells} cells, for {n_uavs} UAVs to share'
+    return shared, f'small enough for sensors to lie {shares}'
 
 
 def _corner_rates_bps(grid: CellGrid, radio: RadioConfig, bandwidth_hz: float) -> Point:
@@ -182,44 +183,3 @@ def _amounts(ground: Ground, wishes: Wishes, settings: FieldSettings) -> Point |
         return wishes.data_mbit
     is_said = None not in ground.data_mbit and any(ground.data_mbit)
     return None if is_said else settings.data_mbit
-
-
-def check_served(grid: CellGrid) -> None:
-    """Refuse a grid in which sensors cannot be served.
-
-    Raises:
-        ConfigError: the base or some sensors lie where no UAV may fly, or can get to; a line each.
-    """
-    base_m = grid.ground.base_m
-    if base_m is not None and not grid.is_open[grid.base_cell]:
-        what = _closed_by(grid, grid.base_cell)
-        raise ConfigError(f'the base lies in a cell {what}, or leave --base out')
-    problems = [_unserved(grid, sensor) for sensor in grid.unserved.tolist()]
-    if problems:
-        raise ConfigError(*problems)
-
-
-def _unserved(grid: CellGrid, sensor: int) -> str:
-    """Why a sensor cannot be served, and what would help."""
-    who, cell = f'sensor {shown(grid.ground.sensor_ids[sensor])}', int(grid.sensor_cell[sensor])
-    if not grid.is_open[cell]:
-        return f'{who} lies in a cell {_closed_by(grid, cell)}, or leave it out'
-    return (
-        f'{who} cannot be reached from the base over open cells: leave a gap of a cell, '
-        f'{grid.cell_size_m:g} m, between zones, give a smaller --cell-size, or leave it out'
-    )
-
-
-def _closed_by(grid: CellGrid, cell: int) -> str:
-    """What closes a cell, and what would open it."""
-    edge_m = grid.ground.edge_m
-    if edge_m is None or grid.is_inside[cell]:
-        return (
-            f'of {grid.cell_size_m:g} m that a no-fly zone touches: draw the zone smaller, give a '
-            'smaller --cell-size'
-        )
-    away_m = distance_m(grid.centre_m(cell), grid.from_corner(edge_m))
-    return (
-        f"whose middle, where UAVs hover, is {away_m:.1f} m beyond the area's edge: give --widen "
-        f'{math.ceil(away_m)} if they may fly there'
-    )

@@ -62,7 +62,8 @@ def _area(proposal: Proposal) -> Iterator[str]:
     if ground.crs is not None:
         yield _noted(f'  crs: {ground.crs}', 'the grid of the list')
     if grid.area.boundary is not None:
-        yield '  # m: cells whose middle lies beyond are closed'
+        widened = f', {ground.widen_m:g} m outside of what was given' if ground.widen_m else ''
+        yield f'  # m: cells whose middle lies beyond are closed{widened}'
         yield '  boundary:'
         yield from _corners(grid.area.boundary, '    ')
     if grid.area.no_fly:
@@ -113,8 +114,10 @@ def _fleet(proposal: Proposal) -> Iterator[str]:
     where = "open cell at the field's southern edge"
     where = where if grid.ground.base_m is None else 'as asked'
     battery, why = craft.battery_wh, f'{craft.held_wh:g} Wh, what comes with it'
-    if battery is not None:
-        why = 'Wh; what do yours hold?'
+    if craft.is_battery_asked:
+        why = 'Wh, as asked'
+    elif battery is not None:
+        why = 'Wh, a guess, for no battery of this airframe is known; what do yours hold?'
     held = 'airframe' if battery is None else repr(battery)
     yield 'fleet:'
     yield '  default:'

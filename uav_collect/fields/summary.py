@@ -27,8 +27,8 @@ def summary(proposal: Proposal) -> Iterator[tuple[str, str]]:
     yield 'base', f'cell [{row}, {column}], x = {x_m:,.0f} m, y = {y_m:,.0f} m'
     east_m, north_m = grid.corner_m
     if grid.ground.origin_deg is None and (east_m or north_m):
-        at = f'at {east_m:,.2f}, {north_m:,.2f} of the list'
-        yield 'x and y', f"x and y count from the area's south-west corner, {at}"
+        at = f'x = {east_m:.2f} m, y = {north_m:.2f} m in the list'
+        yield 'x and y', f"count from the area's south-west corner, which is at {at}"
     held = f'{craft.held_wh:g} Wh each, {craft.energy_budget_kj:,.0f} kJ of it to fly with'
     flight = f'at {craft.speed_mps:g} m/s and {grid.altitude_m:g} m'
     yield 'fleet', f'{proposal.n_uavs} x {craft.airframe} {flight}, {held}'
@@ -38,7 +38,8 @@ def summary(proposal: Proposal) -> Iterator[tuple[str, str]]:
     if grid.ground.origin_deg is None:
         yield (
             'on Earth',
-            'where is not known: waypoints need it, by --crs, the grid of these metres',
+            'not known, but waypoints need it: --crs EPSG:N names the map grid that these metres'
+            ' are of',
         )
     else:
         lat_deg, lon_deg = grid.ground.origin_deg
@@ -65,6 +66,12 @@ def doubts(proposal: Proposal) -> Iterator[str]:
             f'the list does not say how much data {_unsaid(proposal)} taken as {low:g} to'
             f' {high:g} Mbit each; --data-mbit LOW HIGH says it'
         )
+    ground = proposal.grid.ground
+    if ground.edge_m is not None and ground.widen_m:
+        yield (
+            f'--widen moves the boundary itself: {ground.widen_m:g} m outside of what was given,'
+            ' in the scenario, on its map, and in the KML and GeoJSON that export writes'
+        )
     yield from _far_zones(proposal.grid)
 
 
@@ -73,7 +80,8 @@ def _unsaid(proposal: Proposal) -> str:
     amounts = proposal.grid.ground.data_mbit
     n_unsaid = amounts.count(None)
     if n_unsaid in (0, len(amounts)):
-        return 'sensors hold:'
+        is_column_missing = n_unsaid > 0
+        return 'sensors hold' + (', as a column data_mbit would:' if is_column_missing else ':')
     allowed = f'{MIN_DATA_MBIT:g} to {MAX_DATA_MBIT:,.0f} Mbit, or 0'
     return f'{n_unsaid} of {len(amounts)} sensors hold ({allowed}): of all,'
 

@@ -4,9 +4,10 @@ UAVs fly their pieces of the sweep's tour from where they begin, with detours to
 expected to hold data and hovers there, as far as their budgets last for that and the way home.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from uav_collect.scenario.area import mean_data_cells
+from uav_collect.scenario.load import with_uavs
 from uav_collect.scenario.site import Site
 from uav_collect.uav.briefing import Briefing, briefing_of, mean_hover_s
 from uav_collect.uav.sharing import shared_tour, SharedTour
@@ -14,6 +15,7 @@ from uav_collect.uav.tour import NOWHERE, TourKind
 
 _DETOUR = 0.5  # moves for a cell with data beside the tour, as flown missions have it
 _NEARLY_ALL = 0.95  # a share of the cells that may as well be all, by so rough an estimate
+_AMPLE = 0.5  # of a battery: what needs no more is done with it, by so rough an estimate
 _MOST_TIMES = 64.0  # as much energy: beyond that no number is said
 
 
@@ -80,6 +82,19 @@ def energy_remark(site: Site) -> str | None:
     reached = f"the fleet's energy reaches about {100.0 * share:.0f} % of the cells"
     remedy = f', {times:.1f} times as much all of them' if times <= _MOST_TIMES else ''
     return f'{reached} that may hold data{remedy}: give more energy, more UAVs or a smaller area'
+
+
+def spare_remark(site: Site) -> str | None:
+    """In one line, that one UAV of several has ample energy; None where it has not."""
+    if site.scenario.n_uavs == 1:
+        return None
+    alone = replace(site, scenario=with_uavs(site.scenario, 1))
+    if _work_of(alone).share(_AMPLE) < 1.0:
+        return None
+    return (
+        f'1 UAV would do, by an estimate: with {100.0 * _AMPLE:.0f} % of its energy it reaches all'
+        ' cells that may hold data; more UAVs save time'
+    )
 
 
 def take_off_lines(site: Site) -> list[str]:

@@ -13,7 +13,7 @@ from uav_collect.config.yaml_text import shown_path
 from uav_collect.errors import ConfigError, in_one_line, reason_of
 from uav_collect.scenario.shapes import check_names, check_number, Corner, Feature, MapFile, Ring
 from uav_collect.scenario.spreadsheets import check_packed
-from uav_collect.scenario.tables import counted, where_of
+from uav_collect.scenario.tables import counted, FOLDER, where_of
 
 _UNIT = 'placemark'
 _MAX_DEPTH = 100
@@ -151,7 +151,7 @@ def _feature(number: int, placemark: Element, folders: tuple[str, ...]) -> tuple
             properties.setdefault(element.get('name', ''), _child_text(element, 'value'))
         elif _tag(element) == 'SimpleData':
             properties.setdefault(element.get('name', ''), (element.text or '').strip())
-    properties.setdefault('folder', ' / '.join(filter(None, folders)))
+    properties.setdefault(FOLDER, ' / '.join(filter(None, folders)))
     points: list[Corner] = []
     polygons: list[tuple[Ring, ...]] = []
     n_lines = 0

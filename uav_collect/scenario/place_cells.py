@@ -20,6 +20,11 @@ _POINT = re.compile(
 _FORMS = ((_LAT_LON, _PAIR, ('lat', 'lon')), (_WKT, _POINT, ('x', 'y')))
 
 
+def has_places_by_name(name: str) -> bool:
+    """Whether a column of this name may have its places in one cell each."""
+    return any(plain(name) in known for known, _, _ in _FORMS)
+
+
 def with_places_apart(sheet: Sheet) -> Sheet:
     """The table with two columns more, where a column has its places in one cell each.
 

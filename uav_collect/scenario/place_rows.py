@@ -1,6 +1,6 @@
 """The rows of a table as places: which columns count, what stands in them, what is wrong there."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 import math
 
@@ -22,7 +22,8 @@ from uav_collect.scenario.columns import (
 )
 from uav_collect.scenario.numerals import decimal_mark, degrees_of, number_of
 from uav_collect.scenario.odd_places import SensorPlace
-from uav_collect.scenario.tables import Sheet, SheetRow
+from uav_collect.scenario.place_cells import has_places_by_name
+from uav_collect.scenario.tables import FOLDER, Sheet, SheetRow
 
 # Bare x, y are degrees where all lie together, metres where they do not: no site is as small as
 # 2 m, and no area as large as 10 degrees.
@@ -30,6 +31,7 @@ _MOST_DEGREES = 2.0
 _LEAST_METRES = 10.0
 _ANY_GRID = 1e8  # east or north in any grid's own unit
 _ROWS_AT_ONCE = 0.5  # of all, with one fault, are one problem
+_MOST_NAMED = 6  # of columns that are not read
 
 _XY_SYSTEMS = {True: DEGREES, False: PLAIN}
 
@@ -85,6 +87,9 @@ def layout_of(
     mark = decimal_mark(_cells(sheet.lines, place), is_angular=system.is_angular)
     if mark == ',':
         notes.append('numbers have decimal commas')
+    read = {*(found.by_role[role] for pair in pairs for role in pair), named}
+    read |= {found.by_role.get(role) for role in (DATA, ZONE)}
+    notes += _said_of_unread(sheet, read)
     return PlaceColumns(
         system=system,
         place=place,
@@ -105,6 +110,25 @@ def _said_of_places(
     for pair in pairs:
         if pair not in (chosen, chosen[::-1]):
             yield f'places go by {by}, not by {",".join(_named(sheet, found, pair))}'
+
+
+def _said_of_unread(sheet: Sheet, read: Collection[int | None]) -> Iterator[str]:
+    """Which columns count for nothing, as one of them may be meant to."""
+    unread = [
+        shown(name)
+        for at, name in enumerate(sheet.header.cells)
+        if name and at not in read and not _is_of_places(sheet, name)
+    ]
+    if unread:
+        more = len(unread) - _MOST_NAMED
+        kind = 'properties' if sheet.is_map else 'columns'
+        named = ', '.join(unread[:_MOST_NAMED])
+        yield f'{kind} not read: {named}' + (f' and {more} more' if more > 0 else '')
+
+
+def _is_of_places(sheet: Sheet, name: str) -> bool:
+    """Whether a column was read already: for its places, or as the folders of a map."""
+    return name == FOLDER if sheet.is_map else has_places_by_name(name)
 
 
 def _check_there(sheet: Sheet, found: Found, pairs: Sequence[tuple[str, str]]) -> None:

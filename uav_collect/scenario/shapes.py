@@ -14,7 +14,7 @@ from uav_collect.limits import MAX_CORNERS, MAX_NO_FLY
 from uav_collect.scenario.columns import DATA, DEGREES, GRID, ID, plain, role_of, System
 from uav_collect.scenario.numerals import number_of
 from uav_collect.scenario.odd_places import Pair
-from uav_collect.scenario.tables import Sheet, SheetRow, where_of
+from uav_collect.scenario.tables import FOLDER, Sheet, SheetRow, where_of
 
 Corner = tuple[str, str]  # east and north, or longitude and latitude, as written
 Ring = tuple[Corner, ...]
@@ -31,7 +31,7 @@ _NO_FLY = re.compile(
 )
 _SAYS_USE = frozenset(
     {'name', 'title', 'label', 'type', 'kind', 'class', 'category', 'role', 'use', 'zone'}
-    | {'folder', 'fence', 'layer', 'art', 'typ', 'tipo', 'nom', 'nombre', 'nome'}
+    | {FOLDER, 'fence', 'layer', 'art', 'typ', 'tipo', 'nom', 'nombre', 'nome'}
 )
 _FULL_TURN_DEG = 360.0
 _MOST_ODD = 0.5  # of the places, that are mistakes of some rows

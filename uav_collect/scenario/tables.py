@@ -35,6 +35,7 @@ _WIDTH = re.compile('[0-9]{1,4}[sdn]')  # as water surveys write below the names
 _CONTROL = re.compile('[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]')
 
 NAMES_PLACES = 100  # at least, of a header by which it is known where things are
+FOLDER = 'folder'  # property of a thing on a map: the folders that it lies in
 # How well a row does as a header: how many known columns it names, and NAMES_PLACES more if one
 # can tell by them where things are.
 Known = Callable[[list[str]], int]
