@@ -121,6 +121,17 @@ def test_a_long_name_of_a_policy_is_shown_whole_on_a_narrow_terminal() -> None:
         assert name in ''.join(word for line in lines for word in line.split() if word in name)
 
 
+def test_names_of_twenty_letters_are_shown_whole_in_eighty_columns() -> None:
+    missions = [mission_metrics(log) for log in fly(build_site(load('paper_8x8')), [4], 'sweep')]
+    flown = dict.fromkeys(('my_own_policies:Rows', 'my_own_policies:Cols'), missions)
+    rows = {name: estimates(missions, 2) for name in flown}
+    lines = shown(evaluation_table(flown, rows), columns=80).splitlines()
+    measured = lines[: next(at for at, line in enumerate(lines) if 'UAV' in line)]
+    for name in flown:
+        assert sum(f' {name} ' in line for line in measured) >= 3
+    assert max(map(len, lines)) <= 80
+
+
 def test_a_verdict_names_the_best_of_those_that_collect_most() -> None:
     def row(completion_s: float, energy_kj: float, collected_share: float) -> list[Estimate]:
         means = (1.0, completion_s, energy_kj, collected_share, 0.5, 1.0)

@@ -36,7 +36,8 @@ def test_it_ends_with_the_batteries_that_fleets_need(
     field: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert size(field, '--uavs', '2', '1', '--complete', '90') == 0
-    shown = capsys.readouterr().out
+    shown, said = capsys.readouterr()
+    assert '2 fleets x about 9 batteries (one of them ample) x 12 missions = about 216 m' in said
     assert ' Wh of energy_margin_kj) / 0.8\n' in shown
     *_, sentence, flown = shown.strip().splitlines()
     assert sentence.startswith('with 90 % of missions complete: 2 x ')
@@ -85,7 +86,8 @@ def test_batteries_that_are_named_are_flown_and_no_others(
     assert [trial['battery_wh'] for trial in trials] == [None, 0.001, 3.0, 40.0]
     assert [trial['complete_share'] for trial in trials] == [1.0, 0.0, 0.0, 1.0]
     assert trials[1]['energy_kj_max'] is None  # it did not take off
-    shown = capsys.readouterr().out
+    shown, said = capsys.readouterr()
+    assert '1 fleet x 4 batteries (one of them ample) x 12 missions = 48 missions; ' in said
     assert 'stays' in shown
     assert 'with 99 % of missions complete: 1 x 40 Wh' in shown
 

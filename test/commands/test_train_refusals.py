@@ -246,13 +246,16 @@ def test_what_a_checkpoint_holds_is_put_back_where_it_is_missing(
     assert (run / 'progress.csv').read_text().startswith('n_decisions,')
 
 
+@pytest.mark.parametrize(
+    ('command', 'target'), [('train', 'make train'), ('refine', 'make policy')]
+)
 def test_training_without_torch_says_how_to_get_it(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    command: str, target: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr('importlib.util.find_spec', lambda name: None)
-    assert main(['train']) == 2
+    assert main([command]) == 2
     line = said(capsys)
-    assert line.startswith('error: train needs torch and tensorboard: "make train" in a clone')
+    assert line.startswith(f'error: {command} needs torch and tensorboard: "{target}" in a clone')
 
 
 def test_a_gpu_that_is_not_there_is_said_in_one_line(

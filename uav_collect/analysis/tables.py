@@ -31,7 +31,7 @@ _MAX_SENSORS = 8  # the same
 _WHOLE = 10_000  # columns, for names that nobody shortens
 _ROUNDING = 1e-9  # that a share of all may lack
 _ALIKE = 1e-3  # shares of the data that count as the same
-_LEAST_NAME = 14  # columns of a policy's name, at least
+_LEAST_NAME = 20  # columns of a policy's name, at least: titles of measures take two lines first
 _ESTIMATES_COLUMNS = 66  # of a table of estimates, without names
 _FIGURES_COLUMNS = 44  # of a comparison
 _BAD_ENDS = (FAILSAFE, FAULT, UNFINISHED)
@@ -312,7 +312,8 @@ def difference_table(
     names = _names_of([first, *rows], columns)
     groups = _by_measure(rows, names)
     table = _estimate_table('measure', 'minus', groups, is_split=len(rows) > 1)
-    title = f'{names[first]} minus each other policy, mission by mission'
+    whole_names = short_names([first, *rows], _WHOLE)
+    title = f'{whole_names[first]} minus each other policy, mission by mission'
     return Group(Text(title, style='bold'), table)
 
 
@@ -421,7 +422,9 @@ def _estimate_table(
     """Estimates in groups of rows; the title of a group stands in its first row alone."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False)
     table.add_column(heading)
-    table.add_column(row_heading, overflow='fold')
+    groups = [*groups]
+    longest = max((len(name) for _, rows in groups for name in rows), default=0)
+    table.add_column(row_heading, overflow='fold', min_width=min(longest, _LEAST_NAME))
     for column in ('mean', f'{100 * CONFIDENCE_LEVEL:.0f} % interval', 'median'):
         table.add_column(column, justify='right', no_wrap=True)
     for title, rows in groups:

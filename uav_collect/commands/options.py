@@ -302,8 +302,12 @@ def minutes(text: str) -> float:
     return value
 
 
-def check_torch(command: str) -> None:
+def check_torch(command: str, target: str = 'train') -> None:
     """Make sure that what a command learns with is there.
+
+    Args:
+        command: which it is.
+        target: what of make installs it, and goes on with the command.
 
     Raises:
         TrainingRunError: naming what is missing.
@@ -311,5 +315,5 @@ def check_torch(command: str) -> None:
     missing = [name for name in ('torch', 'tensorboard') if not importlib.util.find_spec(name)]
     if missing:
         raise TrainingRunError(
-            f'{command} needs {" and ".join(missing)}: {extra_remedy("train", "make train")}'
+            f'{command} needs {" and ".join(missing)}: {extra_remedy("train", f"make {target}")}'
         )

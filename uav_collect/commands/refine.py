@@ -50,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Refine a policy; returns the exit status."""
-    options.check_torch('refine')
+    options.check_torch('refine', 'policy')
     scenario, output = options.scenario_of(arguments), _output(arguments)
     files.check_writable(output)
     if arguments.minutes is None and arguments.decisions is None:

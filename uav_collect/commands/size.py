@@ -114,6 +114,7 @@ def run(arguments: argparse.Namespace) -> int:
     choose_kernels(n_missions, scenario.n_cells, [arguments.policy])
     battery = _battery(arguments, scenario)
     fleets = _fleets(arguments, scenario, numbers)
+    terminal.say(_plan(arguments, len(numbers), n_flights))
     start_s, status = monotonic(), 0
     n_of_fleet = n_flights * arguments.missions
     with terminal.progress_bar(len(numbers) * n_of_fleet, 'missions') as advance:
@@ -126,6 +127,17 @@ def run(arguments: argparse.Namespace) -> int:
         except KeyboardInterrupt:
             status = INTERRUPTED
     return _end(arguments, scenario, sizing, numbers, status, monotonic() - start_s)
+
+
+def _plan(arguments: argparse.Namespace, n_fleets: int, n_flights: int) -> str:
+    """How many missions are going to be flown, and of what that is the product."""
+    n_missions, total = arguments.missions, n_fleets * n_flights * arguments.missions
+    about = '' if arguments.battery_wh else 'about '
+    fleets = f'{n_fleets} fleet{"s" if n_fleets > 1 else ""}'
+    return (
+        f'{fleets} x {about}{n_flights} batteries (one of them ample) x {n_missions:,} missions ='
+        f' {about}{total:,} missions; --missions says how many of each'
+    )
 
 
 class _Share:

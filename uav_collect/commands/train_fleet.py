@@ -89,7 +89,7 @@ def run(arguments: argparse.Namespace) -> int:
     from uav_collect.training.plug_ins import check_fleet_algorithm, short_name
     from uav_collect.uav.named_code import trust
 
-    options.check_torch('train-fleet')
+    options.check_torch('train-fleet', 'train-fleet')
     check_fleet_algorithm(arguments.algorithm)
     scenario = options.scenario_of(arguments)
     config = load_preset(arguments.preset, options.overrides_of(arguments.override))
