@@ -169,9 +169,11 @@ def make_tasks(
     for index, scenario in enumerate(scenarios):
         site = build_site(scenario)
         if sources is None:
-            taught = teaching(site, config, algorithm, seed)
+            teacher = None
+            if algorithm is Algorithm.IMITATION:
+                teacher = teaching(site, config, algorithm, seed).policy
             source: EpisodeSource = new_collector(
-                site, config, algorithm, seed, device, teacher=taught.policy
+                site, config, algorithm, seed, device, teacher=teacher
             )
         else:
             source = sources[index]
