@@ -34,8 +34,8 @@ class _Course:
     task: Task
     mark_kbit_per_j: float  # the efficiency to reach: of the sweep, or of a better teacher
     is_swept: bool  # that is the sweep's
-    n_updates: int = 0  # so far
-    lasts: int = field(default=0)  # updates until another one takes its place
+    n_updates: int = 0  # so far, and turns at which there was nothing to learn
+    lasts: int = field(default=0)  # so many until another one takes its place
 
 
 class CourseTasks:

@@ -1,6 +1,5 @@
 """Who teaches on a site: whoever of the teachers at hand flies it best."""
 
-from functools import partial
 from typing import NamedTuple
 
 from uav_collect.errors import PolicyMismatchError
@@ -41,9 +40,7 @@ def teaching(
         policy = _fitting(name, site)
         if policy is None:
             continue
-        metrics = fly_for_metrics(
-            site, seeds_of_swept(seed, part), partial(_same, policy), 'equal'
-        )
+        metrics = fly_for_metrics(site, seeds_of_swept(seed, part), name, 'equal')
         kbit_per_j = float(metrics.efficiency_kbit_per_j.mean())
         if kbit_per_j > best.kbit_per_j:
             best = Teaching(policy.frozen, kbit_per_j)
@@ -61,7 +58,3 @@ def _fitting(name: str, site: Site) -> LearnedPolicy | None:
         )
     is_fitting = policy.frozen.header.misfit(briefing_of(site)) is None
     return policy if is_fitting else None
-
-
-def _same(policy: LearnedPolicy) -> LearnedPolicy:
-    return policy
