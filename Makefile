@@ -20,6 +20,9 @@ BUILT := install/.built
 UBUNTU := build/ubuntu_24_04
 STEP := sh tools/step.sh
 
+# Images often set it: then each process compiles all of its sources, half of a node's start.
+unexport PYTHONDONTWRITEBYTECODE
+
 # The ROS log needs a home.
 ifeq ($(HOME),)
 export ROS_LOG_DIR := $(CURDIR)/log/ros

@@ -7,7 +7,7 @@ import sys
 from processes import Processes
 import pytest
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.long]
 
 TOOLS = Path(__file__).parents[1] / 'tools' / 'endurance'
 

@@ -31,6 +31,8 @@ from uav_collect.studies.requests import Requests
 from uav_collect.studies.scale import load_scale
 from uav_collect.studies.study import CurvesStudy, LinesStudy, Study
 
+pytestmark = pytest.mark.long
+
 ROOT = Path(__file__).parents[2]
 NAMES = catalogue.study_names()
 UNIT = re.compile(r'.* \[[^\]]+\]$')

@@ -29,6 +29,8 @@ from uav_collect.scenario.site import build_site
 from uav_collect.uav.policy import frozen_policy
 from uav_collect.uav.policy_file import save_policy
 
+pytestmark = pytest.mark.long
+
 TIGHT = 'fleet.default.energy_budget_kj=60'  # random weights fly until it is used up
 SEED = 2
 PLANS = ['shortest', 'thriftiest']

@@ -19,6 +19,8 @@ from uav_collect.training.run_record import read_run
 from uav_collect.training.seeds import first_training_seed, next_training_seed, STARTS_FILE
 from uav_collect.uav.policy_file import load_policy
 
+pytestmark = pytest.mark.long
+
 pytest.importorskip('torch', reason='training needs torch')
 
 TRAINED_S = DEADLINE_S  # for what takes ten seconds where nothing else runs

@@ -27,6 +27,8 @@ from uav_collect.training.run_record import read_run
 pytest.importorskip('torch', reason='training needs torch')
 from uav_collect.learning.trainer import Trainer
 
+pytestmark = pytest.mark.long
+
 EFFICIENCY = 'efficiency_kbit_per_j'
 
 

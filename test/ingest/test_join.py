@@ -27,6 +27,8 @@ from uav_collect.uav.observation import Layout
 from uav_collect.uav.policy_network import FrozenPolicy
 from uav_collect.world.reward import Reward
 
+pytestmark = pytest.mark.long
+
 # Little energy: half a minute of flight.
 FLEET = uav(5.0, energy_budget_kj=25.0), uav(10.0, energy_budget_kj=12.0)
 SEEDS = range(7, 13)

@@ -31,7 +31,7 @@ from uav_collect_msgs.msg import (
 )
 from uav_collect_msgs.srv import ControlMission, Join
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.long]
 
 SEED = 6
 # Simulated over wall-clock time: the mission takes longer than to send all that.

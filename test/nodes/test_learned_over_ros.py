@@ -12,7 +12,7 @@ from uav_collect.recording.bag_messages import messages
 from uav_collect.recording.bag_reader import read_missions
 from uav_collect.uav.observation import Layout
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.long]
 
 SEEDS = [3, 4, 5]
 

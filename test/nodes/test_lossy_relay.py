@@ -25,7 +25,7 @@ from trainings import (
 )
 from uav_collect.training.progress import Budget
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.long]
 
 HELPERS = Path(__file__).parents[1] / 'helpers'
 N_MISSIONS = int(os.environ.get('UAV_COLLECT_RELAYED', '60'))

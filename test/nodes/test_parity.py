@@ -7,7 +7,7 @@ from processes import Processes, RunningProcess
 import pytest
 from uav_collect.recording.bag_reader import read_missions
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.long]
 
 SEEDS = range(4)
 FEW = range(7, 9)

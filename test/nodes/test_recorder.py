@@ -30,7 +30,7 @@ from uav_collect.nodes.middleware import use_quick_discovery
 from uav_collect.nodes.recorder import node
 from uav_collect_msgs.msg import Epoch, Mission, Scenario
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.long]
 
 N_UAVS = 2
 use_quick_discovery()

@@ -18,7 +18,7 @@ UavFigures = pytest.importorskip('uav_collect_msgs.msg').UavFigures
 
 from uav_collect.nodes import topics
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.long]
 
 SEED = 3
 FAST = 0.0  # real-time factor: as fast as the fleet decides

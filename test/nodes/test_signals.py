@@ -14,7 +14,7 @@ from uav_collect.kernels.stops import DEAF_S
 from uav_collect.recording.bag_reader import read_missions
 from uav_collect.recording.mission_log import read
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.long]
 
 SEED = 5
 BUDGET_KJ = 2000.0  # some 13,000 s at random

@@ -18,7 +18,7 @@ from uav_collect.missions.rollout import fly
 from uav_collect.nodes import topics
 from uav_collect.scenario.site import build_site
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.long]
 
 N_MISSIONS = 24
 PACE = 80.0  # simulated over wall-clock time

@@ -20,7 +20,7 @@ from trainings import fleet_of, replayed, start_fleet, start_trainer, TRAINED_S
 from uav_collect.nodes import topics
 from uav_collect.nodes.topics import publisher, Topic
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.long]
 
 N_FLOWN = 90  # missions before the training
 FIRST_LIVE = 10**6  # mission seed

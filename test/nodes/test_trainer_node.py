@@ -43,7 +43,7 @@ from uav_collect.training.progress import Budget
 from uav_collect.uav.briefing import brief
 from uav_collect_msgs.msg import Epoch
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.long]
 
 N_KILLS = 4
 N_LOST = 50_000

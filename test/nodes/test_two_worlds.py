@@ -9,7 +9,7 @@ from uav_collect.recording.bag_reader import read_missions
 
 pytest.importorskip('rclpy')
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.long]
 
 SEEDS = {'a': 3, 'north/b': 5, '': 7}  # by the name of the world
 

@@ -25,7 +25,7 @@ pytest.importorskip('ray', reason='needs what requirements/cluster.txt lists')
 single_threaded_torch()
 from uav_collect.studies.jobs.cluster import RayEngine
 
-pytestmark = needs_compiled_kernels
+pytestmark = [needs_compiled_kernels, pytest.mark.long]
 
 
 def jobs() -> Mapping[str, Job]:

@@ -28,6 +28,8 @@ from uav_collect.studies.jobs.worker_messages import (
     Stopped,
 )
 
+pytestmark = pytest.mark.long
+
 
 @pytest.fixture(scope='module')
 def alone(tmp_path_factory: pytest.TempPathFactory) -> Store:
