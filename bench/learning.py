@@ -22,7 +22,7 @@ from rich.table import Table
 import torch
 from torch import nn, Tensor
 from uav_collect.learning.collector import Collector
-from uav_collect.learning.learner import keep_freed_memory, Learner, Networks
+from uav_collect.learning.learner import keep_freed_memory, Learner
 from uav_collect.learning.minibatch import (
     Algorithm,
     make_excerpt_minibatch,
@@ -30,7 +30,7 @@ from uav_collect.learning.minibatch import (
     Minibatch,
     NO_DECISION,
 )
-from uav_collect.learning.network import Drqn
+from uav_collect.learning.network import Drqn, Networks
 from uav_collect.learning.replay import Replay
 from uav_collect.missions.experience import Episode, sparse_observations
 from uav_collect.missions.vector_env import VectorEnv, VectorEnvConfig
@@ -237,15 +237,15 @@ def case(preset: str, n_uavs: int) -> Case:
     calls: dict[str, Callable[[], Any]] = {
         'product': lambda: square @ square,
         'plain': lambda: plain_update(plain, steps, config),
-        'packed': lambda: packed.update(batch, RATE),
-        'bf16': lambda: half.update(batch, RATE),
+        'packed': lambda: packed.update([(batch, 0)], RATE),
+        'bf16': lambda: half.update([(batch, 0)], RATE),
         'ready': lambda: ready(episodes),
         'rebuilt': lambda: ready(flown),
         'excerpts': excerpt_update(config, briefing, flown),
     }
     if torch.cuda.is_available():
         device = Learner(config, [briefing], Algorithm.AQMIX, seed=0, device='cuda')
-        calls['cuda'] = lambda: device.update(batch, RATE)
+        calls['cuda'] = lambda: device.update([(batch, 0)], RATE)
     check(packed, batch, steps, config)
     return Case(preset, n_uavs, n_flops(packed, batch), calls)
 
@@ -263,7 +263,7 @@ def excerpt_update(
     def update() -> object:
         drawn = replay.sample_excerpts(len(flown), EXCERPT_DECISIONS, rng)
         how = config.layout, Algorithm.AQMIX, config.reward.discount_per_s
-        return learner.update(make_excerpt_minibatch(drawn, BURN_IN, briefing, *how), RATE)
+        return learner.update([(make_excerpt_minibatch(drawn, BURN_IN, briefing, *how), 0)], RATE)
 
     return update
 

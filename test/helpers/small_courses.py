@@ -34,4 +34,6 @@ def small_settings(preset: str = 'anywhere', **overrides: object) -> TrainingCon
         'courses__at_once': 3, 'courses__updates_each': 4, 'replay__rows_per_batch': 60,
         'replay__missions_per_batch': 6,
     }  # fmt: skip
+    if preset == 'imitation':
+        values['courses__per_update'] = 2
     return small(preset, **(values | overrides))

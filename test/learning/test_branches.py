@@ -57,7 +57,7 @@ def test_the_worth_of_an_action_lies_in_the_frame_of_its_uav() -> None:
     missions = flown(scenario, [5, 6], 8, layout=Layout.RELATIVE, branch_share=1.0)
     batch = batch_of(missions.episodes, scenario, settings())
     worth = np.concatenate([it.records.worth for it in missions.episodes])
-    assert all(it.records.branched[:-1].all() for it in missions.episodes)
+    assert all(it.records.is_judged[:-1].all() for it in missions.episodes)
     uavs = np.concatenate([it.records.uav for it in missions.episodes])
     frame_of = frames(Layout.RELATIVE, brief(scenario))[uavs]
     for row, (of, frame) in enumerate(zip(worth, frame_of, strict=True)):
@@ -71,7 +71,7 @@ def test_missions_that_were_not_branched_teach_nothing() -> None:
     batch = batch_of(flown(scenario, [5], 6, layout=Layout.RELATIVE).episodes, scenario, config)
     learner = Learner(config, [brief(scenario)], Algorithm.BRANCHES, seed=0)
     before = learner.weights()
-    assert learner.update(batch, 1e-3).loss == 0.0
+    assert learner.update([(batch, 0)], 1e-3).loss == 0.0
     assert all((before[name] == it).all() for name, it in learner.weights().items())
 
 

@@ -113,8 +113,14 @@ def test_courses_on_which_more_is_to_be_learned_have_more_turns() -> None:
     tasks = tasks_of(small_settings(courses__least_need=0.1))
     for course, share in zip(tasks._courses, (1.2, 0.5, 0.0), strict=True):
         course.task.source.recent.add(share * course.mark_kbit_per_j, 0.0)
-    turns = np.bincount([tasks.next_turn() for _ in range(3200)], minlength=3)
+    turns = np.bincount([tasks.next_turn()[0] for _ in range(3200)], minlength=3)
     np.testing.assert_allclose(turns / 3200, np.array([0.1, 0.5, 1.0]) / 1.6, atol=0.03)
+
+
+def test_an_update_learns_from_several_courses_each_once() -> None:
+    tasks = tasks_of(small_settings(courses__per_update=2))
+    for _ in range(20):
+        assert len(set(tasks.next_turn())) == 2
 
 
 def test_who_imitates_the_sweep_learns_from_it_only_where_it_stays_below() -> None:
@@ -167,6 +173,10 @@ def test_the_header_tells_the_spans_and_is_read_back(trained: Trained) -> None:
                 'exploration__advice_share': 0,
             },
             "observation is 'paper': must be one that no area changes",
+        ),
+        (
+            {'courses__at_once': 3, 'courses__per_update': 4},
+            'courses.per_update is 4: must be at most 3, the courses at once',
         ),
         (
             {'replay__decisions': 1000, 'courses__at_once': 8},

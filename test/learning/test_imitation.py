@@ -14,6 +14,8 @@ from uav_collect.scenario.site import build_site
 from uav_collect.training.config import TrainingConfig
 from uav_collect.uav.briefing import brief
 from uav_collect.uav.observation import Layout
+from uav_collect.uav.policy import policy_named
+from uav_collect.uav.policy_network import LearnedPolicy
 
 torch = single_threaded_torch()
 from uav_collect.learning.learner import Learner
@@ -34,11 +36,12 @@ def learner_of(config: TrainingConfig) -> Learner:
 def test_the_loss_is_how_unlikely_what_the_teacher_or_the_adviser_would_do_is(
     is_taught: bool,
 ) -> None:
-    teacher = random_policy(header(Layout.EGOCENTRIC, 4, 2, hidden_size=8), seed=3)
+    frozen = random_policy(header(Layout.EGOCENTRIC, 4, 2, hidden_size=8), seed=3)
+    teacher = LearnedPolicy('teacher', frozen)
     missions = flown(
         SCENARIO, [5, 6], 12, layout=Layout.RELATIVE, teacher=teacher if is_taught else None
     )
-    config = settings(reward__scale=0.5)
+    config = settings()
     batch, learner = batch_of(missions.episodes, SCENARIO, config), learner_of(config)
     assert len(learner.networks.mixers) == 0
     for parameter in learner.networks.parameters():
@@ -48,7 +51,7 @@ def test_the_loss_is_how_unlikely_what_the_teacher_or_the_adviser_would_do_is(
     learner.networks.agent.advice_bonus = 0.1
     unlikely = []
     for legal, advice, worth in zip(batch.legal, batch.advice, batch.worth, strict=True):
-        odds = np.where(legal, np.exp((given + 0.1 * advice) / 0.5), 0.0)
+        odds = np.where(legal, np.exp(given + 0.1 * advice), 0.0)
         known = np.nan_to_num(worth) if np.isfinite(worth).any() else advice
         unlikely.append(-np.log(odds[known.argmax()] / odds.sum()))
     assert learner.loss(batch).item() == pytest.approx(np.mean(unlikely), rel=1e-5)
@@ -59,7 +62,7 @@ def test_who_learns_comes_to_do_what_the_adviser_would() -> None:
     batch = batch_of(flown(SCENARIO, [5, 6], 12, layout=Layout.RELATIVE).episodes, SCENARIO,
                      settings())  # fmt: skip
     learner = learner_of(settings())
-    losses = [learner.update(batch, 1e-2).loss for _ in range(60)]
+    losses = [learner.update([(batch, 0)], 1e-2).loss for _ in range(60)]
     assert losses[-1] < 0.2 * losses[0]
 
 
@@ -69,8 +72,8 @@ def test_the_sweep_teaches_unless_a_policy_that_fits_is_better() -> None:
     mark = swept(site).kbit_per_j
     assert teaching(site, shipped, Algorithm.AQMIX) == (None, mark)
     taught = teaching(site, shipped, Algorithm.IMITATION)
-    assert taught.policy is not None
-    assert taught.policy.header.scenario == 'paper_8x8'
+    assert isinstance(taught.policy, LearnedPolicy)
+    assert taught.policy.frozen.header.scenario == 'paper_8x8'
     assert taught.kbit_per_j > mark
     tiny_site = build_site(SCENARIO)
     assert teaching(tiny_site, shipped, Algorithm.IMITATION).policy is None  # nobody fits
@@ -78,13 +81,23 @@ def test_the_sweep_teaches_unless_a_policy_that_fits_is_better() -> None:
     assert teaching(lost, shipped, Algorithm.IMITATION).policy is None  # it circles there
 
 
-@pytest.mark.parametrize(
-    ('teacher', 'wrong'),
-    [('sweep', 'teacher sweep: must be a learned policy'), ('nobody', "'nobody' is unknown")],
-)
-def test_who_cannot_teach_is_refused(teacher: str, wrong: str) -> None:
-    with pytest.raises(PolicyMismatchError, match=wrong):
-        Trainer([SCENARIO], settings(imitation__teachers=[teacher]), 'imitation', 0)
+def test_a_rule_and_one_that_looks_ahead_teach_where_they_are_better_and_quick_enough() -> None:
+    known = build_site(
+        load('paper_8x8', {'demand.cell_share': 'all', 'demand.known_empty': 'sensors'})
+    )
+    taught = teaching(known, settings(imitation__teachers=['hert']), Algorithm.IMITATION)
+    assert taught.policy == policy_named('hert')
+    assert taught.kbit_per_j > swept(known).kbit_per_j
+    ahead = 'lookahead:sweep:8'
+    for decision_ms, name in ((1e3, ahead), (1e-3, None)):
+        config = settings(imitation__teachers=[ahead], imitation__decision_ms=decision_ms)
+        policy = teaching(build_site(SCENARIO), config, Algorithm.IMITATION).policy
+        assert (policy and policy.name) == name
+
+
+def test_who_cannot_teach_is_refused() -> None:
+    with pytest.raises(PolicyMismatchError, match="'nobody' is unknown"):
+        Trainer([SCENARIO], settings(imitation__teachers=['nobody']), 'imitation', 0)
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,8 @@ from uav_collect.scenario.model import Scenario
 from uav_collect.uav.briefing import brief
 
 torch = single_threaded_torch()
-from uav_collect.learning.learner import Learner, Networks, reverse_scan
+from uav_collect.learning.learner import Learner, reverse_scan
+from uav_collect.learning.network import Networks
 
 from bench.learning import padded, plain_loss, values_by_step
 
@@ -159,22 +160,37 @@ def test_every_parameter_gets_a_gradient(algorithm: Algorithm) -> None:
 def test_it_overfits_one_batch(algorithm: Algorithm) -> None:
     sizes = {'network__hidden_size': 32, 'mixer__embedding_size': 32}
     learner, batch = learner_of(algorithm, **sizes), drawn_batch(algorithm)
-    losses = [learner.update(batch, 0.003).loss for _ in range(150)]
+    losses = [learner.update([(batch, 0)], 0.003).loss for _ in range(150)]
     assert min(losses[-50:]) < 1e-3 * losses[0]
 
 
 def test_the_loss_of_an_update_is_that_before_it() -> None:
     learner, batch = learner_of(), drawn_batch()
     before = float(learner.loss(batch).detach())
-    assert learner.update(batch, RATE).loss == pytest.approx(before)
+    assert learner.update([(batch, 0)], RATE).loss == pytest.approx(before)
     assert float(learner.loss(batch).detach()) < before
+    assert learner.n_updates == 1
+
+
+def test_an_update_on_several_minibatches_steps_along_the_mean_of_their_gradients() -> None:
+    learner, batches = (
+        learner_of(optimiser__clip_norm=1e6),
+        [drawn_batch(), drawn_batch(sizes=(9, 3, 4))],
+    )
+    losses = [learner.loss(batch) for batch in batches]
+    parameters = list(learner.networks.parameters())
+    gradients = torch.autograd.grad(torch.stack(losses).mean(), parameters)
+    norm = torch.linalg.vector_norm(torch.cat([it.flatten() for it in gradients]))
+    metrics = learner.update([(batch, 0) for batch in batches], RATE)
+    assert metrics.loss == pytest.approx(float(np.mean([it.item() for it in losses])))
+    assert metrics.gradient_norm == pytest.approx(float(norm), rel=1e-4)
     assert learner.n_updates == 1
 
 
 def test_an_update_uses_the_learning_rate_it_is_given() -> None:
     still, moved = learner_of(), learner_of()
-    still.update(drawn_batch(), 1e-30)
-    moved.update(drawn_batch(), RATE)
+    still.update([(drawn_batch(), 0)], 1e-30)
+    moved.update([(drawn_batch(), 0)], RATE)
     assert torch.equal(weights(still.networks), weights(learner_of().networks))
     assert float((weights(moved.networks) - weights(still.networks)).abs().max()) == pytest.approx(
         RATE, rel=1e-3
@@ -184,7 +200,7 @@ def test_an_update_uses_the_learning_rate_it_is_given() -> None:
 def test_the_target_network_moves_by_its_rate_towards_the_online_one() -> None:
     learner = learner_of(target__update_rate=0.25)
     before = weights(learner.target)
-    learner.update(drawn_batch(), 0.1)
+    learner.update([(drawn_batch(), 0)], 0.1)
     expected = before + 0.25 * (weights(learner.networks) - before)
     torch.testing.assert_close(weights(learner.target), expected)
     assert not torch.equal(weights(learner.target), weights(learner.networks))
@@ -202,7 +218,7 @@ def test_the_target_network_is_a_copy_that_gets_no_gradient() -> None:
 def test_the_target_network_does_not_remember_how_it_came_about() -> None:
     # Else each update would leave its part of a graph behind.
     learner = learner_of()
-    learner.update(drawn_batch(), RATE)
+    learner.update([(drawn_batch(), 0)], RATE)
     assert not any(it.requires_grad for it in learner.target.parameters())
 
 
@@ -220,12 +236,12 @@ def test_targets_come_from_the_target_network_and_values_from_the_online_one() -
 def test_a_restored_learner_goes_on_as_the_one_that_was_saved(algorithm: Algorithm) -> None:
     batch, learner = drawn_batch(algorithm), learner_of(algorithm)
     for _ in range(3):
-        learner.update(batch, RATE)
+        learner.update([(batch, 0)], RATE)
     other = Learner(small(), [brief(tiny())], algorithm, seed=99)
     other.restore(read_back(learner.state()))
     assert other.n_updates == 3
     assert torch.equal(weights(other.target), weights(learner.target))
-    losses = [[each.update(batch, RATE) for _ in range(3)] for each in (learner, other)]
+    losses = [[each.update([(batch, 0)], RATE) for _ in range(3)] for each in (learner, other)]
     assert losses[0] == losses[1]
     assert torch.equal(weights(other.networks), weights(learner.networks))
     assert torch.equal(weights(other.target), weights(learner.target))
@@ -246,7 +262,7 @@ def test_the_seed_draws_the_weights_and_nothing_else_does() -> None:
 def test_the_gradients_norm_is_clipped() -> None:
     learner = learner_of(optimiser__clip_norm=1e-6, optimiser__adam_epsilon=0.1)
     before = weights(learner.networks)
-    learner.update(drawn_batch(), RATE)
+    learner.update([(drawn_batch(), 0)], RATE)
     # Adam's first step is rate g / (|g| + epsilon): gradients this small move next to nothing.
     assert 0.0 < float((weights(learner.networks) - before).norm()) < 2.0 * RATE * 1e-6 / 0.1
 
@@ -266,7 +282,7 @@ def test_several_tasks_share_the_agent_and_have_a_mixer_each() -> None:
         episodes = [drawn_episode(brief(scenario), 9, seed) for seed in range(3)]
         batch = batch_of(episodes, scenario, config)
         before = [weights(part) for part in parts(learner)]
-        learner.update(batch, RATE, task)
+        learner.update([(batch, task)], RATE)
         has_changed = [
             not torch.equal(weights(part), old)
             for part, old in zip(parts(learner), before, strict=True)

@@ -20,7 +20,8 @@ from uav_collect.uav.briefing import brief
 
 torch = single_threaded_torch()
 from uav_collect.learning.collector import Collector
-from uav_collect.learning.learner import Learner, Networks
+from uav_collect.learning.learner import Learner
+from uav_collect.learning.network import Networks
 
 AQMIX, QMIX, AIQL = Algorithm.AQMIX, Algorithm.QMIX, Algorithm.AIQL
 ONLINE, TARGET = (5.0, 4.0, 3.0, 2.0, 1.0), (1.0, 2.0, 3.0, 4.0, 5.0)
@@ -209,7 +210,7 @@ def test_for_one_uav_aqmix_and_qmix_are_the_same_to_the_bit(trace: float) -> Non
         learner = Learner(config, [brief(scenario)], algorithm, seed=0)
         episodes = synchronous_missions(scenario, learner)
         batch = batch_of(episodes, scenario, config, algorithm)
-        losses.append([learner.update(batch, 1e-3) for _ in range(3)])
+        losses.append([learner.update([(batch, 0)], 1e-3) for _ in range(3)])
     assert losses[0] == losses[1]
 
 

@@ -95,7 +95,7 @@ def test_an_action_is_worth_what_the_mission_that_goes_on_by_it_and_the_sweep_co
 
 def worths(episode: Episode) -> Floats:
     legal = np.unpackbits(episode.records.legal[:, None], axis=1, bitorder='little')
-    is_known = (legal[:, :N_ACTIONS] == 1) & (episode.records.branched == 1)[:, None]
+    is_known = (legal[:, :N_ACTIONS] == 1) & (episode.records.is_judged == 1)[:, None]
     return np.where(is_known, episode.records.worth, np.nan)
 
 
@@ -107,7 +107,7 @@ def test_branching_changes_nothing_of_the_missions_and_is_the_same_when_flown_ag
     for world in range(len(SEEDS)):
         first, second, third = (env.episode(world) for env in (plain, branched, again))
         for name in first.records._fields:
-            if name not in ('branched', 'worth'):
+            if name not in ('is_judged', 'worth'):
                 assert (getattr(first.records, name) == getattr(second.records, name)).all()
         is_tried = ~np.isnan(worths(second)).all(axis=1)
         assert 0 < is_tried.sum() < len(is_tried)

@@ -23,7 +23,7 @@ from uav_collect.training.progress import RecentMissions
 from uav_collect.training.seeds import first_seed_of_part
 from uav_collect.uav.action_codes import NONE
 from uav_collect.uav.frames import COMPASS_ACTIONS
-from uav_collect.uav.policy_network import FrozenPolicy
+from uav_collect.uav.policy import NamedPolicy
 
 
 class Collector:
@@ -39,7 +39,7 @@ class Collector:
         seed: int,
         device: str = 'cpu',
         part: int = 0,
-        teacher: FrozenPolicy | None = None,
+        teacher: NamedPolicy | None = None,
     ) -> None:
         """Start a mission in each world.
 

@@ -99,10 +99,12 @@ class CourseTasks:
         """How many courses have been drawn so far."""
         return self._n_drawn
 
-    def next_turn(self) -> int:
-        """The place of the course whose turn it is."""
+    def next_turn(self) -> tuple[int, ...]:
+        """The places of the courses whose turn it is: from these the next update learns."""
         needs = np.array([self._need(course) for course in self._courses])
-        return int(self._rng.choice(len(needs), p=needs / needs.sum()))
+        size = self._settings.per_update or 1
+        drawn = self._rng.choice(len(needs), size, replace=False, p=needs / needs.sum())
+        return tuple(drawn.tolist())
 
     def teaches(self, place: int) -> bool:
         """Whether there is something to learn on a course.
@@ -206,6 +208,11 @@ def check_settings(
     if algorithm.mixes and not config.mixer.is_of_sets:
         kind = config.mixer.kind or 'fleet'
         raise ConfigError(f'mixer.kind is {kind!r}: must be set to learn on courses')
+    if (settings.per_update or 1) > settings.at_once:
+        raise ConfigError(
+            f'courses.per_update is {settings.per_update}: must be at most {settings.at_once}, the'
+            ' courses at once'
+        )
     most, n_uavs = config.layout.max_uavs, distribution.fleet.n_uavs
     if n_uavs[1] > most:
         raise ConfigError(

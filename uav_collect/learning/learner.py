@@ -4,8 +4,7 @@ from collections.abc import Mapping, Sequence
 from copy import deepcopy
 import ctypes
 from dataclasses import dataclass
-from functools import partial
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,22 +12,15 @@ import torch
 from torch import nn, Tensor
 from uav_collect.errors import ConfigError
 from uav_collect.learning.minibatch import Algorithm, Minibatch
-from uav_collect.learning.mixer import Mixer, SetMixer
-from uav_collect.learning.network import AgentNetwork, Drqn
-from uav_collect.learning.own_modules import (
-    check_tensor,
-    frozen_weights,
-    PluggedMixer,
-    PluggedNetwork,
-)
+from uav_collect.learning.network import Drqn, Networks
+from uav_collect.learning.own_modules import check_tensor, frozen_weights, PluggedMixer
 from uav_collect.learning.recurrence import runs_compiled
 from uav_collect.learning.saved import SavedPart
-from uav_collect.missions.experience import N_UAV_SCALARS, SparseRows
+from uav_collect.missions.experience import SparseRows
 from uav_collect.training.config import TrainingConfig
-from uav_collect.training.plug_ins import MixerSpace, own_algorithm
+from uav_collect.training.plug_ins import own_algorithm
 from uav_collect.training.progress import UpdateMetrics
 from uav_collect.uav.briefing import Briefing
-from uav_collect.uav.observation import observation_size
 from uav_collect.uav.user_code import run_user_code, UserCodeError
 
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3  # names of glibc's mallopt
@@ -38,89 +30,6 @@ _KEPT_BYTES = 2**31 - 1
 # behind is rare and large: cut off, it would be taken for a gain.
 _LEAST_WORTH, _MOST_WORTH = -20.0, 4.0
 _LEAST_VARIANCE = 0.1  # of that, where hardly anything differs
-
-
-class Networks(nn.Module):
-    """The agent network, and where the algorithm has one a mixer.
-
-    There is one for each fleet and area, or a single one for all of them.
-    """
-
-    def __init__(
-        self, config: TrainingConfig, briefings: Sequence[Briefing], algorithm: Algorithm
-    ) -> None:
-        super().__init__()
-        first = briefings[0]
-        size = observation_size(config.layout, len(first.is_open), first.n_uavs)
-        hidden_size, own = config.network.hidden_size, config.network.own
-        self.agent: AgentNetwork = (
-            PluggedNetwork(own, size, hidden_size) if own else Drqn(size, hidden_size)
-        )
-        self.mixers = nn.ModuleList()
-        if not algorithm.mixes:
-            return
-        if config.mixer.is_of_sets:
-            self.mixers.append(_set_mixer(config))
-        else:
-            make = _own_mixer if config.mixer.own else _mixer
-            self.mixers.extend(make(config, briefing) for briefing in briefings)
-
-    def mixer(self, task: int) -> Mixer | SetMixer | PluggedMixer | None:
-        """The mixer of a task's fleet and area."""
-        if not len(self.mixers):
-            return None
-        place = 0 if isinstance(self.mixers[0], SetMixer) else task
-        return cast(Mixer | SetMixer | PluggedMixer, self.mixers[place])
-
-    def state(self, task: int, fleet: Tensor, complete: Tensor, area: tuple[int, int]) -> Tensor:
-        """What the mixer of a task sees; of no width where there is none, (E, ...).
-
-        Args:
-            fleet: numbers of each UAV, shape (E, U * N_UAV_SCALARS).
-            complete: maps of all UAVs and the true one, shape (E, U + 1, C).
-            area: rows and columns.
-        """
-        match self.mixer(task):
-            case None:
-                return fleet[:, :0]
-            case SetMixer() as mixer:
-                return mixer.state(fleet, complete, area)
-            case mixer:
-                return mixer.state(fleet, complete)
-
-
-def _set_mixer(config: TrainingConfig) -> SetMixer:
-    return SetMixer(
-        n_uav_scalars=N_UAV_SCALARS,
-        embedding_size=config.mixer.embedding_size,
-        hypernetwork_size=config.mixer.hypernetwork_size,
-    )
-
-
-def _mixer(config: TrainingConfig, briefing: Briefing) -> Mixer:
-    return Mixer(
-        n_uavs=briefing.n_uavs,
-        n_uav_scalars=N_UAV_SCALARS,
-        n_rows=briefing.n_rows,
-        n_columns=briefing.n_columns,
-        pool_side=config.mixer.pool_side,
-        pooling=config.mixer.pooling,
-        embedding_size=config.mixer.embedding_size,
-        hypernetwork_size=config.mixer.hypernetwork_size,
-    )
-
-
-def _own_mixer(config: TrainingConfig, briefing: Briefing) -> PluggedMixer:
-    space = MixerSpace(
-        n_uavs=briefing.n_uavs,
-        n_uav_scalars=N_UAV_SCALARS,
-        n_rows=briefing.n_rows,
-        n_columns=briefing.n_columns,
-        embedding_size=config.mixer.embedding_size,
-        hypernetwork_size=config.mixer.hypernetwork_size,
-        new_mixer=partial(_mixer, config, briefing),
-    )
-    return PluggedMixer(config.mixer.own, space)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -190,28 +99,34 @@ class Learner:
         self.networks.agent.core.load_state_dict(tensors)
         self.target.agent.core.load_state_dict(tensors)
 
-    def update(self, minibatch: Minibatch, learning_rate: float, task: int = 0) -> UpdateMetrics:
-        """Take one step of the optimiser.
+    def update(
+        self, minibatches: Sequence[tuple[Minibatch, int]], learning_rate: float
+    ) -> UpdateMetrics:
+        """Take one step of the optimiser, on the mean loss of minibatches of several tasks.
 
         Args:
-            minibatch: of missions of one task.
+            minibatches: each of missions of one task, and which one that is.
 
         Returns:
             The loss and the values before it, and the gradient of the step.
         """
         for group in self.optimiser.param_groups:
             group['lr'] = learning_rate
-        loss, learned = self._loss(minibatch, task)
         self.optimiser.zero_grad(set_to_none=True)
-        loss.backward()
+        losses, means = [], []
+        for minibatch, task in minibatches:
+            loss, learned = self._loss(minibatch, task)
+            (loss / len(minibatches) if len(minibatches) > 1 else loss).backward()
+            losses.append(float(loss.detach()))
+            means.append(float(learned.detach().mean()))
         clip_norm = self._config.optimiser.clip_norm
         norm = nn.utils.clip_grad_norm_(self.networks.parameters(), clip_norm)
         self.optimiser.step()
         self._move_target()
         self.n_updates += 1
         return UpdateMetrics(
-            loss=float(loss.detach()),
-            mean_value=float(learned.detach().mean()),
+            loss=sum(losses) / len(losses),
+            mean_value=sum(means) / len(means),
             gradient_norm=float(norm),
         )
 
@@ -298,14 +213,14 @@ class Learner:
         return nn.functional.mse_loss(found, wanted) / (wanted.var(correction=0) + _LEAST_VARIANCE)
 
     def _imitation_loss(self, values: Tensor, tensors: _Tensors) -> Tensor:
-        """How unlikely what the teacher would do is, if values were the logarithms of odds.
+        """How unlikely what the teacher would do is, values being the logarithms of odds.
 
         The mean cross-entropy over legal actions. Where no teacher was asked, it is the adviser.
         """
         is_known = ~tensors.worth.isnan().all(dim=1, keepdim=True)
         taught = torch.where(is_known, tensors.worth.nan_to_num(0.0), tensors.advice)
         raised = values + self.networks.agent.advice_bonus * tensors.advice
-        odds = (raised / self._config.reward.scale).masked_fill(~tensors.legal, -torch.inf)
+        odds = raised.masked_fill(~tensors.legal, -torch.inf)
         return nn.functional.cross_entropy(odds, taught.argmax(dim=1))
 
     def targets(self, minibatch: Minibatch, task: int = 0) -> Tensor:

@@ -223,7 +223,7 @@ def _minibatch(
     legal = np.empty((len(row), N_ACTIONS), dtype=bool)
     legal[row] = np.take_along_axis(is_legal, COMPASS_ACTIONS[frame], axis=1)
     worth = np.empty((len(row), N_ACTIONS), dtype=np.float32)
-    is_known = is_legal & (records.branched == 1)[:, None]
+    is_known = is_legal & (records.is_judged == 1)[:, None]
     known = np.where(is_known, records.worth, np.nan)
     worth[row] = np.take_along_axis(known, COMPASS_ACTIONS[frame], axis=1)
     return Minibatch(

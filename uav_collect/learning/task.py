@@ -25,7 +25,8 @@ from uav_collect.training.config import TrainingConfig
 from uav_collect.uav.action_codes import NONE
 from uav_collect.uav.briefing import Briefing, briefing_of
 from uav_collect.uav.observation import observation_size
-from uav_collect.uav.policy_network import FrozenPolicy, LearnedPolicy
+from uav_collect.uav.policy import NamedPolicy
+from uav_collect.uav.policy_network import LearnedPolicy
 
 EpisodeSource = Collector | FleetSource  # where a task's episodes come from
 
@@ -97,10 +98,10 @@ class FixedTasks:
         """How many missions were collected so far."""
         return sum(task.source.n_missions for task in self.tasks)
 
-    def next_turn(self) -> int:
-        """The place of the task whose turn it is."""
+    def next_turn(self) -> tuple[int, ...]:
+        """The place of the task whose turn it is: each update learns from one."""
         self._turn += 1
-        return (self._turn - 1) % len(self.tasks)
+        return ((self._turn - 1) % len(self.tasks),)
 
     def teaches(self, place: int) -> bool:
         """Whether there is something to learn on the task of a place."""
@@ -188,7 +189,7 @@ def new_collector(
     seed: int,
     device: str,
     part: int = 0,
-    teacher: FrozenPolicy | None = None,
+    teacher: NamedPolicy | None = None,
 ) -> Collector:
     """What flies missions of a site to learn from, in this process.
 

@@ -7,17 +7,18 @@ from uav_collect.learning.minibatch import Algorithm
 from uav_collect.learning.units import seeds_of_swept, swept
 from uav_collect.missions.rollout import fly_for_metrics
 from uav_collect.scenario.site import Site
-from uav_collect.training.config import TrainingConfig
+from uav_collect.training.config import ImitationSettings, TrainingConfig
 from uav_collect.uav.briefing import briefing_of
+from uav_collect.uav.lookahead import decision_us, LookaheadPolicy
 from uav_collect.uav.observation import Layout
-from uav_collect.uav.policy import policy_named
-from uav_collect.uav.policy_network import FrozenPolicy, LearnedPolicy
+from uav_collect.uav.policy import NamedPolicy, policy_named
+from uav_collect.uav.policy_network import LearnedPolicy
 
 
 class Teaching(NamedTuple):
     """The best teacher of a site."""
 
-    policy: FrozenPolicy | None  # None: the sweep
+    policy: NamedPolicy | None  # None: the sweep
     kbit_per_j: float  # its efficiency, bandwidth shared equally
 
 
@@ -37,24 +38,25 @@ def teaching(
     if algorithm is not Algorithm.IMITATION or config.imitation is None:
         return best
     for name in config.imitation.teachers:
-        policy = _fitting(name, site)
-        if policy is None:
+        policy = policy_named(name)
+        if not _is_fitting(policy, site, config.imitation):
             continue
         metrics = fly_for_metrics(site, seeds_of_swept(seed, part), name, 'equal')
         kbit_per_j = float(metrics.efficiency_kbit_per_j.mean())
         if kbit_per_j > best.kbit_per_j:
-            best = Teaching(policy.frozen, kbit_per_j)
+            best = Teaching(policy, kbit_per_j)
     return best
 
 
-def _fitting(name: str, site: Site) -> LearnedPolicy | None:
-    """A teacher, if it can fly a site's fleet over its area."""
-    policy = policy_named(name)
-    if not isinstance(policy, LearnedPolicy) or not isinstance(
-        policy.frozen.header.layout, Layout
-    ):
+def _is_fitting(policy: NamedPolicy, site: Site, settings: ImitationSettings) -> bool:
+    """Whether a teacher can fly a site's fleet over its area, and is not too slow there."""
+    if isinstance(policy, LookaheadPolicy):
+        decision_ms = decision_us(policy, site.scenario.n_cells, is_compiled=True) / 1e3
+        return decision_ms <= settings.most_decision_ms
+    if not isinstance(policy, LearnedPolicy):
+        return True
+    if not isinstance(policy.frozen.header.layout, Layout):
         raise PolicyMismatchError(
-            f"teacher {name}: must be a learned policy that sees nothing of a user's own"
+            f"teacher {policy.name}: must be one that sees nothing of a user's own"
         )
-    is_fitting = policy.frozen.header.misfit(briefing_of(site)) is None
-    return policy if is_fitting else None
+    return policy.frozen.header.misfit(briefing_of(site)) is None

@@ -1,10 +1,10 @@
 """The trainer: collects experience, updates the networks, validates, and keeps the best policy."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 import math
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any
 
 import numpy as np
 from uav_collect.errors import CheckpointError, InterruptedRunError
@@ -30,7 +30,13 @@ from uav_collect.learning.task import (
     make_tasks,
     Task,
 )
-from uav_collect.learning.validation import PanelValidator, ScenarioValidator, Validator
+from uav_collect.learning.validation import (
+    PanelValidator,
+    ScenarioValidator,
+    validation_of,
+    validation_state,
+    Validator,
+)
 from uav_collect.limits import is_code_name
 from uav_collect.revision import git_revision
 from uav_collect.scenario.model import Scenario
@@ -39,7 +45,6 @@ from uav_collect.training.courses import Courses
 from uav_collect.training.plug_ins import algorithm_like, short_name
 from uav_collect.training.progress import (
     Budget,
-    ConditionResult,
     Progress,
     SpeedMeter,
     ValidationResult,
@@ -229,8 +234,8 @@ class Trainer:
             **self._rota.state(),
             'rng': rng_state(self._rng),
             'trained_s': self._trained_s,
-            'validation': _validation_state(self._validation),
-            'best': _validation_state(self._best),
+            'validation': validation_state(self._validation),
+            'best': validation_state(self._best),
             'best_weights': best and dict(best.weights),
             'best_advice_bonus': best and best.header.advice_bonus,
             'advice_bonus': self._agent.advice_bonus,
@@ -252,8 +257,8 @@ class Trainer:
         if self.config.validation.every_missions:
             self._n_validated_missions = saved.whole('n_validated_missions')
         has_panel = self._courses is not None
-        self._validation = _validation_of(saved.optional('validation'), has_panel=has_panel)
-        self._best = _validation_of(saved.optional('best'), has_panel=has_panel)
+        self._validation = validation_of(saved.optional('validation'), has_panel=has_panel)
+        self._best = validation_of(saved.optional('best'), has_panel=has_panel)
         weights = saved.optional('best_weights')
         if (self._best is None) != (weights is None):
             raise saved.refusal('best_weights', 'and best must both be there, or neither')
@@ -289,24 +294,30 @@ class Trainer:
         Returns:
             Whether there was an update; there is none while too few missions have ended.
         """
-        config, index = self.config, self._rota.next_turn()
-        task, agent = self._tasks[index], self._agent
-        agent.advice_bonus = config.advice_bonus(share_done)
-        epsilon, n_decisions = config.epsilon(share_done), config.rollout.decisions_per_update
-        for episode in task.source.collect(agent, n_decisions, epsilon):
-            task.replay.add(episode)
-        is_updated, n_missions = False, config.missions_per_batch(share_done)
-        has_batch = task.has_batch(n_missions, config) and not task.source.is_over
-        if has_batch and not self._rota.teaches(index):
+        config, turns = self.config, self._rota.next_turn()
+        self._agent.advice_bonus = config.advice_bonus(share_done)
+        epsilon, n_missions = config.epsilon(share_done), config.missions_per_batch(share_done)
+        n_decisions = -(-config.rollout.decisions_per_update // len(turns))
+        batches, served = [], []
+        for index in turns:
+            task = self._tasks[index]
+            for episode in task.source.collect(self._agent, n_decisions, epsilon):
+                task.replay.add(episode)
+            if not task.has_batch(n_missions, config) or task.source.is_over:
+                continue
+            if self._rota.teaches(index):
+                batch = task.minibatch(n_missions, config, self.algorithm, self._rng)
+                if not len(batch.entry):  # excerpts may hold no whole joint choice
+                    continue
+                batches.append((batch, index))
+            served.append(index)
+        if batches:
+            rate = config.learning_rate(share_done)
+            speed.add_update(self._learner.update(batches, rate))
+        for index in served:
             self._rota.count_update(index)
-        elif has_batch:
-            batch = task.minibatch(n_missions, config, self.algorithm, self._rng)
-            if is_updated := len(batch.entry) > 0:  # excerpts may hold no whole joint choice
-                rate = config.learning_rate(share_done)
-                speed.add_update(self._learner.update(batch, rate, index))
-                self._rota.count_update(index)
         self._trained_s += speed.lap_s()
-        return is_updated
+        return bool(batches)
 
     @property
     def _is_at_validation(self) -> bool:
@@ -422,35 +433,6 @@ class Trainer:
             validation=validation,
             best=self._best,
         )
-
-
-def _validation_state(validation: ValidationResult | None) -> dict[str, Any] | None:
-    """A validation as a checkpoint holds it; the inverse is `_validation_of`."""
-    if validation is None:
-        return None
-    values = asdict(validation)
-    if not validation.conditions:
-        del values['conditions']
-    return values
-
-
-def _validation_of(saved: SavedPart | None, *, has_panel: bool) -> ValidationResult | None:
-    if saved is None:
-        return None
-    conditions = saved.parts('conditions') if has_panel else []
-    return ValidationResult(
-        **_record_of(saved, ValidationResult),
-        conditions=tuple(ConditionResult(**_record_of(it, ConditionResult)) for it in conditions),
-    )
-
-
-def _record_of(saved: SavedPart, kind: type) -> dict[str, Any]:
-    """The fields of a record that are a number or a text."""
-    read: dict[Any, Callable[[str], Any]] = {
-        int: saved.whole, float: saved.number, str: saved.text,
-    }  # fmt: skip
-    kinds = get_type_hints(kind)
-    return {name: read[kinds[name]](name) for name in kinds if kinds[name] in read}
 
 
 def _mean_of_known(values: Iterable[float]) -> float:

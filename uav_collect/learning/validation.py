@@ -1,19 +1,21 @@
 """How a policy flies missions that it did not learn from: of its scenarios, or of a panel."""
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any, get_type_hints, Protocol
 
 import numpy as np
 from uav_collect.analysis.metrics import mission_metrics, MissionMetrics
 from uav_collect.analysis.statistics import MEASURES, mission_seeds
 from uav_collect.errors import ConfigError
+from uav_collect.learning.saved import SavedPart
 from uav_collect.learning.task import Task
 from uav_collect.missions.rollout import fly
 from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.site import build_site
 from uav_collect.training.panel import Panel
-from uav_collect.training.progress import ConditionResult
+from uav_collect.training.progress import ConditionResult, ValidationResult
 from uav_collect.training.seeds import VALIDATION_SEED
 from uav_collect.uav.observation import AnyLayout
 from uav_collect.uav.policy_network import LearnedPolicy
@@ -142,3 +144,37 @@ def _means(flown: Sequence[MissionMetrics], logs: Sequence[MissionLog]) -> dict[
 
 def _mean(values: Iterable[float]) -> float:
     return float(np.mean(list(values)))
+
+
+def validation_state(validation: ValidationResult | None) -> dict[str, Any] | None:
+    """A validation as a checkpoint holds it; the inverse is `validation_of`."""
+    if validation is None:
+        return None
+    values = asdict(validation)
+    if not validation.conditions:
+        del values['conditions']
+    return values
+
+
+def validation_of(saved: SavedPart | None, *, has_panel: bool) -> ValidationResult | None:
+    """The inverse of `validation_state`; of a panel it has conditions.
+
+    Raises:
+        CheckpointError: something is not what a validation has.
+    """
+    if saved is None:
+        return None
+    conditions = saved.parts('conditions') if has_panel else []
+    return ValidationResult(
+        **_record_of(saved, ValidationResult),
+        conditions=tuple(ConditionResult(**_record_of(it, ConditionResult)) for it in conditions),
+    )
+
+
+def _record_of(saved: SavedPart, kind: type) -> dict[str, Any]:
+    """The fields of a record that are a number or a text."""
+    read: dict[Any, Callable[[str], Any]] = {
+        int: saved.whole, float: saved.number, str: saved.text,
+    }  # fmt: skip
+    kinds = get_type_hints(kind)
+    return {name: read[kinds[name]](name) for name in kinds if kinds[name] in read}

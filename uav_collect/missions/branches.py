@@ -57,7 +57,7 @@ class Branches:
             decision = int(batch.missions.n_decisions[world][uav])
             if draw_uniform(seed, BRANCH, uav, decision, 0) < decision_share:
                 row = world * n_rows + int(waiting.n_records[world]) - 1
-                batch.records.branched[row] = 1
+                batch.records.is_judged[row] = 1
                 batch.records.worth[row] = np.nan_to_num(self.worth(batch, world))
 
     def worth(self, batch: Batch, world: int) -> Floats:

@@ -59,12 +59,12 @@ class Records(NamedTuple):
     action: _Table  # what was chosen; NONE where that is not known yet
     reward: _Table  # until the next decision of the mission, discounted to this one
     duration_s: _Table
-    branched: _Table  # 1 where what each action is worth is known, see `branches` and `teacher`
+    is_judged: _Table  # 1 where what each action is worth is known, see `branches` and `teacher`
     worth: _Table  # (N, N_ACTIONS) that; 0 where an action is not legal
 
 
 _BITS = {'legal', 'complete', 'true_complete', 'seen'}
-_SMALL = {'uav', 'previous_action', 'action', 'branched'}
+_SMALL = {'uav', 'previous_action', 'action', 'is_judged'}
 
 
 def n_map_bytes(n_cells: int) -> int:
@@ -160,7 +160,7 @@ def record(
     records.action[row] = NONE
     records.reward[row] = 0.0
     records.duration_s[row] = 0.0
-    records.branched[row] = 0
+    records.is_judged[row] = 0
     bits = 0
     for action in range(N_ACTIONS):
         bits |= legal[action] << action

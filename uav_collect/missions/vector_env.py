@@ -57,7 +57,7 @@ from uav_collect.uav.observation import (
     OwnLayout,
     write_own,
 )
-from uav_collect.uav.policy import Policy
+from uav_collect.uav.policy import NamedPolicy, Policy
 from uav_collect.uav.policy_network import FrozenPolicy
 from uav_collect.uav.user_policy import arrayed
 from uav_collect.world.dynamics import look, mission_of
@@ -89,7 +89,7 @@ class VectorEnvConfig:
     max_decisions: int = 0  # so many decisions of a mission are recorded for a learner
     guard_after: int = NONE  # decisions without news after which a UAV's guard decides; 0: never
     branch_share: float = 0.0  # of recorded decisions: what each action is worth, see `branches`
-    teacher: FrozenPolicy | None = None  # that says at each decision what it would do
+    teacher: NamedPolicy | None = None  # that says at each decision what it would do
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -267,7 +267,7 @@ class VectorEnv:
         self._batch.missions.seed[world][0] = mission_seed
         restart(self._batch, world)
         if self._teacher is not None:
-            self._teacher.forget()
+            self._teacher.forget(world)
         self._fly(new_row(len(self._batch.n_events), NONE))
 
     def twin(self) -> 'VectorEnv':

@@ -35,6 +35,7 @@ from uav_collect.uav.user_code import UserCodeError
 from uav_collect.world.reward import crossing_units, KILOJOULE_J, Reward, RewardUnits
 
 _Share = Annotated[float, number(0, 1)]
+_DECISION_MS = 4.0  # as much as some fifty decisions of who learns
 _OBSERVATION_MB = 512  # that every machine which trains has
 
 _Size = Annotated[int, whole(1, MAX_LAYER_SIZE)]
@@ -186,6 +187,8 @@ class CourseSettings(Section):
     """How a policy learns on courses that are drawn, by turns and for a while each."""
 
     at_once: Annotated[int, whole(1, 1024)]
+    # From so many of them an update learns; absent: from one.
+    per_update: Annotated[int | None, whole(1, 1024)] = None
     updates_each: Annotated[int, whole(1, 10**9)]
     least_need: Annotated[float, number(1e-3, 1)]
 
@@ -203,6 +206,13 @@ class ImitationSettings(Section):
     # Policies: each teaches where it does better than the sweep, which teaches elsewhere.
     teachers: Annotated[tuple[Annotated[str, text(4096)], ...], Entries(0, 64)]
     teacher_share: Annotated[float, number(0, 1)]  # of missions, flown by the teacher itself
+    # Who looks ahead does not teach where a decision takes longer; absent: _DECISION_MS.
+    decision_ms: Annotated[float | None, number(1e-3, 1e6, 'ms')] = None
+
+    @property
+    def most_decision_ms(self) -> float:
+        """What a decision of a teacher that looks ahead may take [ms]."""
+        return _DECISION_MS if self.decision_ms is None else self.decision_ms
 
 
 class TrainingConfig(Section):
