@@ -40,6 +40,9 @@ NEAR_POOL_SIDE, NEAR_BLOCKS_SIDE = (
     7,
 )  # cells a block, blocks a side: 21 x 21 cells about the UAV
 FAR_POOL_SIDE, FAR_BLOCKS_SIDE = 9, 5  # 45 x 45 cells
+_PATCH_REACH = PATCH_SIDE // 2  # cells from the UAV to the last ones
+_NEAR_REACH = NEAR_POOL_SIDE * NEAR_BLOCKS_SIDE // 2
+_FAR_REACH = FAR_POOL_SIDE * FAR_BLOCKS_SIDE // 2
 _N_SCALARS = 10
 _N_PER_PEER = 5
 _DEMAND_SCALE_BIT = 1e6
@@ -311,13 +314,7 @@ def _encode_egocentric(
     out[7] = briefing.speed_mps[uav] / _SPEED_SCALE_MPS
     out[8] = briefing.n_uavs / EGOCENTRIC_MAX_UAVS
     out[9] = (len(belief.complete) - belief.n_complete[0]) / _COUNT_SCALE_CELLS
-    filled = _encode_patch(briefing, belief, view.cell, _N_SCALARS, out)
-    filled = _encode_blocks(
-        briefing, belief, view.cell, NEAR_POOL_SIDE, NEAR_BLOCKS_SIDE, filled, out
-    )
-    filled = _encode_blocks(
-        briefing, belief, view.cell, FAR_POOL_SIDE, FAR_BLOCKS_SIDE, filled, out
-    )
+    filled = _encode_maps(briefing, belief, view.cell, _N_SCALARS, out)
     return _encode_peers(briefing, uav, belief, view, scale_m, filled, out)
 
 
@@ -348,46 +345,50 @@ def _encode_peers(
 
 
 @kernel
-def _encode_patch(
+def _encode_maps(
     briefing: Briefing, belief: Belief, centre: int, filled: int, out: Row[float]
 ) -> int:
-    n_rows, n_columns, n_patch = briefing.n_rows, briefing.n_columns, PATCH_SIDE * PATCH_SIDE
-    south, west = centre // n_columns - PATCH_SIDE // 2, centre % n_columns - PATCH_SIDE // 2
-    for index in range(n_patch):
-        row, column = south + index // PATCH_SIDE, west + index % PATCH_SIDE
-        cell = row * n_columns + column
-        is_inside = 0 <= row < n_rows and 0 <= column < n_columns and briefing.is_open[cell] == 1
-        is_left = is_inside and belief.complete[cell] == 0
-        out[filled + index] = 1.0 if is_left else 0.0
-        out[filled + n_patch + index] = _demand(belief.seen_bit[cell]) if is_left else 0.0
-        out[filled + 2 * n_patch + index] = 0.0 if is_inside else 1.0
-    return filled + 3 * n_patch
-
-
-@kernel
-def _encode_blocks(
-    briefing: Briefing,
-    belief: Belief,
-    centre: int,
-    pool_side: int,
-    blocks_side: int,
-    filled: int,
-    out: Row[float],
-) -> int:
-    n_columns, n_blocks = briefing.n_columns, blocks_side * blocks_side
-    reach = blocks_side * pool_side // 2
-    south, west = centre // n_columns - reach, centre % n_columns - reach
-    for index in range(2 * n_blocks):
-        out[filled + index] = 0.0
-    for row in range(max(south, 0), min(south + 2 * reach + 1, briefing.n_rows)):
-        for column in range(max(west, 0), min(west + 2 * reach + 1, n_columns)):
-            cell = row * n_columns + column
-            if belief.complete[cell] != 0:
+    """Write the patch and both pooled maps: each cell is looked at once, in the order of cells."""
+    n_columns, n_patch = briefing.n_columns, PATCH_SIDE * PATCH_SIDE
+    n_near, n_far = NEAR_BLOCKS_SIDE * NEAR_BLOCKS_SIDE, FAR_BLOCKS_SIDE * FAR_BLOCKS_SIDE
+    outside = filled + 2 * n_patch
+    near, far = filled + 3 * n_patch, filled + 3 * n_patch + 2 * n_near
+    end = far + 2 * n_far
+    for index in range(filled, outside):
+        out[index] = 0.0
+    for index in range(outside, near):
+        out[index] = 1.0
+    for index in range(near, end):
+        out[index] = 0.0
+    is_open, complete, seen_bit = briefing.is_open, belief.complete, belief.seen_bit
+    centre_row, centre_column = centre // n_columns, centre % n_columns
+    west, east = -min(_FAR_REACH, centre_column), min(_FAR_REACH, n_columns - 1 - centre_column)
+    south, north = -min(_FAR_REACH, centre_row), min(_FAR_REACH, briefing.n_rows - 1 - centre_row)
+    for up in range(south, north + 1):
+        patch_reach = _PATCH_REACH if abs(up) <= _PATCH_REACH else -1
+        near_reach = _NEAR_REACH if abs(up) <= _NEAR_REACH else -1
+        in_patch = (up + _PATCH_REACH) * PATCH_SIDE + _PATCH_REACH
+        in_near = near + (up + _NEAR_REACH) // NEAR_POOL_SIDE * NEAR_BLOCKS_SIDE
+        in_far = far + (up + _FAR_REACH) // FAR_POOL_SIDE * FAR_BLOCKS_SIDE
+        for right in range(west, east + 1):
+            cell = centre + up * n_columns + right
+            is_in_patch = -patch_reach <= right <= patch_reach and is_open[cell] == 1
+            if is_in_patch:
+                out[outside + in_patch + right] = 0.0
+            if complete[cell] != 0:
                 continue
-            block = (row - south) // pool_side * blocks_side + (column - west) // pool_side
-            out[filled + block] += 1.0 / (pool_side * pool_side)
-            out[filled + n_blocks + block] += _demand(belief.seen_bit[cell]) / pool_side
-    return filled + 2 * n_blocks
+            demand = _demand(seen_bit[cell]) if seen_bit[cell] > 0.0 else 0.0
+            if is_in_patch:
+                out[filled + in_patch + right] = 1.0
+                out[filled + n_patch + in_patch + right] = demand
+            if -near_reach <= right <= near_reach:
+                block = in_near + (right + _NEAR_REACH) // NEAR_POOL_SIDE
+                out[block] += 1.0 / (NEAR_POOL_SIDE * NEAR_POOL_SIDE)
+                out[block + n_near] += demand / NEAR_POOL_SIDE
+            block = in_far + (right + _FAR_REACH) // FAR_POOL_SIDE
+            out[block] += 1.0 / (FAR_POOL_SIDE * FAR_POOL_SIDE)
+            out[block + n_far] += demand / FAR_POOL_SIDE
+    return end
 
 
 @kernel
