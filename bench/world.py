@@ -18,7 +18,9 @@ from rich.console import Console
 from rich.table import Table
 from uav_collect.kernels.arrays import Bools, Ints, new_row
 from uav_collect.kernels.compile import kernel
-from uav_collect.missions.batch_kernels import fly_batch, new_batch, Settings
+from uav_collect.kernels.handle import Handle
+from uav_collect.missions.batch_kernels import fly_batch, Settings
+from uav_collect.missions.batch_start import new_batch
 from uav_collect.missions.rollout import fly
 from uav_collect.missions.vector_env import VectorEnv, VectorEnvConfig
 from uav_collect.physics.bandwidth import EQUAL
@@ -61,7 +63,7 @@ def fly_once(rule: Heuristic, n_worlds: int) -> Cost:
     settings = Settings(rule=int(rule), allocator=EQUAL, is_logged=1)
     batch = new_batch(site, range(n_worlds), settings, CAPACITY)
     off_s = time.process_time()
-    if fly_batch(batch, new_row(n_worlds, NONE)):
+    if fly_batch(Handle(batch), new_row(n_worlds, NONE)):
         raise RuntimeError(f'a mission has more than {CAPACITY} events')
     end_s = time.process_time()
     us_per_s = 1e6 / sum(batch.n_events)

@@ -110,8 +110,7 @@ class WorldsEnv(gymnasium.vector.VectorEnv):
         if given is None:
             given = [self._seeds.draw() for _ in range(self.num_envs)]
         check_shape(np.asarray(given), (self.num_envs,), 'mission_seeds')
-        for world, mission_seed in enumerate(map(checked_seed, given)):
-            self._begin(world, mission_seed)
+        self._begin(self._worlds.tolist(), [checked_seed(each) for each in given])
         return self._handed_out(), self._infos(np.zeros(self.num_envs))
 
     def step(self, actions: Ints) -> _Step:
@@ -136,14 +135,14 @@ class WorldsEnv(gymnasium.vector.VectorEnv):
         is_cut = self._cut_off(is_over)
         ended = np.flatnonzero(is_over | is_cut)
         last = self._last(decisions, ended, is_cut) if len(ended) else {}
-        for world in ended.tolist():
-            self._begin(world, self._seeds.draw())
+        if len(ended):
+            self._begin(ended.tolist(), [self._seeds.draw() for _ in ended])
         return self._handed_out(), reward, is_over, is_cut, self._infos(duration_s) | last
 
-    def _begin(self, world: int, mission_seed: int) -> None:
-        self._env.restart(world, mission_seed)
-        self._mission_seeds[world] = mission_seed
-        self._n_decisions[world] = 0
+    def _begin(self, worlds: Sequence[int], mission_seeds: Sequence[int]) -> None:
+        self._env.restart_all(worlds, mission_seeds)
+        self._mission_seeds[worlds] = mission_seeds
+        self._n_decisions[worlds] = 0
 
     def _cut_off(self, is_over: Bools) -> Bools:
         limit = self._setup.max_decisions
@@ -169,8 +168,7 @@ class WorldsEnv(gymnasium.vector.VectorEnv):
         """What is observed now; and what is legal, which the next step is checked by."""
         decisions = self._env.decisions
         self._turned = COMPASS_ACTIONS[decisions.frame]  # (W, N_ACTIONS)
-        legal = np.take_along_axis(decisions.legal, self._turned, axis=1)
-        self._mask: Mask = legal.view(np.int8)
+        self._mask: Mask = decisions.legal[self._worlds[:, None], self._turned].view(np.int8)
         return self._setup.seen(decisions.observation.astype(np.float32), self._mask.copy())
 
     def _infos(self, duration_s: Floats) -> dict[str, Any]:
@@ -197,9 +195,8 @@ class WorldsEnv(gymnasium.vector.VectorEnv):
             achieved['collected_share'][world] = self._env.collected_share(world)
         said: dict[str, Any] = {'final_info': achieved, '_final_info': has_ended}
         if is_cut.any():
-            legal = np.take_along_axis(
-                decisions.legal, COMPASS_ACTIONS[decisions.frame], axis=1
-            ).view(np.int8)
-            seen = self._setup.seen(decisions.observation.astype(np.float32), legal)
+            turned = COMPASS_ACTIONS[decisions.frame]
+            mask = decisions.legal[self._worlds[:, None], turned].view(np.int8)
+            seen = self._setup.seen(decisions.observation.astype(np.float32), mask)
             said |= {'final_obs': seen, '_final_obs': is_cut}
         return said

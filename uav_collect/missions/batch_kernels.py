@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from uav_collect.kernels.arrays import Row
 from uav_collect.kernels.compile import kernel, long_kernel
+from uav_collect.kernels.handle import Handle
 from uav_collect.missions.event_log import EventLog
 from uav_collect.missions.experience import record, Records
 from uav_collect.uav.action_codes import BY_POLICY, FAULT, HOME, HOVER, N_ACTIONS, NONE
@@ -19,6 +20,7 @@ from uav_collect.uav.agent import (
 )
 from uav_collect.uav.belief import belief_of, Beliefs, hear, observe
 from uav_collect.uav.briefing import Briefing
+from uav_collect.uav.exploration import explore
 from uav_collect.uav.heuristics import choose
 from uav_collect.uav.moves import Moves
 from uav_collect.uav.observation import encode
@@ -117,16 +119,17 @@ class Batch(NamedTuple):
 
 
 @long_kernel
-def fly_batch(batch: Batch, answers: Row[int]) -> int:
+def fly_batch(held: Handle[Batch], answers: Row[int]) -> int:
     """Fly every mission on: until it waits, is over, or the log has no more room.
 
     Args:
+        held: the missions.
         answers: the action for each mission that waits; NONE lets it wait on. Shape (W,).
 
     Returns:
         How many missions are still in flight, for want of room.
     """
-    n_in_flight = 0
+    batch, n_in_flight = held.rows, 0
     for world in range(len(answers)):
         uav = batch.waiting.uav[world]
         if uav != IN_FLIGHT and answers[world] == NONE:
@@ -144,6 +147,25 @@ def fly_batch(batch: Batch, answers: Row[int]) -> int:
 
 
 KERNELS = (fly_batch,)  # that Python calls to fly missions
+
+
+@kernel
+def explore_all(
+    held: Handle[Batch],
+    epsilon: float,
+    hover_share: float,
+    advice_share: float,
+    actions: Row[int],
+) -> None:
+    """Write the random action of each mission's decision; NONE stays where nobody explores."""
+    batch, shares = held.rows, (epsilon, hover_share, advice_share)
+    for world in range(len(actions)):
+        uav = batch.waiting.uav[world]
+        if uav != NONE:
+            mission = mission_of(batch.missions, world)
+            of = mission.seed[0], uav, mission.n_decisions[uav]
+            advice, legal = batch.waiting.advice[world], batch.waiting.legal[world]
+            actions[world] = explore(*of, *shares, advice, legal)
 
 
 @kernel

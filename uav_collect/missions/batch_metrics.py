@@ -6,6 +6,8 @@ from typing import TypeVar
 
 import numpy as np
 from uav_collect.kernels.arrays import Bools, Floats
+from uav_collect.uav.briefing import Briefing
+from uav_collect.world.dynamics import Missions
 
 TOLERANCE = 1e-9  # relative; what rounding may leave of a sum, a time or a position
 _Bits = TypeVar('_Bits', float, Floats)
@@ -54,6 +56,16 @@ class BatchMetrics:
         """When the last UAV landed, (N,)."""
         last_s: Floats = self.landed_s.max(axis=1)
         return last_s
+
+
+def metrics_of(briefing: Briefing, missions: Missions) -> BatchMetrics:
+    """What missions achieved; all must be over."""
+    return BatchMetrics(
+        collected_bit=np.asarray(missions.collected_bit)[:, 0],
+        total_bit=np.asarray(missions.demand_bit).sum(axis=1),
+        energy_j=np.asarray(briefing.energy_budget_j) - np.asarray(missions.energy_left_j),
+        landed_s=np.array(missions.leg_end_s),
+    )
 
 
 def joined(parts: Sequence[BatchMetrics]) -> BatchMetrics:

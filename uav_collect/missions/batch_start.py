@@ -2,8 +2,9 @@
 
 from collections.abc import Sequence
 
-from uav_collect.kernels.arrays import new_map_table, new_row, new_table
+from uav_collect.kernels.arrays import new_map_table, new_row, new_table, Row
 from uav_collect.kernels.compile import kernel
+from uav_collect.kernels.handle import Handle
 from uav_collect.missions.batch_kernels import Batch, IN_FLIGHT, Settings, Waiting
 from uav_collect.missions.event_log import new_log
 from uav_collect.missions.experience import new_records
@@ -104,7 +105,14 @@ def _new_waiting(layout: int, briefing: Briefing, n_worlds: int) -> Waiting:
 
 
 @kernel
-def restart(batch: Batch, world: int) -> None:
+def restart_all(held: Handle[Batch], worlds: Row[int]) -> None:
+    """Put missions back to their start, by their own seeds."""
+    for world in worlds:
+        _restart(held.rows, world)
+
+
+@kernel
+def _restart(batch: Batch, world: int) -> None:
     """Put a mission back to its start, by its own seed."""
     n_uavs = batch.briefing.n_uavs
     restart_mission(batch.briefing, batch.sensor_field, mission_of(batch.missions, world))

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 from uav_collect.kernels.arrays import Bools, Floats, new_row
+from uav_collect.kernels.handle import Handle
 from uav_collect.kernels.keyed_random import BRANCH, draw_uniform
 from uav_collect.missions.batch_kernels import Batch, fly_batch
 from uav_collect.missions.batch_start import new_batch
@@ -40,7 +41,7 @@ class Branches:
             is_logged=0,
             n_rows=0,
         )
-        self._branches = new_batch(site, [0] * N_ACTIONS, settings)
+        self._branches = Handle(new_batch(site, [0] * N_ACTIONS, settings))
         self._energy_unit_j = energy_unit_j
 
     def record(self, batch: Batch, is_answered: Bools, decision_share: float) -> None:
@@ -67,7 +68,7 @@ class Branches:
             Cells that are complete in the end, each counted twice, less the energy of all UAVs in
             the unit; nan where an action is not legal. Shape (N_ACTIONS,).
         """
-        branches = self._branches
+        branches = self._branches.rows
         legal = [each for each in range(N_ACTIONS) if batch.waiting.legal[world][each] == 1]
         answers = new_row(N_ACTIONS, NONE)
         for slot in range(N_ACTIONS):
@@ -75,7 +76,7 @@ class Branches:
         for action in legal:
             self._copy(batch, world, action)
             answers[action] = action
-        fly_batch(branches, answers)
+        fly_batch(self._branches, answers)
         n_uavs = batch.briefing.n_uavs
         worth = np.full(N_ACTIONS, np.nan)
         for action in legal:
@@ -89,7 +90,7 @@ class Branches:
 
     def _copy(self, batch: Batch, world: int, slot: int) -> None:
         """Put a mission into a place, as it is."""
-        branches, n_uavs = self._branches, batch.briefing.n_uavs
+        branches, n_uavs = self._branches.rows, batch.briefing.n_uavs
         _copy_rows(branches.missions, batch.missions, slot, world)
         if batch.link.is_ideal == 0:
             _copy_rows(branches.airwaves, batch.airwaves, slot, world)

@@ -199,6 +199,22 @@ def write_fleet(
     fleet[first + 3] = 1.0 if mission.phase[uav] == ACTIVE else 0.0
 
 
+def global_state(
+    briefing: Briefing, mission: Mission, beliefs: Beliefs, first: int, time_s: float
+) -> Floats:
+    """The global state of a mission, see `VectorEnv.global_state`.
+
+    Args:
+        first: place of its first UAV among the beliefs.
+    """
+    fleet = new_row(briefing.n_uavs * N_UAV_SCALARS, 0.0)
+    for uav in range(briefing.n_uavs):
+        write_fleet(fleet, briefing, mission, uav, time_s)
+    known = [beliefs.complete[first + uav] for uav in range(briefing.n_uavs)]
+    is_empty = np.asarray(mission.cell_bit) <= 0.0
+    return np.concatenate([np.asarray(fleet), *map(np.asarray, known), is_empty])
+
+
 def sparse_observations(episode: Episode, layout: AnyLayout, briefing: Briefing) -> SparseRows:
     """The observations of a mission's decisions, as the UAVs encoded them."""
     size = observation_size(layout, len(briefing.is_open), briefing.n_uavs)

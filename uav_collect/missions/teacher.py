@@ -55,9 +55,9 @@ class Teacher:
             self._is_asked[worlds] = True
         return np.where(awaited, self._actions, NONE)
 
-    def forget(self, world: int | None = None) -> None:
-        """Note that a mission has taken off anew, or that all have."""
-        self._is_asked[slice(None) if world is None else world] = False
+    def forget(self, worlds: Sequence[int]) -> None:
+        """Note that missions have taken off anew."""
+        self._is_asked[worlds] = False
 
     def record(self, batch: Batch, is_answered: Bools) -> None:
         """Record what it would do at the decisions that are being answered.

@@ -7,8 +7,7 @@ out a decision of each mission and goes on to the next one; everything in betwee
 
 from collections.abc import Callable, Sequence
 import copy
-from dataclasses import dataclass, replace
-from functools import cache
+from dataclasses import dataclass
 import math
 from typing import Any, NamedTuple
 
@@ -22,22 +21,24 @@ from uav_collect.kernels.arrays import (
     Floats,
     Ints,
     new_row,
-    new_table,
     Row,
 )
-from uav_collect.kernels.compile import kernel, kernels_are_compiled
-from uav_collect.kernels.patience import say
+from uav_collect.kernels.compile import kernels_are_compiled
+from uav_collect.kernels.handle import Handle
 from uav_collect.missions.batch_kernels import (
     Batch,
+    explore_all,
     fly_batch,
     IN_FLIGHT,
     Settings,
 )
-from uav_collect.missions.batch_metrics import BatchMetrics
-from uav_collect.missions.batch_start import new_batch, restart
+from uav_collect.missions.batch_logs import log_of
+from uav_collect.missions.batch_metrics import BatchMetrics, metrics_of
+from uav_collect.missions.batch_start import new_batch, restart_all
 from uav_collect.missions.branches import Branches
-from uav_collect.missions.event_log import grown_log, logged_events, mission_header
-from uav_collect.missions.experience import Episode, N_UAV_SCALARS, Records, write_fleet
+from uav_collect.missions.event_log import grown_log, mission_header
+from uav_collect.missions.experience import Episode, global_state, Records
+from uav_collect.missions.own_numbers import OwnNumbers
 from uav_collect.missions.own_reward import OwnReward, rewarded
 from uav_collect.missions.teacher import Teacher
 from uav_collect.physics.bandwidth import EQUAL, EXACT
@@ -47,21 +48,11 @@ from uav_collect.uav.action_codes import HOME, HOVER, N_ACTIONS, NONE
 from uav_collect.uav.actions import check_can_start
 from uav_collect.uav.belief import belief_of
 from uav_collect.uav.briefing import Briefing
-from uav_collect.uav.exploration import explore
 from uav_collect.uav.heuristics import Heuristic
-from uav_collect.uav.observation import (
-    AnyLayout,
-    frames,
-    Layout,
-    observation_size,
-    OwnLayout,
-    write_own,
-)
+from uav_collect.uav.observation import AnyLayout, frames, Layout, OwnLayout
 from uav_collect.uav.policy import NamedPolicy, Policy
 from uav_collect.uav.policy_network import FrozenPolicy
-from uav_collect.uav.user_policy import arrayed
 from uav_collect.world.dynamics import look, mission_of
-from uav_collect.world.faults import fault_records
 from uav_collect.world.reward import KILOJOULE_J, Reward
 from uav_collect.world.sensor_field import demand_by_cell
 
@@ -135,22 +126,23 @@ class VectorEnv:
         self._scenario, self._config = site.scenario, config
         self._is_compiled = kernels_are_compiled()
         capacity = _FIRST_CAPACITY if config.is_logged else 1
-        self._batch = new_batch(
-            site, mission_seeds, _settings(config), capacity, config.energy_unit_j
-        )
-        check_can_start(site.scenario, self._batch.briefing)
+        batch = new_batch(site, mission_seeds, _settings(config), capacity, config.energy_unit_j)
+        check_can_start(site.scenario, batch.briefing)
         layout = Layout.EGOCENTRIC if config.layout is None else config.layout
-        self._frames = frames(layout, self._batch.briefing)
-        self._own = layout if isinstance(layout, OwnLayout) else None
-        if self._own is not None:
-            self._make_room(self._own)
+        self._frames = frames(layout, batch.briefing)
+        self._own = OwnNumbers(layout, batch.briefing) if isinstance(layout, OwnLayout) else None
+        self._held = Handle(batch if self._own is None else self._own.with_room(batch))
+        self._worlds = np.arange(len(mission_seeds))
+        self._decisions: AwaitedDecisions | None = None  # since a mission was last flown on
         self._branches = (
-            Branches(site, self._batch, config.energy_unit_j)
-            if config.branch_share > 0.0
-            else None
+            Branches(site, batch, config.energy_unit_j) if config.branch_share > 0.0 else None
         )
-        self._teacher = None if config.teacher is None else Teacher(config.teacher, self._batch)
+        self._teacher = None if config.teacher is None else Teacher(config.teacher, batch)
         self._fly(new_row(len(mission_seeds), NONE))
+
+    @property
+    def _batch(self) -> Batch:
+        return self._held.rows
 
     @property
     def briefing(self) -> Briefing:
@@ -160,17 +152,20 @@ class VectorEnv:
     @property
     def decisions(self) -> AwaitedDecisions:
         """What the missions wait for."""
-        waiting = self._batch.waiting
-        return AwaitedDecisions(
-            uav=np.asarray(waiting.uav),
-            time_s=np.asarray(waiting.time_s),
-            observation=np.asarray(waiting.observation),
-            legal=np.asarray(waiting.legal) == 1,
-            frame=self._frames[np.asarray(waiting.uav, dtype=np.int64)],
-            advice=np.asarray(waiting.advice),
-            reward=np.asarray(waiting.reward),
-            duration_s=np.asarray(waiting.duration_s),
-        )
+        if self._decisions is None:
+            waiting = self._batch.waiting
+            uav = np.asarray(waiting.uav)
+            self._decisions = AwaitedDecisions(
+                uav=uav,
+                time_s=np.asarray(waiting.time_s),
+                observation=np.asarray(waiting.observation),
+                legal=np.asarray(waiting.legal) == 1,
+                frame=self._frames[uav],
+                advice=np.asarray(waiting.advice),
+                reward=np.asarray(waiting.reward),
+                duration_s=np.asarray(waiting.duration_s),
+            )
+        return self._decisions
 
     @property
     def n_recorded(self) -> Ints:
@@ -180,7 +175,7 @@ class VectorEnv:
     @property
     def mission_seeds(self) -> Ints:
         """Of the missions in flight, (W,)."""
-        return np.array([row[0] for row in self._batch.missions.seed], dtype=np.int64)
+        return np.array(self._batch.missions.seed, dtype=np.int64)[:, 0]
 
     @property
     def taught(self) -> Ints:
@@ -259,16 +254,23 @@ class VectorEnv:
     def explore(self, epsilon: float, hover_share: float, advice_share: float = 0.0) -> Ints:
         """Random actions where UAVs explore, NONE elsewhere, (W,); see `exploration.explore`."""
         actions = new_row(len(self._batch.waiting.uav), NONE)
-        _explore(self._batch, epsilon, hover_share, advice_share, actions)
+        explore_all(self._held, epsilon, hover_share, advice_share, actions)
         return np.asarray(actions)
 
     def restart(self, world: int, mission_seed: int) -> None:
         """Let another mission take off in the place of one."""
-        self._batch.missions.seed[world][0] = mission_seed
-        restart(self._batch, world)
+        self.restart_all([world], [mission_seed])
+
+    def restart_all(self, worlds: Sequence[int], mission_seeds: Sequence[int]) -> None:
+        """Let other missions take off in the places of some."""
+        restarted = new_row(len(worlds), 0)
+        for index, (world, seed) in enumerate(zip(worlds, mission_seeds, strict=True)):
+            restarted[index] = world
+            self._batch.missions.seed[world][0] = seed
+        restart_all(self._held, restarted)
         if self._teacher is not None:
-            self._teacher.forget(world)
-        self._fly(new_row(len(self._batch.n_events), NONE))
+            self._teacher.forget(worlds)
+        self._fly(new_row(len(self._worlds), NONE))
 
     def twin(self) -> 'VectorEnv':
         """The same missions where they are now, to try out what would come of actions.
@@ -278,8 +280,8 @@ class VectorEnv:
         batch, other = self._batch, copy.copy(self)
         tables = {name: copied(getattr(batch, name)) for name in _OWN_TABLES}
         settings = batch.settings._replace(is_logged=0, n_rows=0, reward=NONE)
-        other._batch = batch._replace(settings=settings, **tables)
-        other._branches = other._teacher = None
+        other._held = Handle(batch._replace(settings=settings, **tables))
+        other._branches = other._teacher = other._decisions = None
         return other
 
     def episode(self, world: int) -> Episode:
@@ -303,23 +305,16 @@ class VectorEnv:
 
     def mission_log(self, world: int, policy_name: str) -> MissionLog:
         """The log of a mission so far; the missions must be logged."""
-        return self._log_under(self._header(policy_name), world)
+        return log_of(self._batch, self._header(policy_name), world)
 
     def mission_logs(self, policy_name: str) -> list[MissionLog]:
         """The logs of all missions so far; the missions must be logged."""
         header = self._header(policy_name)
-        return [self._log_under(header, world) for world in range(len(self._batch.n_events))]
+        return [log_of(self._batch, header, world) for world in self._worlds.tolist()]
 
     def metrics(self) -> BatchMetrics:
         """What the missions achieved; all must be over."""
-        missions = self._batch.missions
-        budget_j = np.asarray(self._batch.briefing.energy_budget_j)
-        return BatchMetrics(
-            collected_bit=np.asarray(missions.collected_bit)[:, 0],
-            total_bit=np.asarray(missions.demand_bit).sum(axis=1),
-            energy_j=budget_j - np.asarray(missions.energy_left_j),
-            landed_s=np.array(missions.leg_end_s),
-        )
+        return metrics_of(self._batch.briefing, self._batch.missions)
 
     def _header(self, policy_name: str) -> MissionHeader:
         n_uavs, allocator = self._scenario.n_uavs, self._config.allocator
@@ -332,16 +327,6 @@ class VectorEnv:
             [self._config.guard_after] * n_uavs,
         )
 
-    def _log_under(self, header: MissionHeader, world: int) -> MissionLog:
-        batch = self._batch
-        seed = int(batch.missions.seed[world][0])
-        total_bit = math.fsum(batch.missions.demand_bit[world])
-        return MissionLog(
-            header=replace(header, mission_seed=seed, total_bit=total_bit),
-            events=logged_events(batch.log, world, batch.n_events[world]),
-            faults=fault_records(mission_of(batch.missions, world)),
-        )
-
     def global_state(self, world: int) -> Floats:
         """What a mixer sees of a mission: numbers from 0 to 1.
 
@@ -350,14 +335,10 @@ class VectorEnv:
             budget, and whether it still decides; then each UAV's completion map; then the true
             one. Shape (U * N_UAV_SCALARS + (U + 1) * C,).
         """
-        batch, n_uavs = self._batch, self._scenario.n_uavs
-        mission = mission_of(batch.missions, world)
-        fleet = new_row(n_uavs * N_UAV_SCALARS, 0.0)
-        for uav in range(n_uavs):
-            write_fleet(fleet, batch.briefing, mission, uav, batch.waiting.time_s[world])
-        known = [batch.beliefs.complete[world * n_uavs + uav] for uav in range(n_uavs)]
-        is_empty = np.asarray(mission.cell_bit) <= 0.0
-        return np.concatenate([np.asarray(fleet), *map(np.asarray, known), is_empty])
+        batch = self._batch
+        mission, first = mission_of(batch.missions, world), world * self._scenario.n_uavs
+        time_s = batch.waiting.time_s[world]
+        return global_state(batch.briefing, mission, batch.beliefs, first, time_s)
 
     def efficiency_kbit_per_j(self, world: int) -> float:
         """Data that a mission has collected over the energy it has spent, both so far."""
@@ -368,7 +349,7 @@ class VectorEnv:
     def collected_share(self, world: int) -> float:
         """Share of its data that a mission has collected so far; 1 where there is none."""
         missions = self._batch.missions
-        total_bit = math.fsum(missions.demand_bit[world])
+        total_bit = math.fsum(np.asarray(missions.demand_bit[world]).tolist())
         return min(1.0, missions.collected_bit[world][0] / total_bit) if total_bit > 0.0 else 1.0
 
     def flights(self) -> Flights:
@@ -389,12 +370,7 @@ class VectorEnv:
         """
         if (flights.mission_seeds < 0).any():
             raise ValueError('a mission seed is negative')
-        for world, seed in enumerate(flights.mission_seeds.tolist()):
-            self._batch.missions.seed[world][0] = seed
-            restart(self._batch, world)
-        if self._teacher is not None:
-            self._teacher.forget()
-        self._fly(new_row(len(flights.mission_seeds), NONE))
+        self.restart_all(self._worlds.tolist(), flights.mission_seeds.tolist())
         for actions in flights.actions.T.astype(np.int64):
             is_known = actions != NONE
             if not is_known.any():
@@ -414,51 +390,29 @@ class VectorEnv:
     def _fly(self, answers: Any) -> None:  # noqa: ANN401 - a row
         """Fly on with the answers, with more room for the log as often as that is needed."""
         flown = [] if self._own is None else self._flown_by(answers)
-        n_in_flight = fly_batch(self._batch, answers)
+        n_in_flight = fly_batch(self._held, answers)
         while n_in_flight:
-            n_worlds = len(self._batch.n_events)
-            self._batch = self._batch._replace(log=grown_log(self._batch.log, n_worlds))
-            n_in_flight = fly_batch(self._batch, new_row(n_worlds, NONE))
+            n_worlds = len(self._worlds)
+            log = grown_log(self._batch.log, n_worlds)
+            self._held = Handle(self._batch._replace(log=log))
+            n_in_flight = fly_batch(self._held, new_row(n_worlds, NONE))
+        self._decisions = None
         if self._own is not None:
-            self._look_on(self._own, flown)
+            self._own.write(self._batch, flown)
 
     def _flown_by(self, answers: Row[int]) -> list[int]:
         """The missions that answers carry on."""
         waiting = enumerate(self._batch.waiting.uav)
         return [it for it, uav in waiting if uav == IN_FLIGHT or answers[it] != NONE]
 
-    def _make_room(self, own: OwnLayout) -> None:
-        """Make observations longer by a user's numbers."""
-        briefing = self._batch.briefing
-        self._arrayed = arrayed(briefing)
-        size = observation_size(own, len(briefing.is_open), briefing.n_uavs)
-        table = new_table(len(self._batch.n_events), size, 0.0)
-        waiting = self._batch.waiting._replace(observation=table)
-        self._batch = self._batch._replace(waiting=waiting)
-        if self._is_compiled:
-            _say_in_python(own.label)
-
-    def _look_on(self, own: OwnLayout, worlds: Sequence[int]) -> None:
-        """Write a user's numbers of the missions that wait since they were flown on."""
-        batch, n_uavs = self._batch, self._scenario.n_uavs
-        for world in worlds:
-            uav = int(batch.waiting.uav[world])
-            if uav == NONE:
-                continue
-            mission = mission_of(batch.missions, world)
-            view = look(batch.briefing, batch.sensor_field, mission, uav, batch.view_rows)
-            belief = belief_of(batch.beliefs, world * n_uavs + uav)
-            of = belief, view, batch.waiting.legal[world], batch.waiting.observation[world]
-            write_own(own, self._arrayed, uav, *of)
-
     def _check_legal(self, actions: Ints, is_asked: Bools) -> None:
         """Raise ValueError if an action of a mission that is asked is not legal."""
         legal = self.decisions.legal
-        is_legal = legal[np.arange(len(actions)), np.clip(actions, 0, N_ACTIONS - 1)]
-        is_legal &= (actions >= 0) & (actions < N_ACTIONS)
-        refused = np.flatnonzero(is_asked & ~is_legal)
-        if len(refused):
-            raise ValueError(self._refusal(refused[0], actions[refused[0]]))
+        is_action = (actions >= 0) & (actions < N_ACTIONS)
+        is_legal = is_action & legal[self._worlds, np.where(is_action, actions, HOVER)]
+        if (refused := is_asked & ~is_legal).any():
+            world = int(refused.argmax())
+            raise ValueError(self._refusal(world, actions[world]))
 
     def _refusal(self, world: int, action: int) -> str:
         seed, uav = self._batch.missions.seed[world][0], self._batch.waiting.uav[world]
@@ -466,26 +420,6 @@ class VectorEnv:
         return (
             f'action {action} of UAV {uav + 1} in mission {seed} is not legal; legal are {legal}'
         )
-
-
-@cache
-def _say_in_python(label: str) -> None:
-    say(f'observation {label}: its own numbers are made in Python at each decision')
-
-
-@kernel
-def _explore(
-    batch: Batch, epsilon: float, hover_share: float, advice_share: float, actions: Row[int]
-) -> None:
-    """Write the random action of each mission's decision; NONE stays where nobody explores."""
-    for world in range(len(actions)):
-        uav = batch.waiting.uav[world]
-        if uav != NONE:
-            mission = mission_of(batch.missions, world)
-            seed, decision = mission.seed[0], mission.n_decisions[uav]
-            shares = epsilon, hover_share, advice_share
-            advice, legal = batch.waiting.advice[world], batch.waiting.legal[world]
-            actions[world] = explore(seed, uav, decision, *shares, advice, legal)
 
 
 def _settings(config: VectorEnvConfig) -> Settings:
