@@ -23,11 +23,12 @@ SCENARIO = tiny(uav(5.0, energy_budget_kj=9.0), uav(10.0, energy_budget_kj=5.0))
 SETTINGS = {
     'network.hidden_size': 8, 'mixer.embedding_size': 4, 'mixer.hypernetwork_size': 6,
     'mixer.pool_side': 2, 'replay.missions_per_batch': 4, 'validation.missions': 2,
-    'validation.every_updates': 50, 'rollout.max_decisions_per_cell': 0.6,
+    'validation.every_updates': 15, 'rollout.max_decisions_per_cell': 0.6,
     'exploration.epsilon_first': 0.3,
 }  # fmt: skip
 TRAINED_S = DEADLINE_S  # for what takes ten seconds where nothing else runs
 NEVER = 1_000_000  # updates: the first policy flies until the end
+PACE = 150.0  # simulated over wall-clock time: some 40 decisions a second
 
 
 def start_trainer(
@@ -62,9 +63,13 @@ def fleet_of(processes: Processes, folder: Path, world: str = '') -> Fleet:
 
 
 def start_fleet(fleet: Fleet, missions: int = -1, **values: object) -> RunningProcess:
-    """Agents that fly what a trainer publishes, and their world."""
+    """Agents that fly what a trainer publishes, and their world.
+
+    Without an end they fly at a pace: a trainer that starts meanwhile needs the processor.
+    """
     fleet.start_agents('topic', 'equal')
-    return fleet.start_world(missions=missions, **values)
+    pace = PACE if missions < 0 else 0.0
+    return fleet.start_world(missions=missions, real_time_factor=pace, **values)
 
 
 def config_of(**values: object) -> TrainingConfig:

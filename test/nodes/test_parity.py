@@ -9,7 +9,7 @@ from uav_collect.recording.bag_reader import read_missions
 
 pytestmark = [pytest.mark.ros, pytest.mark.long]
 
-SEEDS = range(4)
+SEEDS = range(2)
 FEW = range(7, 9)
 ALL = {1, 2, 3, 4}
 

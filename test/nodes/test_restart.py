@@ -21,15 +21,16 @@ from uav_collect.nodes import topics
 pytestmark = [pytest.mark.ros, pytest.mark.long]
 
 SEED = 3
+ENERGY_KJ = 220.0
 FAST = 0.0  # real-time factor: as fast as the fleet decides
 HARDLY = 0.001  # the next event would take hours
-LEISURELY = 100.0  # a mission takes minutes
+LEISURELY = 20.0  # a mission takes a minute
 
 
 @pytest.fixture
 def fleet(processes: Processes, tmp_path: Path) -> Fleet:
-    """Two UAVs that fly at random for some two thousand events."""
-    scenario = scenario_of(fleet__default__energy_budget_kj=2000.0)
+    """Two UAVs that fly at random for some five hundred events."""
+    scenario = scenario_of(fleet__default__energy_budget_kj=ENERGY_KJ)
     return Fleet(processes=processes, scenario=scenario, folder=tmp_path / 'run')
 
 

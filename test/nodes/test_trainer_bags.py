@@ -20,7 +20,7 @@ from uav_collect.scenario.site import build_site
 
 pytestmark = [pytest.mark.ros, pytest.mark.long]
 
-N_MISSIONS = 24
+N_MISSIONS = 16
 PACE = 80.0  # simulated over wall-clock time
 
 

@@ -22,9 +22,9 @@ from uav_collect.nodes.topics import publisher, Topic
 
 pytestmark = [pytest.mark.ros, pytest.mark.long]
 
-N_FLOWN = 90  # missions before the training
+N_FLOWN = 30  # missions before the training
 FIRST_LIVE = 10**6  # mission seed
-N_MUTATED = 2_000  # messages on each topic
+N_MUTATED = 1_000  # messages on each topic
 WORLD, UAVS = topics.world_topics(), (topics.uav_topics(1), topics.uav_topics(2))
 REPORTING = (WORLD.scenario, WORLD.mission, WORLD.epoch, *(uav.transition for uav in UAVS))
 
@@ -116,7 +116,7 @@ def mutated(message: Any, rng: random.Random) -> bytes:  # noqa: ANN401
 
 def test_no_message_however_broken_ends_a_trainer(processes: Processes, tmp_path: Path) -> None:
     heard = flown(processes, tmp_path, n_missions=3)
-    trainer = start_trainer(processes, tmp_path / 'run')
+    trainer = start_trainer(processes, tmp_path / 'run', decisions=200)
     trainer.wait_for('waiting for missions')
     rng = random.Random(0)
     with published(heard, *REPORTING) as senders:
