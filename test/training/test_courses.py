@@ -46,7 +46,7 @@ def problems_of(folder: Path, change: tuple[str, str]) -> str:
 
 
 def test_every_shipped_distribution_is_valid_and_has_its_files_name() -> None:
-    assert course_names() == ('anywhere', 'taught')
+    assert course_names() == ('anywhere', 'specialists', 'taught')
     assert [load_courses(name).distribution.name for name in course_names()] == [*course_names()]
 
 
@@ -199,14 +199,20 @@ def test_a_wrong_panel_is_refused_with_the_line(tmp_path: Path, text: str, wrong
     assert 'mine.yaml:' in str(error.value)
 
 
-def test_half_of_taught_courses_are_like_those_of_teachers() -> None:
-    distribution = load_distribution('taught')
+def known_to_teachers(distribution: CourseDistribution) -> list[Scenario]:
+    """Of the first courses, those of fleets that teachers learned on."""
     courses = [draw_course(distribution, 0, number) for number in range(N_COURSES)]
     fleets = {(it.cells_per_side, it.speeds_mps) for it in distribution.taught_fleets}
-    known = [
+    return [
         it for it in courses
         if (it.area.n_rows, tuple(uav.speed_mps for uav in it.uavs)) in fleets
     ]  # fmt: skip
+
+
+def test_half_of_taught_courses_are_like_those_of_teachers() -> None:
+    distribution = load_distribution('taught')
+    known = known_to_teachers(distribution)
+    assert len(known_to_teachers(load_distribution('specialists'))) == N_COURSES
     assert 0.35 * N_COURSES < len(known) < 0.65 * N_COURSES
     assert {it.area.n_rows for it in known} == {8, 10, 12, 15}
     assert any(it.faults for it in known)
