@@ -58,6 +58,25 @@ def test_the_loss_is_how_unlikely_what_the_teacher_or_the_adviser_would_do_is(
     assert np.isfinite(batch.worth).any() == is_taught
 
 
+def test_what_policies_hold_are_values_whoever_learned_them() -> None:
+    config = settings(reward__scale=0.25, network__advice_bonus=0.5)
+    learner, again = learner_of(config), learner_of(config)
+    by_values = Learner(config, [brief(SCENARIO)], Algorithm.AIQL, seed=1)
+    batch = batch_of(flown(SCENARIO, [5], 12, layout=Layout.RELATIVE).episodes, SCENARIO, config)
+    learner.update([(batch, 0)], 1e-3)
+    for other in (again, by_values):
+        other.load_weights(learner.weights())
+    odds, same, values = (
+        it.networks.agent(torch.from_numpy(batch.observation), batch.step_sizes)
+        for it in (learner, again, by_values)
+    )
+    torch.testing.assert_close(same, odds)
+    torch.testing.assert_close(values, 0.25 * odds)
+    assert learner.networks.agent.advice_bonus == 2.0
+    trainer = Trainer([SCENARIO], config, 'imitation', 0)
+    assert trainer.snapshot().header.advice_bonus == 0.5
+
+
 def test_who_learns_comes_to_do_what_the_adviser_would() -> None:
     batch = batch_of(flown(SCENARIO, [5, 6], 12, layout=Layout.RELATIVE).episodes, SCENARIO,
                      settings())  # fmt: skip

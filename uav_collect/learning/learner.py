@@ -29,6 +29,7 @@ _KEPT_BYTES = 2**31 - 1
 # How much more an action is taken to be worth than the advised one. What is lost by leaving a cell
 # behind is rare and large: cut off, it would be taken for a gain.
 _LEAST_WORTH, _MOST_WORTH = -20.0, 4.0
+_LAST_LAYER = 'head'  # of Drqn
 _LEAST_VARIANCE = 0.1  # of that, where hardly anything differs
 
 
@@ -82,7 +83,11 @@ class Learner:
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             networks = Networks(config, briefings, algorithm)
-        networks.agent.advice_bonus = config.advice_bonus(0.0)
+        is_of_odds = algorithm is Algorithm.IMITATION and isinstance(networks.agent, Drqn)
+        # What the network says, times this, is the value of an action as policies hold it: where
+        # it says the logarithms of odds, one of these is taken for a cell.
+        self.unit = config.reward.scale if is_of_odds else 1.0
+        networks.agent.advice_bonus = config.advice_bonus(0.0) / self.unit
         self.networks = networks.to(self._device)
         self.target = deepcopy(self.networks).requires_grad_(False)
         self.optimiser = torch.optim.Adam(
@@ -95,7 +100,10 @@ class Learner:
 
     def load_weights(self, weights: Mapping[str, NDArray[np.float32]]) -> None:
         """Take over an agent network's weights before the first update."""
-        tensors = {name: torch.from_numpy(np.array(values)) for name, values in weights.items()}
+        tensors = {
+            name: torch.from_numpy(np.array(values))
+            for name, values in _scaled(weights, 1.0 / self.unit).items()
+        }
         self.networks.agent.core.load_state_dict(tensors)
         self.target.agent.core.load_state_dict(tensors)
 
@@ -132,7 +140,7 @@ class Learner:
 
     def weights(self) -> dict[str, NDArray[np.float32]]:
         """The agent network's weights, as a frozen policy holds them, copied."""
-        return frozen_weights(self.networks.agent)
+        return _scaled(frozen_weights(self.networks.agent), self.unit)
 
     def state(self) -> dict[str, Any]:
         """All that a learner needs to go on; the inverse is `restore`."""
@@ -346,6 +354,18 @@ class Learner:
 
     def _tensor(self, values: NDArray[Any]) -> Tensor:
         return torch.from_numpy(values).to(self._device)
+
+
+def _scaled(
+    weights: Mapping[str, NDArray[np.float32]], factor: float
+) -> dict[str, NDArray[np.float32]]:
+    """Weights of a network that says so many times as much."""
+    if factor == 1.0:
+        return dict(weights)
+    return {
+        name: np.float32(factor) * values if name.startswith(f'{_LAST_LAYER}.') else values
+        for name, values in weights.items()
+    }
 
 
 def _arrays(tensors: Mapping[str, Tensor]) -> dict[str, NDArray[Any]]:
