@@ -6,7 +6,6 @@ from episodes import batch_of, flown, single_threaded_torch, small
 import numpy as np
 import pytest
 from tiny_world import tiny, uav
-from uav_collect.errors import ConfigError
 from uav_collect.learning.minibatch import Algorithm
 from uav_collect.learning.units import branch_share, reward_units, swept
 from uav_collect.missions.rollout import fly
@@ -94,25 +93,6 @@ def test_long_missions_are_branched_at_as_many_decisions_as_short_ones() -> None
     assert branch_share(settings(branches__decisions_per_mission=1e6), small_site) == 1.0
     collector = Collector(small_site, config, Algorithm.AQMIX, seed=0)
     assert collector._env._branches is None
-
-
-@pytest.mark.parametrize(
-    ('preset', 'overrides', 'what'),
-    [
-        ('strong', {'observation': 'relative'}, 'preset strong: branches is missing'),
-        (
-            'strong',
-            {'branches.decisions_per_mission': 5.0},
-            "observation is 'egocentric': must be relative to learn by the algorithm branches",
-        ),
-    ],
-)
-def test_settings_that_branches_cannot_learn_by_are_refused(
-    preset: str, overrides: dict[str, object], what: str
-) -> None:
-    named = {name.replace('.', '__'): value for name, value in overrides.items()}
-    with pytest.raises(ConfigError, match=what):
-        Trainer([tiny()], small(preset, **named), 'branches', 0)
 
 
 def test_a_few_updates_teach_not_to_turn_back() -> None:

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from random_policies import header, random_policy
 from tiny_world import tiny, uav
-from uav_collect.errors import ConfigError, PolicyMismatchError
+from uav_collect.errors import PolicyMismatchError
 from uav_collect.learning.minibatch import Algorithm
 from uav_collect.learning.teaching import teaching
 from uav_collect.learning.units import swept
@@ -117,22 +117,3 @@ def test_a_rule_and_one_that_looks_ahead_teach_where_they_are_better_and_quick_e
 def test_who_cannot_teach_is_refused() -> None:
     with pytest.raises(PolicyMismatchError, match="'nobody' is unknown"):
         Trainer([SCENARIO], settings(imitation__teachers=['nobody']), 'imitation', 0)
-
-
-@pytest.mark.parametrize(
-    ('preset', 'overrides', 'what'),
-    [
-        ('strong', {'observation': 'relative'}, 'preset strong: imitation is missing'),
-        (
-            'strong',
-            {'imitation.teachers': [], 'imitation.teacher_share': 0.5},
-            "observation is 'egocentric': must be relative to learn by the algorithm imitation",
-        ),
-    ],
-)
-def test_settings_that_imitation_cannot_learn_by_are_refused(
-    preset: str, overrides: dict[str, object], what: str
-) -> None:
-    named = {name.replace('.', '__'): value for name, value in overrides.items()}
-    with pytest.raises(ConfigError, match=what):
-        Trainer([tiny()], small(preset, **named), 'imitation', 0)

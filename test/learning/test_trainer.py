@@ -324,3 +324,21 @@ def test_a_policy_of_another_network_is_no_start() -> None:
     wider = small(network__hidden_size=9)
     with pytest.raises(PolicyMismatchError, match=r'hidden size is 8: must be 9'):
         Trainer([tiny(*FLEET)], wider, 'aqmix', 0, initial=policy)
+
+
+@pytest.mark.parametrize(
+    ('algorithm', 'setting'),
+    [
+        ('branches', {'branches__decisions_per_mission': 5.0}),
+        ('imitation', {'imitation__teachers': [], 'imitation__teacher_share': 0.5}),
+    ],
+)
+def test_settings_that_an_algorithm_cannot_learn_by_are_refused(
+    algorithm: str, setting: dict[str, object]
+) -> None:
+    for settings, what in (
+        ({'observation': 'relative'}, f'preset strong: {algorithm} is missing'),
+        (setting, "observation is 'egocentric': must be relative to learn by the algorithm"),
+    ):
+        with pytest.raises(ConfigError, match=what):
+            Trainer([tiny()], small('strong', **settings), algorithm, 0)
