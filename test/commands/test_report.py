@@ -87,6 +87,9 @@ def test_report_draws_where_it_is_asked_to(
     elsewhere = tmp_path_factory.mktemp('pictures') / 'of' / 'mine'
     assert main(['report', str(report_folder), '--pictures', str(elsewhere)]) == 0
     assert [file.name for file in elsewhere.iterdir()] == ['mission.png']
+    unread = elsewhere.parent / 'unread'
+    assert main(['report', str(elsewhere / 'nothing'), '--pictures', str(unread)]) == 2
+    assert not unread.exists()
 
 
 def test_report_leaves_a_film_beside_the_picture_if_asked(

@@ -91,15 +91,17 @@ def test_a_command_with_any_arguments_ends_in_a_line(
         inner = Path(folder) / 'inner'  # nothing is above it, either
         inner.mkdir()
         monkeypatch.chdir(inner)
-        _try_arguments(command)
-        assert [*Path(folder).rglob('*')] == [inner]
+        _try_arguments(command, Path(folder))
 
 
-def _try_arguments(command: str) -> None:
+def _try_arguments(command: str, folder: Path) -> None:
+    before = [*folder.rglob('*')]
+
     @fuzzed(share=1.0 / len(IMPOSSIBLE), words=arguments(command))
     def try_arguments(words: list[str]) -> None:
         outcome: Any = run_command(command, *words)
         assert outcome.status == 2, outcome
         check_outcome(outcome)
+        assert [*folder.rglob('*')] == before
 
     try_arguments()

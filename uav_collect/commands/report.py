@@ -92,9 +92,6 @@ def show_missions(arguments: argparse.Namespace) -> int:
     from uav_collect.analysis.readings import readings_csv
 
     options.check_outputs(arguments.csv, arguments.gif, arguments.mp4)
-    if arguments.pictures is not None:
-        with suppress(OSError):  # who draws there says what is wrong, and tables come all the same
-            arguments.pictures.mkdir(parents=True, exist_ok=True)
     console, n_lacking = plain_console(), 0
     readings: list[tuple[int, Sequence[Reading]]] = []
     missions = missions_at(arguments.path)
@@ -102,6 +99,9 @@ def show_missions(arguments: argparse.Namespace) -> int:
         missions = iter([_to_film(missions, arguments)])
     is_first = arguments.path.is_dir()
     for mission, picture, source in missions:
+        if arguments.pictures is not None:
+            with suppress(OSError):  # who draws there says what is wrong; tables come all the same
+                arguments.pictures.mkdir(parents=True, exist_ok=True)
         file = (arguments.pictures or picture.parent) / picture.name
         try:
             n_lacking += not show(mission, file, console)
