@@ -59,7 +59,7 @@ def test_the_loss_is_how_unlikely_what_the_teacher_or_the_adviser_would_do_is(
 
 
 def test_what_policies_hold_are_values_whoever_learned_them() -> None:
-    config = settings(reward__scale=0.25, network__advice_bonus=0.5)
+    config = settings(reward__scale=0.25, network__advice_bonus=0.5, target__update_rate=1.0)
     learner, again = learner_of(config), learner_of(config)
     by_values = Learner(config, [brief(SCENARIO)], Algorithm.AIQL, seed=1)
     batch = batch_of(flown(SCENARIO, [5], 12, layout=Layout.RELATIVE).episodes, SCENARIO, config)
@@ -75,6 +75,19 @@ def test_what_policies_hold_are_values_whoever_learned_them() -> None:
     assert learner.networks.agent.advice_bonus == 2.0
     trainer = Trainer([SCENARIO], config, 'imitation', 0)
     assert trainer.snapshot().header.advice_bonus == 0.5
+
+
+def test_policies_hold_the_mean_of_many_updates() -> None:
+    config = settings(target__update_rate=0.25)
+    batch = batch_of(flown(SCENARIO, [5], 12, layout=Layout.RELATIVE).episodes, SCENARIO, config)
+    learner, mean = learner_of(config), None
+    for _ in range(4):
+        mean = learner.weights()['encoder.weight']
+        learner.update([(batch, 0)], 1e-2)
+        latest = learner.networks.agent.encoder.weight.detach().numpy()
+        mean = mean + 0.25 * (latest - mean)
+        np.testing.assert_allclose(learner.weights()['encoder.weight'], mean, atol=1e-6)
+    assert not np.allclose(latest, mean, atol=1e-3)
 
 
 def test_who_learns_comes_to_do_what_the_adviser_would() -> None:

@@ -228,6 +228,7 @@ def test_fleets_outside_of_the_spans_are_left_out_of_taught_courses() -> None:
     assert [it.cells_per_side for it in narrow.taught_fleets] == [8]
     without = load_distribution('taught', {'area.cells_per_side': [6, 7]})
     assert without.taught_fleets == ()
-    plain = load_distribution('anywhere', {'area.cells_per_side': [6, 7]})
+    spans = {'area.cell_size_m': [30.0, 400.0], 'fleet.speed_mps': [3.0, 25.0]}
+    plain = load_distribution('anywhere', {'area.cells_per_side': [6, 7], **spans})
     first = [replace(draw_course(it, 0, 0), name='same') for it in (without, plain)]
     assert first[0] == first[1]

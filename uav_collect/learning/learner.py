@@ -139,8 +139,14 @@ class Learner:
         )
 
     def weights(self) -> dict[str, NDArray[np.float32]]:
-        """The agent network's weights, as a frozen policy holds them, copied."""
-        return _scaled(frozen_weights(self.networks.agent), self.unit)
+        """The agent network's weights, as a frozen policy holds them, copied.
+
+        Who imitates learns of other courses at every update: the target network, a mean over the
+        latest ones, knows more than any one of them (Polyak and Juditsky, 1992).
+        """
+        is_mean = self._algorithm is Algorithm.IMITATION
+        networks = self.target if is_mean else self.networks
+        return _scaled(frozen_weights(networks.agent), self.unit)
 
     def state(self) -> dict[str, Any]:
         """All that a learner needs to go on; the inverse is `restore`."""
