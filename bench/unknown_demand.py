@@ -1,12 +1,17 @@
 """Says what not to know the demand costs: on tiny areas exactly, on paper_10x10 at most so much.
 
-python bench/unknown_demand.py [--missions N] [--seed FIRST] [--areas 3x3 4x4 ...] [--share PHI]
+python bench/unknown_demand.py [--missions N] [--seed FIRST] [--share PHI]
+    [--areas 3x3 4x4 ...] [--pair-areas 2x3 3x3 ...] [--pair-speeds 5,5 5,10 ...]
 
 One UAV flies at 5 m/s from the south-west cell. On a tiny area every cell has a sensor of 3 Mbit
 and a channel that never changes; missions are the world's own, or, for more than 20 cells, fields
 of which each cell holds data by itself, so that less is to be searched: of 5x5, minutes and
 gigabytes. Five rows: all demand known; known, but every cell must be seen all the same, as no
 mission of a policy ends sooner; the best policy that does not know the demand; sweep; HERT.
+
+Two UAVs fly over the pair areas at each pair of speeds [m/s] and hear each other always: all
+demand known; the best pair that does not know it; sweep; HERT; the first two once for the least
+time and once for the least energy.
 
 Then paper_10x10 by one UAV: the plan, the energy that no flight gets below, the shipped policy,
 sweep and HERT. All by the same missions.
@@ -15,6 +20,8 @@ sweep and HERT. All by the same missions.
 from argparse import ArgumentParser
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
+import math
 import time
 
 import numpy as np
@@ -22,10 +29,13 @@ from rich.console import Console
 from rich.table import Table
 from uav_collect.analysis.metrics import mission_metrics, MissionMetrics
 from uav_collect.analysis.statistics import bootstrap_interval
-from uav_collect.kernels.arrays import Floats
+from uav_collect.kernels.arrays import Floats, row_of
 from uav_collect.missions.rollout import fly
 from uav_collect.planning.bound import bound_of
+from uav_collect.planning.pair_policy import BestPairPolicy
+from uav_collect.planning.pair_search import PairSearch
 from uav_collect.planning.problem import problem_of
+from uav_collect.planning.search import Aim
 from uav_collect.planning.seeing import least_seeing_energy_j
 from uav_collect.planning.unknown_demand import (
     BestPolicy,
@@ -54,7 +64,11 @@ class Flown:
 
 
 def tiny(
-    n_rows: int, n_columns: int, share: float, cells: Sequence[int] | None = None
+    n_rows: int,
+    n_columns: int,
+    share: float,
+    cells: Sequence[int] | None = None,
+    speeds_mps: Sequence[float] = (5.0,),
 ) -> Scenario:
     """A tiny area with a sensor in every cell, or in some, all of which hold data then."""
     size_m = 50.0
@@ -76,9 +90,11 @@ def tiny(
         },
         'sensors': {'kind': 'listed', 'entries': entries},
         'demand': {**demand, 'known_empty': 'none'},
+        'radio.contact_range_m': math.inf,
+        'fleet.uavs': [{'speed_mps': speed_mps} for speed_mps in speeds_mps],
         **CERTAIN,
     }  # fmt: skip
-    return with_uavs(load('paper_10x10', values), 1)
+    return load('paper_10x10', values)
 
 
 def fields(
@@ -155,6 +171,79 @@ def on_tiny_area(
     console.print(table_of(flown, names[2]))
 
 
+def on_pair_area(
+    n_rows: int,
+    n_columns: int,
+    share: float,
+    speeds_mps: Sequence[float],
+    seeds: Sequence[int],
+    console: Console,
+) -> None:
+    """Print what two UAVs can do on a tiny area, and what is flown."""
+    scenario = tiny(n_rows, n_columns, share, speeds_mps=speeds_mps)
+    site = build_site(scenario)
+    briefing, counts = briefing_of(site), drawn_counts(scenario)
+    known_cells = [sum(1 << cell for cell in data_cells(site, seed)) for seed in seeds]
+    flown = {rule: all_whole(site, seeds, rule) for rule in RULES}
+    nothing = row_of([0.0, 0.0])
+    aims = {
+        'time s': (Aim(1.0, nothing, nothing), completion_s),
+        'energy kJ': (Aim(0.0, briefing.flight_power_w, briefing.hover_power_w), energy_kj),
+    }
+    fleet = ' and '.join(f'{speed_mps:g}' for speed_mps in speeds_mps)
+    console.print(
+        f'\n{n_rows}x{n_columns} cells, two UAVs at {fleet} m/s, data density {share:g},'
+        f' {len(seeds)} missions from seed {seeds[0]}'
+    )
+    for what, (aim, measured) in aims.items():
+        start_s = time.process_time()
+        search = PairSearch(site, counts, aim)
+        expected = search.expected()
+        used_s = time.process_time() - start_s
+        pair = all_whole(site, seeds, partial(BestPairPolicy, search, []))
+        unit = 1.0 if what == 'time s' else 1e-3
+        best = measured(pair)
+        values = {
+            'demand known': np.array([search.knowing(cells) * unit for cells in known_cells]),
+            'best not knowing': best,
+            **{rule: measured(missions) for rule, missions in flown.items()},
+        }
+        console.print(
+            f'least {what}: {expected * unit:.4f} on average, exactly; {search.n_states:,} states,'
+            f' {used_s:.0f} s of CPU time'
+        )
+        table = Table('', what, '% of the best not knowing')
+        for name, each in values.items():
+            low, high = interval(each)
+            ratios = ratio_interval(best, each)
+            table.add_row(
+                name,
+                f'{each.mean():.3f} ({low:.3f} to {high:.3f})',
+                f'{100 * best.sum() / each.sum():.1f}'
+                f' ({100 * ratios[0]:.1f} to {100 * ratios[1]:.1f})',
+            )
+        console.print(table)
+
+
+def all_whole(
+    site: Site, seeds: Sequence[int], policy: str | Callable[[], BestPairPolicy]
+) -> list[MissionMetrics]:
+    """Missions flown, which must have collected everything."""
+    missions = [mission_metrics(log) for log in fly(site, seeds, policy, guard_after=0)]
+    assert all(mission.is_complete for mission in missions)
+    return missions
+
+
+def completion_s(missions: Sequence[MissionMetrics]) -> Floats:
+    """When all are home, (N,)."""
+    return np.array([mission.completion_s for mission in missions])
+
+
+def energy_kj(missions: Sequence[MissionMetrics]) -> Floats:
+    """What both used, (N,)."""
+    return np.array([mission.energy_kj for mission in missions])
+
+
 def on_paper_area(seeds: Sequence[int], console: Console) -> None:
     """Print how near one UAV comes to what no flight gets beyond on the paper's area."""
     site = build_site(with_uavs(load('paper_10x10'), 1))
@@ -218,6 +307,8 @@ def main() -> None:
     parser.add_argument('--missions', type=int, default=300)
     parser.add_argument('--seed', type=int, default=0)
     parser.add_argument('--areas', nargs='*', default=['3x3', '4x4', '4x5'])
+    parser.add_argument('--pair-areas', nargs='*', default=['2x3', '3x3'])
+    parser.add_argument('--pair-speeds', nargs='*', default=['5,5', '5,10'])
     parser.add_argument('--share', type=float, default=0.3)
     arguments = parser.parse_args()
     seeds = range(arguments.seed, arguments.seed + arguments.missions)
@@ -225,6 +316,11 @@ def main() -> None:
     for area in arguments.areas:
         n_rows, n_columns = map(int, area.split('x'))
         on_tiny_area(n_rows, n_columns, arguments.share, seeds, console)
+    for area in arguments.pair_areas:
+        n_rows, n_columns = map(int, area.split('x'))
+        for speeds in arguments.pair_speeds:
+            speeds_mps = [float(speed) for speed in speeds.split(',')]
+            on_pair_area(n_rows, n_columns, arguments.share, speeds_mps, seeds, console)
     on_paper_area(seeds, console)
 
 

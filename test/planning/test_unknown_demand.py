@@ -246,7 +246,7 @@ def test_compiled_and_interpreted_the_value_is_the_same() -> None:
 
 def test_what_it_cannot_search_is_refused() -> None:
     two = tiny(uav(5.0), uav(5.0))
-    with pytest.raises(ValueError, match='2 UAVs over 16 cells: must be one UAV over 25'):
+    with pytest.raises(ValueError, match='2 UAVs over 16 cells: must be 1 over 25'):
         UnknownDemand(build_site(two), independent_counts(16, SHARE))
     large = field(5, 6)
     with pytest.raises(ValueError, match='1 UAVs over 30 cells'):

@@ -76,7 +76,7 @@ class UnknownDemand:
             ValueError: more than one UAV or too many cells, or the cells are not alike.
         """
         briefing = briefing_of(site)
-        _check(site, briefing)
+        check_alike(site, briefing, 1, MAX_CELLS)
         self.briefing = briefing
         self._start = cell_at(briefing, briefing.start_x_m[0], briefing.start_y_m[0])
         self._search = _new_search(briefing, self._start, counts, is_independent)
@@ -168,11 +168,16 @@ class BestPolicy:
         return int(self.best.move(self._seen, waiting, n_found, view.cell, back))
 
 
-def _check(site: Site, briefing: Briefing) -> None:
+def check_alike(site: Site, briefing: Briefing, n_uavs: int, max_cells: int) -> None:
+    """Refuse what is not searched.
+
+    Raises:
+        ValueError: other than so many UAVs, too many cells, or cells that are not alike.
+    """
     n_cells = site.scenario.n_cells
-    if briefing.n_uavs != 1 or n_cells > MAX_CELLS:
+    if briefing.n_uavs != n_uavs or n_cells > max_cells:
         what = f'{briefing.n_uavs} UAVs over {n_cells} cells'
-        raise ValueError(f'{what}: must be one UAV over {MAX_CELLS} cells at most')
+        raise ValueError(f'{what}: must be {n_uavs} over {max_cells} cells at most')
     if sum(briefing.is_open) != n_cells or sum(briefing.known_complete) > 0:
         raise ValueError('some cells are closed, or known to be empty: all must be alike')
 
@@ -204,7 +209,7 @@ def _new_search(
         in_view=row_of([sum(1 << int(cell) for cell in np.flatnonzero(row < 2)) for row in apart]),
         home=row_of(home.tolist()),
         pair_home=row_of(_pair_ways(rows, columns, apart < 2, home).ravel().tolist()),
-        likelihood=row_of(_likelihoods(counts).ravel().tolist()),
+        likelihood=row_of(likelihoods(counts).ravel().tolist()),
         is_independent=int(is_independent),
         side=side,
         column=row_of(mirrored),
@@ -245,7 +250,7 @@ def _pair_ways(rows: Ints, columns: Ints, is_seen: Bools, home: Floats) -> Float
     return in_any_order
 
 
-def _likelihoods(counts: Floats) -> Floats:
+def likelihoods(counts: Floats) -> Floats:
     """That of some cells those hold data that do, by how many there are and do, (C + 1, C + 1)."""
     n_cells = len(counts) - 1
     likelihoods = np.zeros((n_cells + 1, n_cells + 1))
