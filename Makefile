@@ -139,7 +139,7 @@ help:  ## this list
 setup: $(BUILT)  ## everything that missions need, in .venv, build and install (2 minutes once)
 	@echo 'set-up: ready; "make mission" flies, docs/how_to/nodes.md shows how to reach the executables'
 
-kernels: $(INSTALLED)  ## compile ahead what the first large job would wait for (two minutes once)
+kernels: $(INSTALLED)  ## compile ahead what the first large job would wait for (two minutes of processor time, once)
 	@UAV_COLLECT_KERNELS=compiled $(VENV)/bin/python -m uav_collect evaluate --missions 1 \
 	  --policy sweep strong anywhere > /dev/null
 	@echo 'kernels: compiled'
@@ -175,6 +175,7 @@ test-ubuntu: $(BUILT) $(DEVELOPED) $(UBUNTU)/.built  ## fly and read settings wi
 
 docs: $(BUILT) $(DOCUMENTS)  ## build the site of docs/ in build/site, to be read without a network
 	@. install/setup.sh && export PYTHONPATH=.$${PYTHONPATH:+:$$PYTHONPATH} && \
+	  $(VENV)/bin/python -m tools.pages.reference && \
 	  UAV_COLLECT_KERNELS=interpreted NO_MKDOCS_2_WARNING=1 $(VENV)/bin/python -m mkdocs build -q
 	@echo 'site: build/site/index.html'
 

@@ -26,6 +26,7 @@ MODULES = {  # of executables that are not commands
     **{'control': 'control', 'viewer': 'viewer'},
 }
 README = (ROOT / 'README.md').read_text()
+TOPICS = yaml.safe_load((ROOT / 'tools' / 'pages' / 'topics.yaml').read_text())
 
 
 def parse(name: str, options: list[str]) -> None:
@@ -62,6 +63,12 @@ def is_there(words: list[str]) -> bool:
         case ['action' | 'service', *rest]:
             [(kind, name)] = re.findall(r'uav_collect_msgs/(action|srv)/(\w+)', ' '.join(rest))
             return (ROOT / 'msg_defs' / kind / f'{name}.{kind}').is_file()
+        case ['topic', 'list']:
+            return True
+        case ['topic', 'hz', name] | ['topic', 'echo', name, _]:
+            return name in TOPICS
+        case ['interface', 'show', type_name]:
+            return (ROOT / 'msg_defs' / type_name.partition('/')[2]).with_suffix('.msg').is_file()
         case ['param', 'set', node, name, _]:
             return name in parameters_of(Path(node).name)
         case ['security', 'create_keystore' | 'create_enclave' | 'create_permission', *_]:
@@ -106,6 +113,8 @@ def test_each_of_the_four_results_in_the_readme_has_a_command_that_can_be_given(
         ['run', 'uav_collect', 'world_sim', '--ros-args', '-p', 'seeds:=1'],
         ['launch', 'uav_collect', 'mission.launch.py', 'scenarios:=lillgrund'],
         ['param', 'set', '/world_sim', 'real_time', '20'],
+        ['topic', 'hz', '/world/epochs'],
+        ['interface', 'show', 'uav_collect_msgs/msg/Epochs'],
     ],
 )
 def test_what_ros2_cannot_do_is_seen(words: list[str]) -> None:

@@ -32,6 +32,23 @@ def test_every_command_has_its_help_in_the_reference() -> None:
     assert max(map(len, text.splitlines())) <= 100
 
 
+@pytest.mark.parametrize('name', ['commands', 'messages', 'topics'])
+def test_what_is_generated_stands_in_the_sources_as_it_is_made_today(name: str) -> None:
+    if name == 'topics':
+        needs_the_nodes()
+    text = (ROOT / 'docs' / 'reference' / f'{name}.md').read_text()
+    assert text.count('<!-- end -->') > 0
+    assert reference.renewed(text) == text  # else: "make docs" writes it anew
+
+
+def test_a_part_that_is_out_of_date_is_made_anew_and_never_doubled() -> None:
+    old = '<!-- generated: summaries -->\n\n| old |\n\n<!-- end -->\n<!-- generated: keys -->\n'
+    made = reference.summaries()
+    new = old.replace('| old |', made)
+    assert reference.renewed(old) == new
+    assert reference.filled(new) == f'{made}\n{reference.keys()}\n'
+
+
 def test_every_topic_is_in_the_reference_with_its_type() -> None:
     needs_the_nodes()
     from uav_collect.nodes.topics import fleet_topics, RECORDER

@@ -10,7 +10,7 @@
 # Which way of deciding collects the most data for its energy? Here a learned policy, two
 # rules and a function of our own fly the same missions, and all are held against what would
 # be possible with perfect knowledge. On a machine where nothing was flown so far the first flight
-# compiles for a minute or two.
+# compiles for about two minutes of processor time.
 
 # %%
 import os

@@ -1,6 +1,8 @@
 """The parts of the reference that docs/ does not hold: each is made of its one source.
 
-`GENERATED` has them by the names that pages ask for them by, as `<!-- generated: topics -->`.
+`GENERATED` has them by the names that pages ask for them by, as `<!-- generated: topics -->`. Some
+stand in the pages, too, up to `<!-- end -->`, for those who read the sources: `python -m
+tools.pages.reference` writes them there anew, which `make docs` does before it builds the site.
 """
 
 import argparse
@@ -71,7 +73,13 @@ def _in_a_cell(text: str) -> str:
 def targets() -> str:
     """What make does, by what it is asked for."""
     found = re.findall(r'^([\w-]+):.*?##  ?(.*)$', (ROOT / 'Makefile').read_text(), re.MULTILINE)
-    return table(('make', 'what'), [(f'`make {name}`', escape(what)) for name, what in found])
+    rows = [(f'`make {name}`', escape(what, quote=False)) for name, what in found]
+    return table(('make', 'what'), rows)
+
+
+def summaries() -> str:
+    """Each command with what it is for."""
+    return table(('command', 'what'), [(f'`{name}`', what) for name, what in SUMMARIES.items()])
 
 
 def commands() -> str:
@@ -235,11 +243,28 @@ def _boxes(floors: list[list[str]]) -> Iterator[str]:
 
 GENERATED: dict[str, Callable[[], str]] = {
     **{'architecture': architecture, 'commands': commands, 'keys': keys, 'messages': messages},
-    **{'parameters': parameters, 'python': python, 'services': services, 'topics': topics},
-    **{'targets': targets},
+    **{'parameters': parameters, 'python': python, 'services': services, 'summaries': summaries},
+    **{'targets': targets, 'topics': topics},
 }
+_PART = re.compile(r'<!-- generated: (\w+) -->(\n\n.*?\n\n<!-- end -->)?', re.DOTALL)
 
 
 def filled(text: str) -> str:
-    """A page with its generated parts in place."""
-    return re.sub(r'<!-- generated: (\w+) -->', lambda found: GENERATED[found[1]](), text)
+    """A page with all of its generated parts in place."""
+    return _PART.sub(lambda found: GENERATED[found[1]](), text)
+
+
+def renewed(text: str) -> str:
+    """The source of a page, with those parts made anew that stand in it."""
+    return _PART.sub(_part_of_a_source, text)
+
+
+def _part_of_a_source(found: re.Match[str]) -> str:
+    if not found[2]:
+        return found[0]
+    return f'<!-- generated: {found[1]} -->\n\n{GENERATED[found[1]]()}\n\n<!-- end -->'
+
+
+if __name__ == '__main__':
+    for page in sorted((ROOT / 'docs' / 'reference').glob('*.md')):
+        page.write_text(renewed(page.read_text()))
