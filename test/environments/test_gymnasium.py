@@ -171,15 +171,39 @@ def test_gymnasium_makes_worlds_by_their_name() -> None:
     assert worlds.num_envs == len(worlds.reset(seed=1)[0]) == 3
 
 
+def test_a_mission_in_which_nobody_is_left_to_decide_ends_with_its_first_step() -> None:
+    gone = tiny(uav(5.0), faults=[{'uav': 1, 'kind': 'gone', 'at_decision': 0, 'share': 0.5}])
+    worlds, alone = WorldsEnv(gone, num_envs=4), TurnEnv(gone)
+    _, infos = worlds.reset(seed=0)
+    is_over = infos['uav'] == 0
+    assert 0 < is_over.sum() < 4
+    assert (infos['action_mask'][is_over] == [1, 0, 0, 0, 0]).all()
+    worlds.step(infos['action_mask'].argmax(axis=1))
+    seen, infos = worlds.reset(seed=0)  # the same, whatever was seen before
+    assert (seen[is_over] == 0.0).all()
+    _, rewards, terminated, _, infos = worlds.step(infos['action_mask'].argmax(axis=1))
+    assert terminated.tolist() == is_over.tolist()
+    assert (rewards[is_over] == 0.0).all()
+    alone.reset(seed=first_seed_of_resets(0) + int(is_over.argmin()))
+    seen, info = alone.reset(seed=first_seed_of_resets(0) + int(is_over.argmax()))
+    assert (info['uav'], info['action_mask'].tolist()) == (0, [1, 0, 0, 0, 0])
+    assert not seen.any()
+    assert alone.step(0)[1:4] == (0.0, True, False)
+
+
 def test_a_twin_leaves_the_missions_it_came_from_as_they_are() -> None:
     def new() -> VectorEnv:
         config = VectorEnvConfig(allocator='exact', is_logged=True, max_decisions=99)
         return VectorEnv(build_site(short()), [SEED, 4], config)
 
     env, other, rng = new(), new(), np.random.default_rng(0)
+    recorded = [env.episode(world).records for world in range(2)]
     twin = env.twin()
     while (twin.decisions.uav != NONE).all():
         twin.step(at_random(twin.decisions.legal, rng))
+    for world, records in enumerate(recorded):
+        for before, after in zip(records, env.episode(world).records, strict=True):
+            np.testing.assert_array_equal(before, after)
     rng = np.random.default_rng(1)
     for _ in range(30):
         actions = at_random(other.decisions.legal, rng)

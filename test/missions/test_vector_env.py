@@ -11,6 +11,8 @@ import pytest
 from tiny_world import tiny, TOTAL_BIT, uav
 from uav_collect.errors import AllocationError, ConfigError
 from uav_collect.kernels.arrays import Floats, Ints, Row
+from uav_collect.kernels.handle import Handle
+from uav_collect.missions.batch_kernels import Batch, fly_batch
 from uav_collect.missions.rollout import fly
 from uav_collect.missions.vector_env import AwaitedDecisions, VectorEnv, VectorEnvConfig
 from uav_collect.recording.mission_log import MissionLog
@@ -128,6 +130,23 @@ def test_a_mission_that_is_over_waits_for_nothing_and_earns_nothing() -> None:
         assert wait.uav[first] == NONE
         assert not wait.legal[first].any()
         assert wait.reward[first] == wait.duration_s[first] == 0.0
+
+
+def test_what_is_legal_is_known_after_a_step_that_was_interrupted(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def interrupted(held: Handle[Batch], answers: Row[int]) -> int:
+        fly_batch(held, answers)
+        raise KeyboardInterrupt
+
+    env, whole = (flights_of(tiny(uav(5.0)), SEEDS[:1]) for _ in range(2))
+    to_a, hover = np.array([RIGHT]), np.array([HOVER])
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr('uav_collect.missions.vector_env.fly_batch', interrupted)
+        env.step(to_a)
+    whole.step(to_a)
+    assert env.decisions.legal.tolist() == whole.decisions.legal.tolist()
+    assert env.step(hover).time_s.tolist() == whole.step(hover).time_s.tolist()
 
 
 def test_a_mission_steps_the_same_alone_and_beside_others() -> None:

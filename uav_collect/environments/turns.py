@@ -6,6 +6,8 @@
 - A reward is the team's since the decision before, whoever made it, discounted to that;
   `info['duration_s']` are the seconds in between and `info['discount']` is gamma to their power.
 - A mission terminates when all have landed, and is truncated after `max_decisions` of the fleet.
+  Where a fault leaves nobody to decide from the start on, `uav` is 0, and hover, the one legal
+  action, ends it.
 
 `WorldsEnv` is the same for many missions at once.
 """
@@ -20,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from uav_collect.environments.shared import (
     environment_setup,
+    idle_mask,
     IN_INFO,
     Mask,
     mask_of,
@@ -126,11 +129,14 @@ class TurnEnv(gymnasium.Env):
     def _mask(self) -> Mask:
         decisions = self._env.decisions
         if decisions.uav[0] == NONE:
-            return mask_of(None)
+            return idle_mask() if self._n_decisions == 0 else mask_of(None)
         return mask_of(decisions.legal[0][COMPASS_ACTIONS[decisions.frame[0]]])
 
     def _seen(self) -> Any:  # noqa: ANN401 - an array or a dictionary
-        observed = self._env.decisions.observation[0].astype(np.float32)
+        decisions = self._env.decisions
+        observed = decisions.observation[0].astype(np.float32)
+        if decisions.uav[0] == NONE and self._n_decisions == 0:
+            observed[:] = 0.0  # not what the mission before showed
         return self._setup.seen(observed, self._mask())
 
     def _info(self) -> dict[str, Any]:

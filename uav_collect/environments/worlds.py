@@ -13,6 +13,9 @@ A world whose mission has ended begins another one in the same step (Gymnasium's
 row of the observations and masks is of the new mission, its reward, duration and discount of the
 old. What was seen last of missions that were cut off is `infos['final_obs']`, where `_final_obs`
 is true; what missions achieved that ended either way, `infos['final_info']`.
+
+Where a fault leaves nobody to decide from the start on, `uav` is 0, and hover, the one legal
+action, ends the mission.
 """
 
 from collections.abc import Sequence
@@ -35,7 +38,7 @@ from uav_collect.environments.shared import (
 from uav_collect.kernels.arrays import Bools, check_shape, Floats, Ints
 from uav_collect.missions.vector_env import AwaitedDecisions, VectorEnv
 from uav_collect.scenario.model import Scenario
-from uav_collect.uav.action_codes import N_ACTIONS, NONE
+from uav_collect.uav.action_codes import HOVER, N_ACTIONS, NONE
 from uav_collect.uav.frames import COMPASS_ACTIONS
 
 _Step = tuple[Any, Floats, Bools, Bools, dict[str, Any]]
@@ -169,7 +172,11 @@ class WorldsEnv(gymnasium.vector.VectorEnv):
         decisions = self._env.decisions
         self._turned = COMPASS_ACTIONS[decisions.frame]  # (W, N_ACTIONS)
         self._mask: Mask = decisions.legal[self._worlds[:, None], self._turned].view(np.int8)
-        return self._setup.seen(decisions.observation.astype(np.float32), self._mask.copy())
+        observed = decisions.observation.astype(np.float32)
+        if (is_over := decisions.uav == NONE).any():  # before anybody was asked
+            self._mask[is_over, HOVER] = 1
+            observed[is_over] = 0.0
+        return self._setup.seen(observed, self._mask.copy())
 
     def _infos(self, duration_s: Floats) -> dict[str, Any]:
         decisions = self._env.decisions

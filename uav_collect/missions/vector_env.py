@@ -279,6 +279,8 @@ class VectorEnv:
         """
         batch, other = self._batch, copy.copy(self)
         tables = {name: copied(getattr(batch, name)) for name in _OWN_TABLES}
+        for world in self._worlds.tolist():
+            tables['waiting'].n_records[world] = 0  # else it would write into these missions' own
         settings = batch.settings._replace(is_logged=0, n_rows=0, reward=NONE)
         other._held = Handle(batch._replace(settings=settings, **tables))
         other._branches = other._teacher = other._decisions = None
@@ -389,6 +391,7 @@ class VectorEnv:
 
     def _fly(self, answers: Any) -> None:  # noqa: ANN401 - a row
         """Fly on with the answers, with more room for the log as often as that is needed."""
+        self._decisions = None  # at once: what interrupts a kernel is raised as it returns
         flown = [] if self._own is None else self._flown_by(answers)
         n_in_flight = fly_batch(self._held, answers)
         while n_in_flight:
@@ -396,7 +399,6 @@ class VectorEnv:
             log = grown_log(self._batch.log, n_worlds)
             self._held = Handle(self._batch._replace(log=log))
             n_in_flight = fly_batch(self._held, new_row(n_worlds, NONE))
-        self._decisions = None
         if self._own is not None:
             self._own.write(self._batch, flown)
 
