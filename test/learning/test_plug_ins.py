@@ -3,7 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
-from episodes import flown, single_threaded_torch, small
+from episodes import batch_of, flown, single_threaded_torch, small
 import numpy as np
 import pytest
 from reports import joined, MissionSetup, ReportingFlight, reports_of, same
@@ -23,6 +23,8 @@ from uav_collect.uav.policy_file import policy_bytes, policy_from_bytes
 from uav_collect.uav.policy_network import FrozenPolicy, LearnedPolicy
 
 torch = single_threaded_torch()
+from uav_collect.learning.learner import Learner
+from uav_collect.learning.minibatch import Algorithm
 from uav_collect.learning.trainer import Trainer
 from uav_collect.training.progress import Budget
 
@@ -82,6 +84,29 @@ def test_a_policy_says_that_it_needs_a_module_which_is_missing(name: str) -> Non
     content = policy_bytes(policy).replace(name.encode(), moved)
     with pytest.raises(PolicyMismatchError, match=rf'there is no module {"x" * len(module)} in'):
         policy_from_bytes(content)
+
+
+def test_what_a_network_counts_while_it_learns_flies_with_who_imitates(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / 'counting.py').write_text(
+        'import torch\n'
+        'from dueling import Dueling\n'
+        'class Counting(Dueling):\n'
+        '    def __init__(self, observation_size, hidden_size):\n'
+        '        super().__init__(observation_size, hidden_size)\n'
+        "        self.register_buffer('n_seen', torch.zeros(()))\n"
+        '    def forward(self, observation, step_sizes):\n'
+        '        if torch.is_grad_enabled():\n'
+        '            self.n_seen += len(observation)\n'
+        '        return super().forward(observation, step_sizes)\n'
+    )
+    config = small('imitation', network__kind='counting:Counting', replay__rows_per_batch=0)
+    learner = Learner(config, [brief(SCENARIO)], Algorithm.IMITATION, seed=0)
+    batch = batch_of(flown(SCENARIO, [5], 6, layout=Layout.RELATIVE).episodes, SCENARIO, config)
+    learner.update([(batch, 0)], 1e-3)
+    assert learner.weights()['n_seen'] == len(batch.legal)
 
 
 def test_a_run_with_users_code_goes_on_from_its_checkpoint(tmp_path: Path) -> None:

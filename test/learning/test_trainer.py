@@ -330,7 +330,7 @@ def test_a_policy_of_another_network_is_no_start() -> None:
     ('algorithm', 'setting'),
     [
         ('branches', {'branches__decisions_per_mission': 5.0}),
-        ('imitation', {'imitation__teachers': [], 'imitation__teacher_share': 0.5}),
+        ('imitation', {'imitation__teachers': ['nobody'], 'imitation__teacher_share': 0.5}),
     ],
 )
 def test_settings_that_an_algorithm_cannot_learn_by_are_refused(

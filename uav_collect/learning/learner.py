@@ -29,8 +29,8 @@ _KEPT_BYTES = 2**31 - 1
 # How much more an action is taken to be worth than the advised one. What is lost by leaving a cell
 # behind is rare and large: cut off, it would be taken for a gain.
 _LEAST_WORTH, _MOST_WORTH = -20.0, 4.0
-_LAST_LAYER = 'head'  # of Drqn
 _LEAST_VARIANCE = 0.1  # of that, where hardly anything differs
+_LAST_LAYER = 'head'  # of Drqn
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -338,6 +338,9 @@ class Learner:
         targets: list[Tensor] = [*self.target.parameters()]
         sources: list[Tensor] = [*self.networks.parameters()]
         torch._foreach_lerp_(targets, sources, rate)
+        # What a user's network counts is not learned, but flies with what is.
+        for kept, counted in zip(self.target.buffers(), self.networks.buffers(), strict=True):
+            kept.copy_(counted)
 
     def _on_device(self, minibatch: Minibatch, task: int) -> _Tensors:
         fleet, complete = self._tensor(minibatch.fleet), self._tensor(minibatch.complete)

@@ -90,6 +90,7 @@ class Trainer:
         self.scenarios, self.config, self.seed = tuple(scenarios), config, seed
         self._own = algorithm if is_code_name(algorithm) else ''
         self.algorithm = Algorithm(algorithm_like(algorithm))
+        check_algorithm(self.algorithm, config)  # before teachers fly for minutes
         self._device = device
         self._courses = courses
         self._rota: FixedTasks | CourseTasks
@@ -104,7 +105,6 @@ class Trainer:
             self._rota = CourseTasks(distribution, config, self.algorithm, seed, device)
             self._validator = PanelValidator(courses.panel, n_missions, config.layout)
             self._learned = learned_on_courses(distribution)
-        check_algorithm(self.algorithm, config)
         briefings = [task.briefing for task in self._tasks]
         self._learner = Learner(config, briefings, self.algorithm, seed, device, self._own)
         self._rng = np.random.Generator(np.random.Philox(key=[seed, _REPLAY_KEY]))
