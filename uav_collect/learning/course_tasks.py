@@ -24,6 +24,7 @@ from uav_collect.training.courses import CourseDistribution
 from uav_collect.uav.observation import Layout
 
 _TURNS_KEY = 3  # of the run's seed: whose turn it is
+_SURPASSING = 1.03  # times what the sweep has; two means of its own missions differ by less
 
 
 @dataclass
@@ -109,12 +110,15 @@ class CourseTasks:
     def teaches(self, place: int) -> bool:
         """Whether there is something to learn on a course.
 
-        Who imitates the sweep has nothing to learn from it where it is surpassed, or may be.
+        Who imitates the sweep has nothing to learn from it where it is surpassed, by more than
+        chance: who is about as good and not held to it forgets, and is the worse long before the
+        latest missions tell.
         """
         course = self._courses[place]
         if self._algorithm is not Algorithm.IMITATION or not course.is_swept:
             return True
-        return course.task.source.recent.efficiency_kbit_per_j < course.mark_kbit_per_j
+        recent = course.task.source.recent.efficiency_kbit_per_j
+        return not recent >= _SURPASSING * course.mark_kbit_per_j  # true where nothing is known
 
     def count_update(self, place: int) -> None:
         """Note that a course had its turn; another one takes its place once it has lasted."""
