@@ -7,7 +7,14 @@ from random_policies import header, random_policy
 from uav_collect.scenario.load import load, with_uavs
 from uav_collect.scenario.model import Scenario
 from uav_collect.uav.learned_on import learned_on, LearnedOn, strangeness
-from uav_collect.uav.policy import ANYWHERE, policy_for, policy_named, shipped_policies, unfamiliar
+from uav_collect.uav.policy import (
+    ANYWHERE,
+    policy_for,
+    policy_named,
+    shipped_policies,
+    TAUGHT,
+    unfamiliar,
+)
 from uav_collect.uav.policy_network import LearnedPolicy
 
 HOME = 'fleet.default.home'
@@ -129,7 +136,7 @@ def test_what_a_file_does_not_say_is_not_judged() -> None:
     assert unfamiliar(policy_named('sweep'), paper(radio__contact_range_m=0.0)) is None
 
 
-@pytest.mark.parametrize('name', [it for it in shipped_policies() if it != ANYWHERE])
+@pytest.mark.parametrize('name', [it for it in shipped_policies() if it not in (ANYWHERE, TAUGHT)])
 def test_each_shipped_specialist_is_at_home_where_it_learned(name: str) -> None:
     policy = policy_named(name)
     assert isinstance(policy, LearnedPolicy)

@@ -33,6 +33,7 @@ from uav_collect.uav.policy import (
     policy_for,
     shipped_policies,
     specialist_name,
+    TAUGHT,
 )
 from uav_collect.uav.policy_network import LearnedPolicy
 
@@ -95,9 +96,10 @@ def _made_for(scenario: Scenario, own: Iterable[str]) -> tuple[list[Candidate], 
             found.append(Candidate(name=name, policy=policy_for(name, scenario)))
         except PolicyMismatchError as error:
             left_out.append(f'{name} cannot be chosen: {error}')
-    if ANYWHERE in shipped_policies():
-        with suppress(PolicyMismatchError):  # it was not made for this one
-            found.append(Candidate(name=ANYWHERE, policy=policy_for(ANYWHERE, scenario)))
+    for name in (ANYWHERE, TAUGHT):
+        if name in shipped_policies():
+            with suppress(PolicyMismatchError):  # it was not made for this one
+                found.append(Candidate(name=name, policy=policy_for(name, scenario)))
     return found, left_out
 
 

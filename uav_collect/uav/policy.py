@@ -24,6 +24,8 @@ from uav_collect.uav.view import LocalView
 
 STRONG = 'strong'  # stands for the learned policy that is shipped for the scenario at hand
 ANYWHERE = 'anywhere'  # the shipped policy that learned on many fields, where there is one
+# The shipped one that learned of specialists on as many: much better on some, worse on others.
+TAUGHT = 'taught'
 TOPIC = 'topic'  # stands for what a trainer publishes, for agents over ROS
 
 
