@@ -128,5 +128,5 @@ def test_a_rule_and_one_that_looks_ahead_teach_where_they_are_better_and_quick_e
 
 
 def test_who_cannot_teach_is_refused() -> None:
-    with pytest.raises(PolicyMismatchError, match="'nobody' is unknown"):
+    with pytest.raises(PolicyMismatchError, match=r"imitation\.teachers: .*'nobody' is unknown"):
         Trainer([SCENARIO], settings(imitation__teachers=['nobody']), 'imitation', 0)

@@ -86,8 +86,8 @@ class Learner:
         is_of_odds = algorithm is Algorithm.IMITATION and isinstance(networks.agent, Drqn)
         # What the network says, times this, is the value of an action as policies hold it: where
         # it says the logarithms of odds, one of these is taken for a cell.
-        self.unit = config.reward.scale if is_of_odds else 1.0
-        networks.agent.advice_bonus = config.advice_bonus(0.0) / self.unit
+        self._value_of_odds = config.reward.scale if is_of_odds else 1.0
+        networks.agent.advice_bonus = config.advice_bonus(0.0) / self._value_of_odds
         self.networks = networks.to(self._device)
         self.target = deepcopy(self.networks).requires_grad_(False)
         self.optimiser = torch.optim.Adam(
@@ -98,11 +98,20 @@ class Learner:
         )
         self.n_updates = 0
 
+    @property
+    def advice_bonus(self) -> float:
+        """What is added to the value of the advice, as policies hold values; it can be set."""
+        return self.networks.agent.advice_bonus * self._value_of_odds
+
+    @advice_bonus.setter
+    def advice_bonus(self, bonus: float) -> None:
+        self.networks.agent.advice_bonus = bonus / self._value_of_odds
+
     def load_weights(self, weights: Mapping[str, NDArray[np.float32]]) -> None:
         """Take over an agent network's weights before the first update."""
         tensors = {
             name: torch.from_numpy(np.array(values))
-            for name, values in _scaled(weights, 1.0 / self.unit).items()
+            for name, values in _scaled(weights, 1.0 / self._value_of_odds).items()
         }
         self.networks.agent.core.load_state_dict(tensors)
         self.target.agent.core.load_state_dict(tensors)
@@ -146,7 +155,7 @@ class Learner:
         """
         is_mean = self._algorithm is Algorithm.IMITATION
         networks = self.target if is_mean else self.networks
-        return _scaled(frozen_weights(networks.agent), self.unit)
+        return _scaled(frozen_weights(networks.agent), self._value_of_odds)
 
     def state(self) -> dict[str, Any]:
         """All that a learner needs to go on; the inverse is `restore`."""

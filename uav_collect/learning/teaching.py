@@ -38,7 +38,10 @@ def teaching(
     if algorithm is not Algorithm.IMITATION or config.imitation is None:
         return best
     for name in config.imitation.teachers:
-        policy = policy_named(name)
+        try:
+            policy = policy_named(name)
+        except PolicyMismatchError as error:
+            raise PolicyMismatchError(f'imitation.teachers: {error}') from error
         if not _is_fitting(policy, site, config.imitation):
             continue
         metrics = fly_for_metrics(site, seeds_of_swept(seed, part), name, 'equal')

@@ -295,7 +295,7 @@ class Trainer:
             Whether there was an update; there is none while too few missions have ended.
         """
         config, turns = self.config, self._rota.next_turn()
-        self._agent.advice_bonus = config.advice_bonus(share_done) / self._learner.unit
+        self._learner.advice_bonus = config.advice_bonus(share_done)
         epsilon, n_missions = config.epsilon(share_done), config.missions_per_batch(share_done)
         n_decisions = -(-config.rollout.decisions_per_update // len(turns))
         batches, served = [], []
@@ -403,7 +403,7 @@ class Trainer:
             validation=header_validation(validation, self._validator.n_missions),
             learned_on=learned.learned_on,
             learned_within=learned.learned_within,
-            advice_bonus=self._agent.advice_bonus * self._learner.unit,
+            advice_bonus=self._learner.advice_bonus,
             network=self._agent.text,
             code=' '.join(code_of_training(config, algorithm)),
         )
