@@ -39,10 +39,15 @@ def test_it_ends_with_the_batteries_that_fleets_need(
     shown, said = capsys.readouterr()
     assert '2 fleets x about 9 batteries (one of them ample) x 12 missions = about 216 m' in said
     assert ' Wh of energy_margin_kj) / 0.8\n' in shown
-    *_, sentence, flown = shown.strip().splitlines()
-    assert sentence.startswith('with 90 % of missions complete: 2 x ')
-    fleets = sentence.partition(': ')[2].split(', ')
-    batteries = [float(fleet.split(' x ')[1].removesuffix(' Wh')) for fleet in fleets]
+    *_, of_two, of_one, advice, flown = shown.strip().splitlines()
+    # Wilson's intervals of 11 and 12 of 12, and the least n with n / (n + 1.96^2) >= 0.9
+    sentences = (
+        'all data in 11 of 12 missions (at least 64.6 %): 2 x ',
+        'all data in 12 of 12 missions (at least 75.8 %): 1 x ',
+    )
+    assert (of_two.startswith(sentences[0]), of_one.startswith(sentences[1])) == (True, True)
+    assert advice == 'too few missions to show 90 %: fly --missions 35 or more'
+    batteries = [float(it.split(' x ')[1].removesuffix(' Wh')) for it in (of_two, of_one)]
     assert batteries == sorted(batteries)  # two UAVs need less each
     assert 'missions flown in' in flown
     assert all(len(line) <= 80 for line in shown.splitlines())
@@ -68,10 +73,12 @@ def test_files_and_words_say_the_same(
     assert ample['battery_wh'] == ''
     assert float(best['complete_share']) >= 0.99
     # 1 kJ of margin, and three quarters of the battery usable
+    numbers = [cell for key, cell in best.items() if key.endswith(('_kj', '_max', '_p50'))]
+    assert all(len(it.replace('.', '')) <= 7 for it in numbers)  # no digits but what is known
     need_wh = (float(ample['energy_kj_max']) + 1.0) / 3.6 / 0.75
-    assert float(ample['battery_wh_max']) == pytest.approx(need_wh)
-    assert float(ample['battery_mah_max']) == pytest.approx(need_wh / 20 * 1e3)
-    assert float(best['budget_kj']) == pytest.approx(needed_wh * 3.6 * 0.75)
+    assert float(ample['battery_wh_max']) == pytest.approx(need_wh, rel=1e-5)
+    assert float(ample['battery_mah_max']) == pytest.approx(need_wh / 20 * 1e3, rel=1e-5)
+    assert float(best['budget_kj']) == pytest.approx(needed_wh * 3.6 * 0.75, rel=1e-5)
     assert picture.read_bytes().startswith(b'\x89PNG')
     assert len(written['trials']) == len(rows)
 
@@ -89,7 +96,15 @@ def test_batteries_that_are_named_are_flown_and_no_others(
     shown, said = capsys.readouterr()
     assert '1 fleet x 4 batteries (one of them ample) x 12 missions = 48 missions; ' in said
     assert 'stays' in shown
-    assert 'with 99 % of missions complete: 1 x 40 Wh' in shown
+    assert 'all data in 12 of 12 missions (at least 75.8 %): 1 x 40 Wh' in shown
+
+
+def test_a_share_is_said_of_missions_that_are_enough_to_show_it(
+    field: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    wanted = ['--uavs', '1', '--battery-wh', '40', '--complete', '75']
+    assert size(field, *wanted) == 0
+    assert 'with 75 % of missions complete: 1 x 40 Wh\n' in capsys.readouterr().out
 
 
 def test_batteries_that_are_too_small_are_said_with_one_to_try(
@@ -119,7 +134,7 @@ def test_batteries_are_those_of_the_scenario_unless_others_are_asked_for(
     assert '70 % of each battery are usable; charges at 46.2 V' in capsys.readouterr().out
     row = next(csv.DictReader((tmp_path / 'own.csv').read_text().splitlines()))
     need_wh = (float(row['energy_kj_max']) + 1.0) / 3.6 / 0.7
-    assert float(row['battery_mah_max']) == pytest.approx(need_wh / 46.2 * 1e3)
+    assert float(row['battery_mah_max']) == pytest.approx(need_wh / 46.2 * 1e3, rel=1e-5)
     assert size(*one, str(tmp_path / 'asked.csv'), '--usable', '90', '--volt', '20') == 0
     assert '90 % of each battery are usable; charges at 20 V' in capsys.readouterr().out
 

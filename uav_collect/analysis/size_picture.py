@@ -34,7 +34,6 @@ def draw_sizes(
     for index, one in enumerate(found):
         own = [trial for trial in trials if trial.n_uavs == one.n_uavs]
         _draw_fleet(axes, own, one, battery, index)
-    axes.plot([], [], color=GREY, linewidth=1.2, label='what ample flights took')
     axes.set_xlabel(f'battery of each UAV [Wh], {100 * battery.usable_share:g} % of it usable')
     axes.set_ylabel('missions complete [%]')
     axes.set_ylim(-2.0, 102.0)
@@ -53,7 +52,7 @@ def _draw_fleet(
 ) -> None:
     colour, marker = COLOURS[index % len(COLOURS)], _MARKERS[index % len(_MARKERS)]
     needed = '' if math.isnan(found.needed_wh) else f': {found.needed_wh:g} Wh'
-    label = f'{found.n_uavs} UAV{"s" if found.n_uavs > 1 else ""}{needed}'
+    fleet = f'{found.n_uavs} UAV{"s" if found.n_uavs > 1 else ""}'
     flown = sorted(
         (it for it in trials if math.isfinite(it.battery_wh)), key=lambda it: it.battery_wh
     )
@@ -61,7 +60,15 @@ def _draw_fleet(
         needs = np.sort(needs_wh(free, battery))
         needs = needs[np.isfinite(needs)]
         shares = 100 * (np.arange(len(needs)) + 1) / free.n_missions
-        axes.step(needs, shares, where='post', color=colour, linewidth=1.2, alpha=0.7)
+        axes.step(
+            needs,
+            shares,
+            where='post',
+            color=colour,
+            linewidth=1.2,
+            alpha=0.7,
+            label=f'{fleet}: what ample flights took',
+        )
     points = [(it.battery_wh, 100 * it.complete_share, *it.interval) for it in flown]
     x_wh, y, low, high = np.array(points).reshape(-1, 4).T
     bars = (np.maximum(y - 100 * low, 0.0), np.maximum(100 * high - y, 0.0))
@@ -71,7 +78,7 @@ def _draw_fleet(
         yerr=bars,
         capsize=2,
         elinewidth=1.0,
-        label=label,
+        label=f'{fleet}{needed}',
         color=colour,
         marker=marker,
         markersize=_MARKER_SIZES[min(index, len(_MARKER_SIZES) - 1)],

@@ -10,7 +10,11 @@ from rich.table import Table
 from rich.text import Text
 from uav_collect.analysis.metrics import percent
 from uav_collect.analysis.sizing import Battery, J_PER_WH, QUANTILES, quantiles, Sized, Trial
-from uav_collect.analysis.statistics import CONFIDENCE_LEVEL
+from uav_collect.analysis.statistics import (
+    CONFIDENCE_LEVEL,
+    n_missions_to_show,
+    share_interval,
+)
 from uav_collect.kernels.arrays import Floats
 
 _FREELY = 'ample'
@@ -126,16 +130,31 @@ def summary(found: Sequence[Sized], wanted_share: float, *, is_searched: bool) -
     """
     enough = [it for it in found if not math.isnan(it.needed_wh)]
     wanted = f'{100 * wanted_share:g} %'
-    lines = []
-    if enough:
-        fleets = ', '.join(f'{it.n_uavs} x {it.needed_wh:g} Wh' for it in enough)
-        lines.append(Text(f'with {wanted} of missions complete: {fleets}', style='bold'))
+    lines = [Text(line, style='bold') for line in _enough(enough, wanted_share, wanted)]
     for it in found:
         if math.isnan(it.needed_wh):
             lines.append(Text(_too_little(it, wanted, is_searched), style='yellow'))
         if it.reversals:
             lines.append(Text(_reversed(it), style='yellow'))
     return Group(*lines)
+
+
+def _enough(enough: Sequence[Sized], wanted_share: float, wanted: str) -> Iterator[str]:
+    """The batteries that do; where too few missions were flown to say so, what these show."""
+    n_least = n_missions_to_show(wanted_share)
+    if enough and n_least is not None and enough[0].n_missions >= n_least:
+        yield f'with {wanted} of missions complete: {_fleets(enough)}'
+        return
+    for n_complete, n_missions in dict.fromkeys((it.n_complete, it.n_missions) for it in enough):
+        low, _ = share_interval(n_complete, n_missions)
+        shown = f'all data in {n_complete} of {n_missions} missions (at least {100 * low:.1f} %)'
+        yield f'{shown}: {_fleets(it for it in enough if it.n_complete == n_complete)}'
+    if enough and n_least is not None:
+        yield f'too few missions to show {wanted}: fly --missions {n_least} or more'
+
+
+def _fleets(found: Iterable[Sized]) -> str:
+    return ', '.join(f'{it.n_uavs} x {it.needed_wh:g} Wh' for it in found)
 
 
 def _too_little(found: Sized, wanted: str, is_searched: bool) -> str:
@@ -165,18 +184,18 @@ def rows(trials: Iterable[Trial], battery: Battery) -> Iterator[dict[str, Any]]:
         about = {
             'uavs': trial.n_uavs,
             'battery_wh': None if math.isinf(trial.battery_wh) else trial.battery_wh,
-            'budget_kj': trial.budget_j / 1e3,
+            'budget_kj': _rounded(trial.budget_j / 1e3),
             'usable_share': battery.usable_share,
             'battery_v': battery.volt,
             'missions': trial.n_missions,
-            'complete_share': trial.complete_share,
-            'complete_share_low': low,
-            'complete_share_high': high,
+            'complete_share': _rounded(trial.complete_share),
+            'complete_share_low': _rounded(low),
+            'complete_share_high': _rounded(high),
         } | _whole_fleet(trial)
         for uav in range(trial.n_uavs):
             numbers = uav_quantiles(trial, uav, battery)
             own = {
-                f'{name}_{key}': numbers[name][key] if numbers else None
+                f'{name}_{key}': _rounded(numbers[name][key]) if numbers else None
                 for name in ('energy_kj', 'battery_wh', 'battery_mah', 'landed_s')
                 for key in QUANTILES
             }
@@ -187,6 +206,11 @@ def _whole_fleet(trial: Trial) -> dict[str, float | None]:
     keys = [f'completion_s_{key}' for key in QUANTILES]
     if trial.metrics is None:
         return dict.fromkeys(('collected_share', *keys))
-    times_s = quantiles(trial.metrics.completion_s).values()
+    times_s = map(_rounded, quantiles(trial.metrics.completion_s).values())
     share = float(trial.metrics.collected_share.mean())
-    return {'collected_share': share, **dict(zip(keys, times_s, strict=True))}
+    return {'collected_share': _rounded(share), **dict(zip(keys, times_s, strict=True))}
+
+
+def _rounded(value: float) -> float:
+    """A number with as many digits as missions bear; infinite stays infinite."""
+    return float(f'{value:.6g}')

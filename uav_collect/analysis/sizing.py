@@ -106,6 +106,8 @@ class Sized:
 
     n_uavs: int
     needed_wh: float  # least battery that does, as all larger ones that were flown; nan: none
+    n_missions: int  # flown with it; 0: there is none
+    n_complete: int  # of these
     best_share: float  # of the missions, complete with all that they take
     free_wh: float  # battery that does for each UAV as it flies then; inf: none is known
     most_wh: float  # largest battery that was flown; nan: none was
@@ -288,14 +290,16 @@ def sized(trials: Sequence[Trial], n_uavs: int, battery: Battery, wanted_share: 
     flown = sorted(
         (it for it in own if math.isfinite(it.battery_wh)), key=lambda it: it.battery_wh
     )
-    needed_wh = math.nan
+    least = None
     for trial in reversed(flown):
         if not does(trial, wanted_share):
             break
-        needed_wh = trial.battery_wh
+        least = trial
     return Sized(
         n_uavs=n_uavs,
-        needed_wh=needed_wh,
+        needed_wh=least.battery_wh if least else math.nan,
+        n_missions=least.n_missions if least else 0,
+        n_complete=least.n_complete if least else 0,
         best_share=max((it.complete_share for it in free), default=math.nan),
         free_wh=min((first_guess_wh(it, battery, wanted_share) for it in free), default=math.inf),
         most_wh=flown[-1].battery_wh if flown else math.nan,

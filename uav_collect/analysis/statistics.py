@@ -150,6 +150,16 @@ def share_interval(n_hits: int, n_missions: int) -> tuple[float, float]:
     return max(0.0, middle - half), min(1.0, middle + half)
 
 
+def n_missions_to_show(wanted_share: float) -> int | None:
+    """Fewest missions whose `share_interval` lies above a share if all have it; None: no number.
+
+    Without a miss the lower bound of the interval is n / (n + z^2).
+    """
+    if wanted_share >= 1.0:
+        return None
+    return math.ceil(_Z * _Z * wanted_share / (1.0 - wanted_share))
+
+
 def _within(values: Floats, mean: Floats) -> Floats:
     # Rounding may put the mean of equal numbers beside them.
     return np.clip(mean, values.min(axis=0), values.max(axis=0))
