@@ -115,6 +115,17 @@ def test_a_fleet_whose_energy_is_not_enough_for_the_field_is_a_note(
     assert "the fleet's energy" not in capsys.readouterr().out
 
 
+def test_each_uav_flies_at_the_speed_that_is_given_for_it(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = write_list('pipeline.csv', here)
+    assert field(path, '--speed', 10, 15) == 0
+    assert [it.speed_mps for it in load(here / 'pipeline.yaml').uavs] == [10.0, 15.0]
+    assert ' at 10 and 15 m/s and ' in capsys.readouterr().out
+    assert field(path, '--speed', 12, '--uavs', 3, '--force') == 0
+    assert [it.speed_mps for it in load(here / 'pipeline.yaml').uavs] == [12.0] * 3
+
+
 def test_nothing_is_written_over_without_force(
     here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -264,6 +275,7 @@ def test_an_outline_that_is_taken_for_something_else_is_said_in_one_line(
         (('pipeline.csv', '--base', '900000,0'), 'the sensors and the base are on 900 km x 3 km:'),
         (('pipeline.csv', '--no-fly', 'speck.csv'), 'what was proposed:'),
         (('pipeline.csv', '--data-mbit', '3', '2'), '--data-mbit is 3 2: must be LOW and HIGH'),
+        (('pipeline.csv', '--speed', '9', '8', '7'), '--speed is 9 8 7: has 3 speeds [m/s]: must'),
         (('pipeline.csv', '--no-fly', ''), ': is a folder: must be a file'),
         (('pipeline.csv', '--area', 'two.csv'), 'two.csv: has a polygon of 2 corners: must'),
         (('pipeline.csv', '--area', 'vineyard.csv'), 'vineyard.csv: has places in degrees: must'),

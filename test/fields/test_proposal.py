@@ -55,27 +55,27 @@ def test_what_is_asked_for_is_not_proposed() -> None:
         altitude_m=60.0,
         airframe='dji_mavic_3',
         battery_wh=50.0,
-        speed_mps=9.0,
+        speeds_mps=(9.0, 9.0),
         data_mbit=(2.0, 3.0),
     )
     assert (field.grid.cell_size_m, field.grid.altitude_m) == (130.0, 60.0)
-    assert (field.craft.airframe, field.craft.speed_mps) == ('dji_mavic_3', 9.0)
-    assert field.craft.energy_budget_kj == pytest.approx(50.0 * 3.6 * 0.8)
+    assert (field.crafts[0].airframe, field.crafts[0].speed_mps) == ('dji_mavic_3', 9.0)
+    assert field.crafts[0].energy_budget_kj == pytest.approx(50.0 * 3.6 * 0.8)
     assert (field.data_mbit, field.scale_mbit) == ((2.0, 3.0), 3.0)
     assert field.why_size.startswith('as asked')
     assert list(doubts(field)) == []
 
 
 def test_a_craft_flies_at_the_speed_that_takes_it_farthest() -> None:
-    craft = proposed(ground(*LINE)).craft
+    craft = proposed(ground(*LINE)).crafts[0]
     for speed_mps in (craft.speed_mps - 1.0, craft.speed_mps + 1.0):
-        other = proposed(ground(*LINE), speed_mps=speed_mps).craft
+        other = proposed(ground(*LINE), speeds_mps=(speed_mps,) * 2).crafts[0]
         assert other.energy_per_m_j > craft.energy_per_m_j
     assert craft.held_wh == airframe_named(craft.airframe).battery_wh
 
 
 def test_a_craft_whose_battery_nobody_knows_has_a_usual_one() -> None:
-    craft = proposed(ground(*LINE), airframe='zeng_2019').craft
+    craft = proposed(ground(*LINE), airframe='zeng_2019').crafts[0]
     assert craft.battery_wh == craft.held_wh == usual_settings().battery_wh
 
 
@@ -98,7 +98,7 @@ def test_a_boundary_that_is_moved_is_a_note() -> None:
 
 def test_a_move_counts_in_rewards_as_much_as_one_of_the_paper() -> None:
     field = proposed(ground(*LINE))
-    move_s = field.grid.cell_size_m / field.craft.speed_mps
+    move_s = field.grid.cell_size_m / field.crafts[0].speed_mps
     assert field.discount_per_s**move_s == pytest.approx(0.99**5, rel=1e-3)
     assert field.move_penalty_per_s * move_s == pytest.approx(0.01 * 5, rel=1e-2)
 
@@ -108,7 +108,7 @@ def test_the_round_trip_is_that_to_the_farthest_sensor() -> None:
     base_m = field.grid.centre_m(field.grid.base_cell)[0]
     assert field.round_trip_m == pytest.approx(2 * max(base_m - 50.0, 3950.0 - base_m), abs=1.0)
     assert field.round_trip_kj == pytest.approx(
-        field.round_trip_m * field.craft.energy_per_m_j / 1e3
+        field.round_trip_m * field.crafts[0].energy_per_m_j / 1e3
     )
     assert f'{field.round_trip_kj:.1f} kJ' in dict(summary(field))['round trip']
 

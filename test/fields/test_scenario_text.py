@@ -45,8 +45,8 @@ def test_the_file_says_what_is_proposed(tmp_path: Path) -> None:
     assert (site.cell[order] == grid.sensor_cell).all()
     assert site.data_bit[order].tolist() == [1.0e6, 2.5e6, 0.0, 4.0e6]
     assert [uav.start_m for uav in scenario.uavs] == [grid.centre_m(grid.base_cell)] * 3
-    assert scenario.uavs[0].energy_budget_kj == pytest.approx(field.craft.energy_budget_kj)
-    assert scenario.uavs[0].speed_mps == field.craft.speed_mps
+    assert scenario.uavs[0].energy_budget_kj == pytest.approx(field.crafts[0].energy_budget_kj)
+    assert scenario.uavs[0].speed_mps == field.crafts[0].speed_mps
     assert scenario.radio.contact_range_m == field.contact_range_m
 
 

@@ -128,9 +128,10 @@ def _add_proposed(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         '--speed',
+        nargs='+',
         type=options.number_from(0.1, 100.0, 'm/s'),
         metavar='MPS',
-        help='of the UAVs [m/s]',
+        help='one speed of all UAVs, or one of each in turn [m/s]; behind LIST',
     )
     parser.add_argument('--cell-size', type=_LENGTH, metavar='M', help='side of a cell [m]')
     parser.add_argument(
@@ -168,7 +169,7 @@ def run(arguments: argparse.Namespace) -> int:
         altitude_m=arguments.altitude,
         airframe=arguments.airframe,
         battery_wh=arguments.battery_wh,
-        speed_mps=arguments.speed,
+        speeds_mps=_speeds_mps(arguments),
         data_mbit=arguments.data_mbit and tuple(arguments.data_mbit),
     )
     with waiting_for('cells that fit the field'):
@@ -199,7 +200,8 @@ def _check(arguments: argparse.Namespace) -> None:
     """Refuse what cannot be used.
 
     Raises:
-        ConfigError: a file's path is none, or amounts of data are none.
+        ConfigError: a file's path is none, amounts of data are none, or speeds are too many or
+            too few.
         OSError: a file is not there.
     """
     for given in (arguments.list, arguments.area, arguments.no_fly):
@@ -214,6 +216,19 @@ def _check(arguments: argparse.Namespace) -> None:
     if not low_mbit <= high_mbit or high_mbit == 0.0:
         what = 'must be LOW and HIGH, LOW not above HIGH, HIGH more than 0'
         raise ConfigError(f'--data-mbit is {low_mbit:g} {high_mbit:g}: {what}')
+    n_speeds, n_uavs = len(arguments.speed or ()), arguments.uavs
+    if n_speeds > 1 and n_speeds != n_uavs:
+        given = ' '.join(f'{speed_mps:g}' for speed_mps in arguments.speed)
+        what = f'must be one speed, of all UAVs, or as many as --uavs {n_uavs}'
+        raise ConfigError(f'--speed is {given}: has {n_speeds} speeds [m/s]: {what}')
+
+
+def _speeds_mps(arguments: argparse.Namespace) -> tuple[float, ...] | None:
+    """The speed of each UAV [m/s]; None: none was given."""
+    given: list[float] | None = arguments.speed
+    if given is None:
+        return None
+    return tuple(given) if len(given) == arguments.uavs else (given[0],) * arguments.uavs
 
 
 def _outputs(arguments: argparse.Namespace) -> _Outputs:

@@ -12,7 +12,7 @@ _SPEEDS_MPS = np.arange(1.0, 40.5, 0.5)  # that are looked at for the widest fli
 
 @dataclass(frozen=True, kw_only=True)
 class Craft:
-    """One UAV of a field's fleet; all are alike."""
+    """One UAV of a field's fleet; all are alike but for their speed."""
 
     airframe: str
     mass_kg: float
@@ -35,15 +35,21 @@ class Craft:
         return self.usable_share * self.held_wh * KJ_PER_WH
 
 
-def craft_of(wishes: Wishes, settings: FieldSettings) -> Craft:
-    """The craft that is asked for; at the speed that takes it farthest, unless one is given.
+def crafts_of(wishes: Wishes, settings: FieldSettings) -> tuple[Craft, ...]:
+    """The fleet that is asked for; at the speed that takes it farthest, unless some are given.
 
     Raises:
         ConfigError: there is no such airframe.
     """
+    if wishes.speeds_mps is None:
+        return (_craft(wishes, settings, None),) * wishes.n_uavs
+    return tuple(_craft(wishes, settings, speed_mps) for speed_mps in wishes.speeds_mps)
+
+
+def _craft(wishes: Wishes, settings: FieldSettings, speed_mps: float | None) -> Craft:
     name = wishes.airframe or settings.airframe
     airframe = airframe_named(name)
-    speeds_mps = _SPEEDS_MPS if wishes.speed_mps is None else np.array([wishes.speed_mps])
+    speeds_mps = _SPEEDS_MPS if speed_mps is None else np.array([speed_mps])
     powers_w = propulsion_powers_w(speeds_mps, **airframe.propulsion)
     best = int((powers_w / speeds_mps).argmin())
     battery_wh = wishes.battery_wh
@@ -54,7 +60,7 @@ def craft_of(wishes: Wishes, settings: FieldSettings) -> Craft:
         mass_kg=airframe.mass_kg,
         speed_mps=float(speeds_mps[best]),
         flight_power_w=float(powers_w[best]),
-        is_widest=wishes.speed_mps is None,
+        is_widest=speed_mps is None,
         battery_wh=battery_wh,
         is_battery_asked=wishes.battery_wh is not None,
         held_wh=battery_wh or airframe.battery_wh or settings.battery_wh,

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 from uav_collect.errors import ConfigError
-from uav_collect.fields.craft import Craft, craft_of
+from uav_collect.fields.craft import Craft, crafts_of
 from uav_collect.fields.grid import (
     best_grid,
     CellGrid,
@@ -30,11 +30,10 @@ class Proposal:
 
     grid: CellGrid
     radio: RadioConfig
-    n_uavs: int
+    crafts: tuple[Craft, ...]  # the fleet: one for each UAV
     is_data_asked: bool
     why_size: str  # one line
     corner_share: float  # rate of a sensor in a corner of its cell, over that right below a UAV
-    craft: Craft
     energy_margin_kj: float
     contact_range_m: float
     data_mbit: Point | None  # of each sensor; None: the list says it
@@ -51,8 +50,8 @@ class Proposal:
 
     @property
     def round_trip_kj(self) -> float:
-        """What that flight takes [kJ]."""
-        return self.round_trip_m * self.craft.energy_per_m_j / 1e3
+        """What that flight takes of the UAV that uses most for a metre [kJ]."""
+        return self.round_trip_m * max(it.energy_per_m_j for it in self.crafts) / 1e3
 
 
 def propose(ground: Ground, wishes: Wishes, settings: FieldSettings, base: Scenario) -> Proposal:
@@ -77,8 +76,8 @@ def propose(ground: Ground, wishes: Wishes, settings: FieldSettings, base: Scena
     if wishes.cell_size_m is None and not grid.unserved.size:
         grid, why = _shared(grid, why, wishes.n_uavs, settings)
     check_served(grid, settings.least_cell_size_m)
-    craft = craft_of(wishes, settings)
-    share = _time_share(base, grid.cell_size_m / craft.speed_mps)
+    crafts = crafts_of(wishes, settings)
+    share = _time_share(base, grid.cell_size_m / max(it.speed_mps for it in crafts))
     amounts = _amounts(ground, wishes, settings)
     far_bps, near_bps = _corner_rates_bps(grid, base.radio, bandwidth_hz)
     heard = (
@@ -89,12 +88,11 @@ def propose(ground: Ground, wishes: Wishes, settings: FieldSettings, base: Scena
     return Proposal(
         grid=grid,
         radio=base.radio,
-        n_uavs=wishes.n_uavs,
+        crafts=crafts,
         is_data_asked=wishes.data_mbit is not None,
         why_size=f'{why}; {heard}',
         corner_share=far_bps / near_bps,
-        craft=craft,
-        energy_margin_kj=round(settings.margin_share * craft.energy_budget_kj, 1),
+        energy_margin_kj=round(settings.margin_share * crafts[0].energy_budget_kj, 1),
         contact_range_m=settings.contact_range_m,
         data_mbit=amounts,
         scale_mbit=max(filter(None, ground.data_mbit)) if amounts is None else amounts[1],

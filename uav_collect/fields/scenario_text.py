@@ -109,7 +109,7 @@ def _reward(proposal: Proposal, base: str) -> Iterator[str]:
 
 
 def _fleet(proposal: Proposal) -> Iterator[str]:
-    grid, craft = proposal.grid, proposal.craft
+    grid, craft = proposal.grid, proposal.crafts[0]
     place = '[{}, {}]'.format(*divmod(grid.base_cell, grid.n_columns))
     where = "open cell at the field's southern edge"
     where = where if grid.ground.base_m is None else 'as asked'
@@ -131,9 +131,11 @@ def _fleet(proposal: Proposal) -> Iterator[str]:
     yield f'    home: {{cell: {place}}}'
     yield '  uavs:'
     why = 'where a metre takes least energy' if craft.is_widest else 'as asked'
-    note = f'm/s, {why}, {craft.energy_per_m_j:.1f} J/m'
-    for number in range(proposal.n_uavs):
-        yield _noted(f'    - speed_mps: {craft.speed_mps!r}', '' if number else note)
+    before = None
+    for each in proposal.crafts:
+        note = '' if each == before else f'm/s, {why}, {each.energy_per_m_j:.1f} J/m'
+        yield _noted(f'    - speed_mps: {each.speed_mps!r}', note)
+        before = each
 
 
 def _sensors(proposal: Proposal) -> Iterator[str]:

@@ -36,7 +36,7 @@ class Wishes:
     altitude_m: float | None = None
     airframe: str | None = None  # `scenario.airframes.airframe_names`
     battery_wh: float | None = None
-    speed_mps: float | None = None
+    speeds_mps: tuple[float, ...] | None = None  # by UAV
     data_mbit: Point | None = None
 
 

@@ -13,7 +13,7 @@ _LEAST_SHARE = 0.1  # of the rate right below a UAV, that a sensor in a corner s
 
 def summary(proposal: Proposal) -> Iterator[tuple[str, str]]:
     """What is proposed: a title and a text each."""
-    grid, craft = proposal.grid, proposal.craft
+    grid, craft = proposal.grid, proposal.crafts[0]
     (west, south), (east, north) = grid.ground.extent_m
     n_sensors = len(grid.ground.sensor_ids)
     yield 'sensors', f'{n_sensors} on {east - west:,.0f} m x {north - south:,.0f} m'
@@ -30,8 +30,9 @@ def summary(proposal: Proposal) -> Iterator[tuple[str, str]]:
         at = f'x = {east_m:.2f} m, y = {north_m:.2f} m in the list'
         yield 'x and y', f"count from the area's south-west corner, which is at {at}"
     held = f'{craft.held_wh:g} Wh each, {craft.energy_budget_kj:,.0f} kJ of it to fly with'
-    flight = f'at {craft.speed_mps:g} m/s and {grid.altitude_m:g} m'
-    yield 'fleet', f'{proposal.n_uavs} x {craft.airframe} {flight}, {held}'
+    speeds = ' and '.join(dict.fromkeys(f'{it.speed_mps:g}' for it in proposal.crafts))
+    flight = f'at {speeds} m/s and {grid.altitude_m:g} m'
+    yield 'fleet', f'{len(proposal.crafts)} x {craft.airframe} {flight}, {held}'
     away_m, energy_kj = proposal.round_trip_m, proposal.round_trip_kj
     what = 'to the farthest cell with sensors and back'
     yield 'round trip', f'{away_m / 1e3:.2f} km {what}, {energy_kj:.1f} kJ'
@@ -48,8 +49,7 @@ def summary(proposal: Proposal) -> Iterator[tuple[str, str]]:
 
 def doubts(proposal: Proposal) -> Iterator[str]:
     """What may be flown as proposed, but hardly is what is wanted."""
-    craft = proposal.craft
-    left_kj = craft.energy_budget_kj - proposal.energy_margin_kj
+    left_kj = proposal.crafts[0].energy_budget_kj - proposal.energy_margin_kj
     if proposal.round_trip_kj > left_kj:
         yield (
             f'the round trip takes more than the {left_kj:,.0f} kJ of a UAV: cells are out of'
