@@ -374,6 +374,16 @@ def test_a_step_of_the_set_up_says_what_it_does_and_that_it_lasts(tmp_path: Path
     assert re.fullmatch(r'set-up: still waiting, for \d+ s', second)
 
 
+def test_a_step_that_is_ended_ends_all_that_it_runs() -> None:
+    command = ['sh', 'tools/step.sh', 'waiting', 'sh', '-c', 'sleep 3600 & echo begun; wait']
+    step = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
+    assert step.stdout is not None
+    assert [step.stdout.readline(), step.stdout.readline()] == ['set-up: waiting\n', 'begun\n']
+    step.terminate()
+    step.communicate(timeout=600)  # until nobody is left who could write
+    assert step.returncode == 143
+
+
 def test_the_python_of_the_set_up_finds_the_package_from_anywhere(tmp_path: Path) -> None:
     environment = {key: value for key, value in os.environ.items() if key != 'PYTHONPATH'}
     venv.create(tmp_path / 'python', with_pip=False, symlinks=True)

@@ -16,8 +16,24 @@ say_that_it_lasts() {
   done
 }
 
+# Who is asked to end ends all that runs for the step, too: make alone would leave it running.
+end_step() {
+  trap '' TERM INT HUP
+  if [ -n "$step" ]; then
+    kill -TERM "-$step" 2> /dev/null || kill -TERM "$step" 2> /dev/null || true
+  fi
+  exit "$1"
+}
+
 echo "set-up: $what"
 say_that_it_lasts &
 clock=$!
+step=
 trap 'kill "$clock" 2> /dev/null || true' EXIT
-"$@"
+trap 'end_step 129' HUP
+trap 'end_step 130' INT
+trap 'end_step 143' TERM
+exec 3<&0  # what a shell runs in the background reads nothing, unless it is asked to
+setsid "$@" <&3 3<&- &
+step=$!
+wait "$step"

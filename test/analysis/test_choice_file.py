@@ -35,7 +35,7 @@ def test_a_choice_is_read_back_as_it_was(choice: Choice, tmp_path: Path) -> None
 def test_what_the_trials_of_each_candidate_took_stands_in_the_table(choice: Choice) -> None:
     tried = replace(choice.tried[0], computing_s=1.26)
     rows = str(replace(choice, tried=(tried, *choice.tried[1:]))).splitlines()
-    assert [row.split()[-1 if 'tried in' in row else -2] for row in rows[2:4]] == ['in', '1.3']
+    assert [row.split()[-2] for row in rows[2:4]] == ['CPU', '1.3']
     assert all(it.computing_s is not None and it.computing_s > 0.0 for it in choice.tried)
 
 

@@ -313,7 +313,7 @@ def test_the_table_has_an_arrow_before_who_flies() -> None:
         'sweep is the best of 3 in 200 sampled missions: +0.250 (+0.125 to +0.500) kbit/J against'
         ' hert',
         '',
-        '  candidate  kbit/J    95 % interval  time   energy  complete     safe  tried in',
+        '  candidate  kbit/J    95 % interval  time   energy  complete     safe  CPU time',
         '  hert        0.750  0.500 to 20.000  10 s  10.0 kJ   100.0 %  100.0 %     1.5 s',
         '> sweep       1.000  0.500 to 20.000  10 s  10.0 kJ   100.0 %  100.0 %     1.5 s',
         '  random      2.000  0.500 to 20.000  10 s  10.0 kJ    50.0 %  100.0 %     1.5 s',

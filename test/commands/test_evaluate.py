@@ -379,6 +379,17 @@ def test_the_best_policy_is_chosen_and_shown_before_it_is_evaluated(
     assert [*written] == [choice.policy, 'hert'] == ['paper_8x8_n2_aqmix', 'hert']
 
 
+def test_the_best_policy_flies_once_where_it_is_also_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, file = tmp_path / 'figures.json', tmp_path / 'field.yaml'
+    file.write_text(tiny(name='field').to_yaml())
+    words = ['--scenario', str(file), '--missions', '2', '--json', str(path), '--compare']
+    assert evaluate(*words, '--policy', 'hert', 'best', 'sweep') == 0
+    assert [*json.loads(path.read_text())] == ['hert', 'best (sweep)']
+    assert '\n4 missions flown in ' in capsys.readouterr().out
+
+
 def test_what_was_refined_for_a_scenario_is_chosen_from_beside_its_file(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

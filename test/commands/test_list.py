@@ -22,9 +22,10 @@ def test_it_shows_all_there_is_with_a_line_each_of_80_columns(
     parts = re.split(r'^(\w+):\n', printed, flags=re.MULTILINE)
     tables = dict(zip(parts[1::2], parts[2::2], strict=True))
     rules = ('best', 'strong', *(heuristic.label for heuristic in Heuristic))
+    own = ('lookahead:RULE', 'module:name', 'FILE.safetensors')
     names = {
         'scenarios': scenario_names(),
-        'policies': (*rules, *shipped_policies()),
+        'policies': (*rules, *shipped_policies(), *own),
         'presets': preset_names(),
         'scales': scale_names(),
     }
@@ -33,6 +34,7 @@ def test_it_shows_all_there_is_with_a_line_each_of_80_columns(
         shown = dict(re.findall(r'^  (\S+) +(\S.*)$', table, re.MULTILINE))
         assert {*shown} == {*names[kind]}
         assert table.count('\n') == len(shown)
+        assert '...' not in table  # nothing is cut off
 
 
 def test_a_policy_says_what_it_learned_on(capsys: pytest.CaptureFixture[str]) -> None:

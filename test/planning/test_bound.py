@@ -16,7 +16,7 @@ from uav_collect.analysis.plan_shares import bound_metrics, mean_estimates
 from uav_collect.missions.rollout import fly
 from uav_collect.physics.radio import channel_draw
 from uav_collect.planning import bound as bound_module
-from uav_collect.planning.bound import Bound, bound_of
+from uav_collect.planning.bound import Bound, bound_of, Plan
 from uav_collect.planning.problem import PlanProblem, problem_of
 from uav_collect.planning.relaxation import least_completion_s, least_energy_j
 from uav_collect.scenario.load import load
@@ -381,3 +381,12 @@ def test_without_room_on_the_disk_the_bound_is_found_all_the_same(
     seeds = searched(monkeypatch)
     assert bound(tiny(), 5) == bound(tiny(), 5)
     assert seeds == [5, 5]
+
+
+def test_a_plan_is_printed_with_times_energies_and_hovers() -> None:
+    plan = Plan(cells=((3, 14), ()), landed_s=(12.34, 0.0), energy_j=(1_500.0, 0.0))
+    assert str(plan).splitlines() == [
+        '12.3 s, 1.50 kJ',
+        '  UAV 1: 12.3 s, 1.50 kJ, hovers over cells: 3, 14',
+        '  UAV 2: 0.0 s, 0.00 kJ, hovers over cells: none',
+    ]

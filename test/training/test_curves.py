@@ -266,12 +266,24 @@ def without(folder: Path, name: str) -> Path:
     return folder
 
 
+def test_all_runs_of_the_folder_for_runs_are_drawn_where_none_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(['curves']) == 2
+    assert capsys.readouterr().err.startswith('error: runs/train: has no runs of train')
+    for seed in range(2):
+        write_run(tmp_path / 'runs' / 'train' / f's{seed}', {0: 0.1}, seed=seed)
+    assert main(['curves', '--csv', 'curves.csv']) == 0
+    assert (tmp_path / 'curves.csv').read_text().splitlines()[1].split(',')[1] == '2'
+
+
 def test_what_is_no_run_is_said_in_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run = write_run(tmp_path / 'run', {0: 0.1})
     again = write_run(tmp_path / 'again', {0: 0.1})
-    young = write_run(tmp_path / 'young', {}, seed=5)
+    young = write_run(tmp_path / 'young', {}, exploring={100: 0.1}, seed=5)
     late = write_run(tmp_path / 'late', {100: 0.1}, seed=6)
     bare = without(write_run(tmp_path / 'bare', {0: 0.1}, seed=7), VALIDATION_FILE)
     old = write_run(tmp_path / 'old', {0: 0.1}, seed=8)
@@ -285,7 +297,7 @@ def test_what_is_no_run_is_said_in_one_line(
         ([tmp_path / 'nowhere'], 'is no folder'),
         ([run, run], 'names a run twice'),
         ([run, again], 'two runs have the seed 0'),
-        ([young], 'has no energy efficiency yet'),
+        ([young], 'has no energy efficiency yet; progress.csv has what --measure training_'),
         ([run, late], 'no decisions in common'),
         ([bare], 'validation.csv: cannot be read: No such file'),
         ([old], "format is 'other/1'"),

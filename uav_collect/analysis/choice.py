@@ -103,7 +103,7 @@ def _table(choice: Choice) -> list[str]:
     """The candidates and what they achieved, a line each, an arrow before the one that flies."""
     names = short_names([it.policy for it in choice.tried], _MOST_NAME)
     rows = [
-        ('candidate', 'kbit/J', '95 % interval', 'time', 'energy', 'complete', 'safe', 'tried in'),
+        ('candidate', 'kbit/J', '95 % interval', 'time', 'energy', 'complete', 'safe', 'CPU time'),
         *(
             (
                 names[it.policy],

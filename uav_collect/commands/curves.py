@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from uav_collect import files
+from uav_collect.errors import TrainingRunError
 from uav_collect.training.run_record import CURVE_AXES, CURVE_MEASURES, CurveAxis, CurveMeasure
 
 if TYPE_CHECKING:  # loaded when drawing, so that --help answers at once
@@ -22,7 +23,13 @@ standard deviation shaded around it.
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Describe the command and add its arguments."""
     parser.description = _DESCRIPTION
-    parser.add_argument('runs', nargs='+', type=Path, metavar='RUN', help='run folders of train')
+    parser.add_argument(
+        'runs',
+        nargs='*',
+        type=Path,
+        metavar='RUN',
+        help='run folders of train (default: all of runs/train)',
+    )
     parser.add_argument(
         '--output',
         type=Path,
@@ -64,7 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
         files.check_writable(path)
     measure = next(measure for measure in CURVE_MEASURES if measure.key == arguments.measure)
     axis = next(axis for axis in CURVE_AXES if axis.key == arguments.over)
-    curves = learning_curves(arguments.runs, measure, axis)
+    curves = learning_curves(arguments.runs or _all_runs(), measure, axis)
     write(
         curves, measure, axis, picture=arguments.output, table=arguments.csv,
         references=dict(arguments.reference), title=arguments.title,
@@ -73,6 +80,20 @@ def run(arguments: argparse.Namespace) -> int:
     for path in filter(None, (arguments.output, arguments.csv)):
         print(path)
     return 0
+
+
+def _all_runs() -> list[Path]:
+    """The folders of runs/train.
+
+    Raises:
+        TrainingRunError: there are none.
+    """
+    from uav_collect.commands.training_plan import RUNS
+
+    runs = sorted(it for it in RUNS.glob('*') if it.is_dir())
+    if not runs:
+        raise TrainingRunError(f'{RUNS}: has no runs of train: name run folders')
+    return runs
 
 
 def write(

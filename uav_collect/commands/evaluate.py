@@ -142,6 +142,7 @@ def _contenders(arguments: argparse.Namespace, scenario: 'Scenario') -> list[_Co
         raise PolicyMismatchError('--compare: name two policies or more with --policy')
     options.check_files(arguments)
     policies = {given: _policy(given, arguments, scenario) for given in arguments.policy}
+    shown = _without_best_again(policies)
     for policy in policies.values():
         for line in remarks(policy, scenario):
             terminal.say(line)
@@ -149,9 +150,25 @@ def _contenders(arguments: argparse.Namespace, scenario: 'Scenario') -> list[_Co
     contenders = []
     for (given, policy), bandwidth in product(policies.items(), arguments.bandwidth):
         name = policy.name if n_called[policy.name] == 1 else given
-        label = name if len(arguments.bandwidth) == 1 else f'{name}, {bandwidth}'
+        who = shown.get(given, name)
+        label = who if len(arguments.bandwidth) == 1 else f'{who}, {bandwidth}'
         contenders.append(_Contender(label=label, name=name, policy=policy, bandwidth=bandwidth))
     return contenders
+
+
+def _without_best_again(policies: 'dict[str, NamedPolicy]') -> dict[str, str]:
+    """Drop whoever was chosen as the best from those that fly besides; what the best is called."""
+    if BEST not in policies:
+        return {}
+    best = policies[BEST]
+    again = [
+        given
+        for given, it in policies.items()
+        if given != BEST and (it.name, it.version) == (best.name, best.version)
+    ]
+    for given in again:
+        del policies[given]
+    return {BEST: f'{BEST} ({best.name})'} if again else {}
 
 
 def _policy(name: str, arguments: argparse.Namespace, scenario: 'Scenario') -> 'NamedPolicy':
@@ -260,7 +277,9 @@ def _find(arguments: argparse.Namespace, flown: _Flown, bounds: '_Bounds') -> _R
     from uav_collect.analysis.statistics import estimates, paired_differences
 
     seed = arguments.seed
-    firsts = [*flown][: len(arguments.bandwidth)] if arguments.compare else []
+    n_bandwidths = len(arguments.bandwidth)
+    is_compared = arguments.compare and len(flown) > n_bandwidths  # the best may be the other
+    firsts = [*flown][:n_bandwidths] if is_compared else []
     return _Results(
         estimates={each.label: estimates(missions, seed) for each, missions in flown.items()},
         differences={

@@ -19,6 +19,11 @@ _RULES = {
     'hert-equal': 'the same with parts of equal size',
     'random': 'any legal action',
 }
+_OWN = {
+    'lookahead:RULE': 'a rule that tries what may follow before it acts',
+    'module:name': 'a function or class of your own',
+    'FILE.safetensors': 'a policy that you have trained',
+}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -33,7 +38,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     tables: dict[str, Mapping[str, str]] = {
         'scenarios': titles_in(shared_folders('scenarios')),
-        'policies': {**_RULES, **dict(_learned())},
+        'policies': {**_RULES, **dict(_learned()), **_OWN},
         'presets': titles_in(shared_folders('training')),
         'scales': titles_in(shared_folders('studies')),
     }

@@ -121,7 +121,8 @@ def train(
             saved_s = monotonic()
         if is_interrupted:
             what = f'{progress.share_done:.0%} of {run.record.budget_text}'
-            raise InterruptedRunError(f'interrupted after {what}; saved')
+            lacks = '' if best else ', no policy yet: none was validated'
+            raise InterruptedRunError(f'interrupted after {what}; saved{lacks}')
     _save(trainer, folder)
     if trainer.n_updates == 0 and run.initial is None:  # random weights are no policy
         raise TrainingRunError(

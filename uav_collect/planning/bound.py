@@ -63,6 +63,14 @@ class Plan:
         """Energy of all UAVs [J]."""
         return math.fsum(self.energy_j)
 
+    def __str__(self) -> str:
+        lines = [f'{self.completion_s:.1f} s, {self.total_energy_j / 1e3:.2f} kJ']
+        for uav, cells in enumerate(self.cells):
+            hovers = ', '.join(map(str, cells)) or 'none'
+            used = f'{self.landed_s[uav]:.1f} s, {self.energy_j[uav] / 1e3:.2f} kJ'
+            lines.append(f'  UAV {uav + 1}: {used}, hovers over cells: {hovers}')
+        return '\n'.join(lines)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Bound:

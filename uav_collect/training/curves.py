@@ -21,9 +21,11 @@ from uav_collect.errors import TrainingRunError
 from uav_collect.kernels.arrays import Floats
 from uav_collect.training.run_record import (
     algorithm_text,
+    CURVE_MEASURES,
     CurveAxis,
     CurveMeasure,
     PANEL_FILE,
+    PROGRESS_FILE,
     read_columns,
     read_run,
     RunRecord,
@@ -152,8 +154,22 @@ def _run_line(folder: Path, measure: CurveMeasure, axis: CurveAxis) -> tuple[Flo
     # A panel has a row for each condition at each moment.
     moments, values = (averaged if measure.file == PANEL_FILE else rising)(over, values)
     if not len(moments):
-        raise TrainingRunError(f'{folder / measure.file}: has no {measure.title} yet')
+        others = _measured_so_far(folder)
+        instead = f'; {PROGRESS_FILE} has what --measure {" or ".join(others)} shows'
+        raise TrainingRunError(
+            f'{folder / measure.file}: has no {measure.title} yet{instead if others else ""}'
+        )
     return moments, values
+
+
+def _measured_so_far(folder: Path) -> list[str]:
+    """What a run has of itself before it is validated: keys of measures."""
+    keys = tuple(it.key for it in CURVE_MEASURES if it.file == PROGRESS_FILE)
+    try:
+        columns = read_columns(folder / PROGRESS_FILE, keys)
+    except TrainingRunError:  # the run is refused for what it lacks, not for this
+        return []
+    return [key for key in keys if np.isfinite(columns[key]).any()]
 
 
 def rising(over: Floats, values: Floats) -> tuple[Floats, Floats]:
