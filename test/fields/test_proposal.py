@@ -136,7 +136,7 @@ def test_the_round_trip_leads_around_no_fly_zones() -> None:
         (
             ground((0.0, 0.0), (400.0, 0.0), no_fly_m=[square(-20.0, -20.0, 40.0)]),
             {},
-            ["sensor 'S1' lies in a no-fly zone: draw the zone smaller, or leave it out"],
+            ["sensor 'S1' lies in a no-fly zone: draw the zone smaller, or leave the sensor out"],
         ),
         (
             ground((0.0, 0.0), (400.0, 0.0), (900.0, 50.0), edge_m=square(-50.0, -50.0, 600.0)),

@@ -60,12 +60,12 @@ def _unserved(grid: CellGrid, sensor: int, smaller: str) -> str:
     """Why a sensor cannot be served, and what would help."""
     who, cell = f'sensor {shown(grid.ground.sensor_ids[sensor])}', int(grid.sensor_cell[sensor])
     if under_zones(grid.ground)[sensor]:
-        return f'{who} lies in a no-fly zone: draw the zone smaller, or leave it out'
+        return f'{who} lies in a no-fly zone: draw the zone smaller, or leave the sensor out'
     if not grid.is_open[cell]:
-        return f'{who} lies in a cell {_closed_by(grid, cell, smaller)}, or leave it out'
+        return f'{who} lies in a cell {_closed_by(grid, cell, smaller)}, or leave the sensor out'
     return (
         f'{who} cannot be reached from the base over open cells: leave a gap of a cell, '
-        f'{grid.cell_size_m:g} m, between zones{smaller}, or leave it out'
+        f'{grid.cell_size_m:g} m, between zones{smaller}, or leave the sensor out'
     )
 
 
