@@ -136,7 +136,10 @@ def test_the_round_trip_leads_around_no_fly_zones() -> None:
         (
             ground((0.0, 0.0), (400.0, 0.0), no_fly_m=[square(-20.0, -20.0, 40.0)]),
             {},
-            ["sensor 'S1' lies in a no-fly zone: draw the zone smaller, or leave the sensor out"],
+            [
+                "list.csv:2: sensor 'S1' lies in a no-fly zone: draw the zone smaller, or leave"
+                ' the sensor out'
+            ],
         ),
         (
             ground((0.0, 0.0), (400.0, 0.0), (900.0, 50.0), edge_m=square(-50.0, -50.0, 600.0)),
@@ -184,7 +187,7 @@ def test_a_sensor_near_a_zone_is_refused_with_a_cell_size_that_serves_all() -> N
     field = ground((0.0, 0.0), (500.0, 300.0), (195.0, 50.0), (315.0, 50.0), no_fly_m=[pond])
     with pytest.raises(ConfigError) as raised:
         proposed(field, cell_size_m=100.0)
-    [line] = {problem.partition(': ')[2] for problem in raised.value.problems}
+    [line] = {problem.split(': ', 2)[2] for problem in raised.value.problems}
     assert line.startswith('draw the zone smaller, give --cell-size ')
     size_m = float(line.split('--cell-size ')[1].split(',')[0])
     assert proposed(field, cell_size_m=size_m).grid.unserved.size == 0

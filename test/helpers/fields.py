@@ -22,6 +22,7 @@ def ground(
     """A field with sensors S1, S2, ... at places [m]."""
     return Ground(
         sensor_ids=tuple(f'S{number}' for number in range(1, len(places_m) + 1)),
+        sensor_where=tuple(f'list.csv:{row}' for row in range(2, len(places_m) + 2)),
         position_m=np.array(places_m),
         data_mbit=tuple(data_mbit or [None] * len(places_m)),
         edge_m=edge_m,

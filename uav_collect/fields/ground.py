@@ -13,6 +13,7 @@ class Ground:
     """A field in the plane that touches the Earth at its origin, or that its list counts in."""
 
     sensor_ids: tuple[str, ...]  # (S,)
+    sensor_where: tuple[str, ...]  # (S,) the row of each, as a message begins
     position_m: Floats  # (S, 2) east and north of the origin
     data_mbit: tuple[float | None, ...]  # (S,) None where the list does not say it
     edge_m: Polygon | None  # of the field; None: there is none

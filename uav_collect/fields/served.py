@@ -58,7 +58,8 @@ def _is_beyond_edge(grid: CellGrid, sensor: int) -> bool:
 
 def _unserved(grid: CellGrid, sensor: int, smaller: str) -> str:
     """Why a sensor cannot be served, and what would help."""
-    who, cell = f'sensor {shown(grid.ground.sensor_ids[sensor])}', int(grid.sensor_cell[sensor])
+    ground, cell = grid.ground, int(grid.sensor_cell[sensor])
+    who = f'{ground.sensor_where[sensor]}: sensor {shown(ground.sensor_ids[sensor])}'
     if under_zones(grid.ground)[sensor]:
         return f'{who} lies in a no-fly zone: draw the zone smaller, or leave the sensor out'
     if not grid.is_open[cell]:

@@ -69,6 +69,7 @@ def survey(
     _check_zones(no_fly or area or path, plane)
     ground = Ground(
         sensor_ids=tuple(sensor.id for sensor in places.sensors),
+        sensor_where=tuple(sensor.where for sensor in places.sensors),
         position_m=np.array(plane.sensors_m),
         data_mbit=tuple(sensor.data_mbit for sensor in places.sensors),
         edge_m=plane.boundary_m,
