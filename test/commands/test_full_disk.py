@@ -9,7 +9,7 @@ from uav_collect.__main__ import main
 
 COMMANDS = {
     'evaluate': (('--policy', 'sweep', '--missions', '2'), 'sweep'),
-    'size': (('--missions', '2', '--battery-wh', '50'), 'missions complete'),
+    'size': (('--missions', '2', '--battery-wh', '50'), 'all data in'),
     'bound': (('--missions', '1', '--rounds', '0'), 'all demand known'),
 }
 

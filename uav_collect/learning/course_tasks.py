@@ -9,6 +9,7 @@ from uav_collect.learning.minibatch import Algorithm
 from uav_collect.learning.random_state import restore_rng, rng_state
 from uav_collect.learning.saved import SavedPart
 from uav_collect.learning.task import (
+    check_algorithm,
     check_room,
     new_collector,
     new_task,
@@ -68,6 +69,7 @@ class CourseTasks:
             ConfigError: the settings are none for courses, or courses cannot be flown.
         """
         self._settings = check_settings(distribution, config, algorithm)
+        check_algorithm(algorithm, config)  # before teachers fly for minutes
         self._distribution, self._config, self._algorithm = distribution, config, algorithm
         self._seed, self._device = seed, device
         self._rng = np.random.Generator(np.random.Philox(key=[seed, _TURNS_KEY]))

@@ -90,13 +90,13 @@ class Trainer:
         self.scenarios, self.config, self.seed = tuple(scenarios), config, seed
         self._own = algorithm if is_code_name(algorithm) else ''
         self.algorithm = Algorithm(algorithm_like(algorithm))
-        check_algorithm(self.algorithm, config)  # before teachers fly for minutes
         self._device = device
         self._courses = courses
         self._rota: FixedTasks | CourseTasks
         self._validator: Validator
         n_missions = config.validation.missions
         if courses is None:
+            check_algorithm(self.algorithm, config)  # before teachers fly
             self._rota = make_tasks(scenarios, config, self.algorithm, seed, device, sources)
             self._validator = ScenarioValidator(self._rota.tasks, n_missions)
             self._learned = learned_in_scenarios(scenarios)
