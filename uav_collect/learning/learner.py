@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 import torch
 from torch import nn, Tensor
 from uav_collect.errors import ConfigError
+from uav_collect.learning.adam import Adam
 from uav_collect.learning.minibatch import Algorithm, Minibatch
 from uav_collect.learning.network import Drqn, Networks
 from uav_collect.learning.own_modules import check_tensor, frozen_weights, PluggedMixer
@@ -90,12 +91,7 @@ class Learner:
         networks.agent.advice_bonus = config.advice_bonus(0.0) / self._value_of_odds
         self.networks = networks.to(self._device)
         self.target = deepcopy(self.networks).requires_grad_(False)
-        self.optimiser = torch.optim.Adam(
-            self.networks.parameters(),
-            lr=config.optimiser.learning_rate,
-            eps=config.optimiser.adam_epsilon,
-            fused=True,
-        )
+        self.optimiser = Adam(self.networks.parameters(), config.optimiser.adam_epsilon)
         self.n_updates = 0
 
     @property
@@ -127,9 +123,7 @@ class Learner:
         Returns:
             The loss and the values before it, and the gradient of the step.
         """
-        for group in self.optimiser.param_groups:
-            group['lr'] = learning_rate
-        self.optimiser.zero_grad(set_to_none=True)
+        self.optimiser.forget_gradients()
         losses, means = [], []
         for minibatch, task in minibatches:
             loss, learned = self._loss(minibatch, task)
@@ -138,7 +132,7 @@ class Learner:
             means.append(float(learned.detach().mean()))
         clip_norm = self._config.optimiser.clip_norm
         norm = nn.utils.clip_grad_norm_(self.networks.parameters(), clip_norm)
-        self.optimiser.step()
+        self.optimiser.step(learning_rate)
         self._move_target()
         self.n_updates += 1
         return UpdateMetrics(
