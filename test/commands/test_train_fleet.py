@@ -24,6 +24,7 @@ pytestmark = pytest.mark.long
 pytest.importorskip('torch', reason='training needs torch')
 
 TRAINED_S = DEADLINE_S  # for what takes ten seconds where nothing else runs
+PACE = 300  # simulated over wall-clock time: a trainer that starts meanwhile needs the processor
 
 # Every 20 decisions an update; a mission of the tiny world has some 30.
 PRESET = """extends: strong
@@ -41,7 +42,8 @@ def started(processes: Processes, folder: Path, *arguments: str) -> RunningProce
     field.write_text(tiny(name='field').to_yaml())
     quick.write_text(PRESET)
     words = ['--scenario', str(field), '--preset', str(quick), '--output', str(folder / 'run')]
-    command = [sys.executable, '-m', 'uav_collect', 'train-fleet', *words, *arguments]
+    words += ['--real-time-factor', str(PACE), *arguments]
+    command = [sys.executable, '-m', 'uav_collect', 'train-fleet', *words]
     return processes.run('train_fleet', *command, UAV_COLLECT_KERNELS='interpreted')
 
 
@@ -68,8 +70,13 @@ def test_two_worlds_teach_one_trainer_until_its_time_is_up_and_all_ends(
     wait_until(lambda: all(n_ended(said / '1' / f'world_sim_{world}.log') > 2 for world in 'ab'))
     command.send(signal.SIGINT)
     assert command.wait_for_exit(TRAINED_S) == 130
-    done = started(processes, tmp_path, *options, '--decisions', str(n_decisions(run) + 100))
+    assert f'interrupted; the same command goes on with {run}' in command.output
+    assert processes.survivors() == []
+    before = n_decisions(run)
+    assert before > 0
+    done = started(processes, tmp_path, *options, '--decisions', str(before + 100))
     assert done.wait_for_exit(TRAINED_S) == 0
+    assert n_decisions(run) >= before + 100
     assert processes.survivors() == []
     assert read_run(run).is_done
     assert load_policy(run / 'policy.safetensors').header.decisions > 0
@@ -92,15 +99,21 @@ def n_ended(log: Path) -> int:
     return len(re.findall(r'mission \S+ (?:ended|was aborted)', text))
 
 
+def n_decisions(run: Path) -> int:
+    """Decisions that a run has learned from."""
+    return int((run / 'progress.csv').read_text().splitlines()[-1].split(',')[0])
+
+
 @pytest.mark.ros
-def test_what_is_killed_is_started_again_and_ctrl_c_saves_so_that_the_command_goes_on(
+def test_what_is_killed_is_started_again_costs_no_mission_and_none_is_flown_again(
     processes: Processes, tmp_path: Path
 ) -> None:
-    command = started(processes, tmp_path, '--minutes', '1000')
-    run = tmp_path / 'run'
+    command = started(processes, tmp_path, '--minutes', '1000', '--record')
+    said = tmp_path / 'run' / 'processes' / '1'
     command.wait_for(r'loss \d', TRAINED_S)
     for name, words in (
         ('uav_1', ('uav_agent', '--id', '1')),
+        ('recorder', ('recorder',)),
         ('world_sim', ('world_sim',)),
         ('trainer', ('trainer',)),
     ):
@@ -108,35 +121,6 @@ def test_what_is_killed_is_started_again_and_ctrl_c_saves_so_that_the_command_go
         os.kill(pid, signal.SIGKILL)
         command.wait_for(f'{name} was killed and is started again')
     command.wait_for(r'loss \d', TRAINED_S)
-    command.send(signal.SIGINT)
-    assert command.wait_for_exit(TRAINED_S) == 130
-    assert f'interrupted; the same command goes on with {run}' in command.output
-    assert processes.survivors() == []
-    before = n_decisions(run)
-    assert before > 0
-    again = started(processes, tmp_path, '--decisions', str(before + 100))
-    assert again.wait_for_exit(TRAINED_S) == 0
-    assert n_decisions(run) >= before + 100
-    assert (run / 'processes' / '2').is_dir()
-
-
-def n_decisions(run: Path) -> int:
-    """Decisions that a run has learned from."""
-    return int((run / 'progress.csv').read_text().splitlines()[-1].split(',')[0])
-
-
-@pytest.mark.ros
-def test_a_recorder_and_a_world_that_are_killed_cost_no_mission_and_none_is_flown_again(
-    processes: Processes, tmp_path: Path
-) -> None:
-    command = started(processes, tmp_path, '--minutes', '1000', '--record')
-    said = tmp_path / 'run' / 'processes' / '1'
-    command.wait_for(r'loss \d', TRAINED_S)
-    for name in ('recorder', 'world_sim'):
-        [pid] = pids(processes, name)
-        os.kill(pid, signal.SIGKILL)
-        command.wait_for(f'{name} was killed and is started again')
-        command.wait_for(r'loss \d', TRAINED_S)
     log, again = said / 'world_sim.log', first_training_seed(0, 0, 1)
     wait_until(lambda: f'-3 starts, seed {again + 3}\n' in log.read_text())
     second = said / 'bag_2'

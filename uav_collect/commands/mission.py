@@ -66,13 +66,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_seed_option(parser, 'seed of the mission')
     options.add_allocator_option(parser)
     options.add_guard_option(parser)
-    parser.add_argument(
-        '--real-time-factor',
-        type=float,
-        metavar='X',
-        help='simulated over wall-clock time; 0: as fast as possible (default: 0, with --view'
-        f' {_VIEWED_PACE:g})',
-    )
+    options.add_pace_option(parser, f'0, with --view {_VIEWED_PACE:g}')
     parser.add_argument(
         '--view', action='store_true', help='show it in a browser as it flies, until Ctrl-C'
     )

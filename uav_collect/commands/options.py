@@ -242,6 +242,20 @@ def add_guard_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_pace_option(parser: argparse.ArgumentParser, default: str) -> None:
+    """Add the option for how fast a world flies; None where it is not given.
+
+    Args:
+        default: what holds then, for people.
+    """
+    parser.add_argument(
+        '--real-time-factor',
+        type=float,
+        metavar='X',
+        help=f'simulated over wall-clock time; 0: as fast as possible (default: {default})',
+    )
+
+
 def output(text: str) -> Path:
     """A type for argparse: what is written where this was typed, wherever user code goes then."""
     return Path(text).absolute()

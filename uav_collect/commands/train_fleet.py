@@ -65,6 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_assignments(parser, '--override', 'replace values of the preset')
     options.add_seed_option(parser, 'of weights and missions')
     options.add_budget_options(parser, _MINUTES, 'how long to train')
+    options.add_pace_option(parser, '0')
     parser.add_argument(
         '--record',
         nargs='?',
@@ -141,6 +142,7 @@ def _start(
             partial(next_training_seed, folder, arguments.seed, number),
             scenario=scenario_file,
             max_decisions=max_decisions,
+            real_time_factor=arguments.real_time_factor or 0.0,
             recorders=int(bool(arguments.record)),
         )
         fleet.start('world_sim', f'world_sim{suffix}', flown)
