@@ -26,7 +26,9 @@ from uav_collect.uav.messages import Decision, RadioMessage
 from uav_collect.uav.policy import guard_for, policy_for
 
 _SPEEDS_MPS = (5.0, 10.0, 7.5, 12.5)
-_POLL_S = 0.002
+_POLL_S = 0.005
+_LISTEN_S = 0.02
+_PATIENCE = 9.0  # times as long as a condition takes to judge, until it is judged again
 
 
 def scenario_of(n_uavs: int = 2, **overrides: object) -> Scenario:
@@ -188,9 +190,12 @@ def wait_until(condition: Callable[[], bool], deadline_s: float = DEADLINE_S) ->
         AssertionError: it did not in time.
     """
     end_s = time.monotonic() + deadline_s
-    while not condition():
-        assert time.monotonic() < end_s, f'not within {deadline_s} s'
-        time.sleep(_POLL_S)
+    while (now_s := time.monotonic()) < end_s:
+        if condition():
+            return
+        # Who reads files again and again would take the processor that others need to write them.
+        time.sleep(max(_POLL_S, _PATIENCE * (time.monotonic() - now_s)))
+    raise AssertionError(f'not within {deadline_s} s')
 
 
 class Listener:
@@ -202,13 +207,15 @@ class Listener:
         self.heard = heard  # messages by topic, in order
 
     def wait_until(self, condition: Callable[[], bool]) -> None:
-        """Listen until something holds."""
+        """Listen until something holds.
 
-        def spun() -> bool:
-            self._executor.spin_once(timeout_sec=_POLL_S)
-            return condition()
-
-        wait_until(spun)
+        Raises:
+            AssertionError: it did not in time.
+        """
+        end_s = time.monotonic() + DEADLINE_S
+        while not condition():
+            assert time.monotonic() < end_s, f'not within {DEADLINE_S} s'
+            self._executor.spin_once(timeout_sec=_LISTEN_S)
 
 
 @contextmanager
