@@ -21,6 +21,10 @@ from uav_collect.limits import stop_signals, UNUSABLE
 
 Main = Callable[[Sequence[str]], int]  # of a node: takes the arguments, gives the exit status
 
+# Messages ask for a package that would load, beside what they need of it, what generated them: a
+# tenth of a node's start. It does without where that cannot be imported.
+_GENERATOR = 'rosidl_generator_py.generate_py_impl'
+
 
 def _executable(load: Callable[[], Main]) -> Callable[[], int]:
     """Run the node that a function loads; what is missing for it is said in one line."""
@@ -28,6 +32,7 @@ def _executable(load: Callable[[], Main]) -> Callable[[], int]:
     @wraps(load)
     def run() -> int:
         files.mend_standard_streams()
+        sys.modules.setdefault(_GENERATOR, None)  # type: ignore[arg-type] # so Python refuses it
         try:
             named = f'the libraries of {load.__name__} to load'
             with _signals_end_silently(), packages_of(load.__name__), waiting_for(named):
