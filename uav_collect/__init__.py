@@ -29,7 +29,8 @@ from uav_collect.revision import VERSION
 if TYPE_CHECKING:
     from uav_collect.analysis.choice import Choice
     from uav_collect.analysis.metrics import mission_metrics
-    from uav_collect.api import bound, choose_policy, evaluate, Evaluation, FlownMission, fly
+    from uav_collect.analysis.results import Evaluation, FlownMission
+    from uav_collect.api import bound, choose_policy, evaluate, fly
     from uav_collect.environments.aec import env
     from uav_collect.environments.parallel import parallel_env
     from uav_collect.environments.worlds import WorldsEnv
@@ -39,9 +40,8 @@ if TYPE_CHECKING:
     from uav_collect.scenario.model import Scenario
     from uav_collect.scenario.site import build_site
     from uav_collect.uav.action_codes import BACKWARD, FORWARD, HOME, HOVER, LEFT, RIGHT
-    from uav_collect.uav.moves import step_towards
     from uav_collect.uav.observation import Layout
-    from uav_collect.uav.user_policy import Situation
+    from uav_collect.uav.situation import Situation, step_towards
     from uav_collect.world.reward import Reward
 
 __all__ = [
@@ -80,7 +80,8 @@ __version__ = VERSION
 _NAMES_OF = {
     'analysis.choice': ('Choice',),
     'analysis.metrics': ('mission_metrics',),
-    'api': ('Evaluation', 'FlownMission', 'bound', 'choose_policy', 'evaluate', 'fly'),
+    'analysis.results': ('Evaluation', 'FlownMission'),
+    'api': ('bound', 'choose_policy', 'evaluate', 'fly'),
     'environments.aec': ('env',),
     'environments.parallel': ('parallel_env',),
     'environments.worlds': ('WorldsEnv',),
@@ -90,9 +91,8 @@ _NAMES_OF = {
     'scenario.model': ('Scenario',),
     'scenario.site': ('build_site',),
     'uav.action_codes': ('BACKWARD', 'FORWARD', 'HOME', 'HOVER', 'LEFT', 'RIGHT'),
-    'uav.moves': ('step_towards',),
     'uav.observation': ('Layout',),
-    'uav.user_policy': ('Situation',),
+    'uav.situation': ('Situation', 'step_towards'),
     'world.reward': ('Reward',),
 }
 _MODULE_OF = {name: module for module, names in _NAMES_OF.items() for name in names}

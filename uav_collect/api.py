@@ -1,125 +1,38 @@
 """What users call from Python, by way of the package itself: fly, evaluate, bound.
 
 Scenarios are given by a shipped one's name, a YAML file or as loaded; policies by the names that
-the commands know, or as a function or class of a `Situation`.
+the commands know, or as a function or class of a `Situation`. As with the commands, small jobs do
+not wait for kernels to be compiled.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
-from io import BytesIO, StringIO
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
-import numpy as np
-from rich.console import RenderableType
-from uav_collect import files
-from uav_collect.analysis.choice import Choice
-from uav_collect.analysis.choosing import Candidate, candidates_for, choose
-from uav_collect.analysis.console import plain_console
-from uav_collect.analysis.metrics import mission_metrics, MissionMetrics
-from uav_collect.analysis.readings import is_left, mission_readings, Reading
-from uav_collect.analysis.statistics import (
-    Estimate,
-    estimates,
-    MEASURES,
-    mission_seeds,
-    paired_differences,
-)
-from uav_collect.analysis.tables import evaluation_table, mission_tables
 from uav_collect.errors import PolicyMismatchError
-from uav_collect.kernels.arrays import Floats
 from uav_collect.kernels.patience import waiting_for
 from uav_collect.limits import GUARD_AFTER, MAX_GUARD_AFTER, MAX_SEED
-from uav_collect.missions import rollout
-from uav_collect.planning.bound import Bound, bound_of
-from uav_collect.recording.mission_log import MissionLog
+from uav_collect.missions.small_jobs import choose_kernels
 from uav_collect.scenario.load import load
 from uav_collect.scenario.model import Scenario
-from uav_collect.scenario.site import build_site, Site
-from uav_collect.uav.agent import allocator_named
-from uav_collect.uav.own_policy import own_policies
-from uav_collect.uav.policy import NamedPolicy, policy_for
-from uav_collect.uav.user_policy import policy_of
-from uav_collect.world.sensor_field import demand_of
+
+if TYPE_CHECKING:  # loaded when flying, once it is settled how kernels run
+    from uav_collect.analysis.choice import Choice
+    from uav_collect.analysis.metrics import MissionMetrics
+    from uav_collect.analysis.results import Evaluation, FlownMission
+    from uav_collect.planning.bound import Bound
+    from uav_collect.recording.mission_log import MissionLog
+    from uav_collect.scenario.site import Site
+    from uav_collect.uav.policy import NamedPolicy
 
 AnyScenario = Scenario | str | Path
 AnyPolicy = str | Callable[..., Any]
 
 _AT_ONCE = 250  # missions whose logs are held in memory
-_COLUMNS = 99  # of a table as text
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class FlownMission:
-    """A mission that was flown, and where; printed, it is what it achieved, UAV by UAV."""
-
-    log: MissionLog
-    site: Site
-    demand_bit: Floats  # (S,) at the start
-    n_radio_messages: int | None = None  # None: a log does not tell
-    is_whole: bool = True  # its end was recorded
-
-    @cached_property
-    def metrics(self) -> MissionMetrics:
-        """What the mission achieved, and each UAV's part."""
-        return mission_metrics(self.log)
-
-    @cached_property
-    def readings(self) -> tuple[Reading, ...]:
-        """Which sensor was read when, by whom and at which rate, in the order of the hovers."""
-        return mission_readings(self.log, self.site, self.demand_bit)
-
-    @cached_property
-    def unread(self) -> tuple[str, ...]:
-        """The ids of the sensors whose data were left behind."""
-        left = np.flatnonzero(is_left(self.log, self.site, self.demand_bit)).tolist()
-        return tuple(self.site.sensor_ids[sensor] for sensor in left)
-
-    def draw(self, file: str | Path) -> None:
-        """Draw who flew where into a PNG file; the same mission gives the same bytes.
-
-        Raises:
-            OSError: the file cannot be written.
-        """
-        from uav_collect.analysis.trajectories import trajectories
-
-        drawn = BytesIO()
-        trajectories(self.log, self.site, self.demand_bit, drawn)
-        files.write_result(Path(file), drawn.getvalue())
-
-    def __str__(self) -> str:
-        n_messages, left = self.n_radio_messages, self.unread
-        return _text(mission_tables(self.log.header, self.metrics, n_messages, left=left))
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Evaluation:
-    """What policies achieve in the same missions; printed, it is a table of means."""
-
-    title: str
-    metrics: Mapping[str, Sequence[MissionMetrics]]  # by policy as given, in the seeds' order
-    estimates: Mapping[str, Mapping[str, Estimate]]  # by policy and measure, such as completion_s
-    seed: int  # of the first mission; keys the bootstrap
-
-    def difference(self, policy: str, other: str) -> Mapping[str, Estimate]:
-        """By how much a policy is above another one, mission by mission; by measure.
-
-        Raises:
-            KeyError: a policy was not evaluated.
-        """
-        rows = paired_differences(self.metrics[policy], self.metrics[other], self.seed)
-        return _by_measure(rows)
-
-    def __str__(self) -> str:
-        rows = {policy: [*row.values()] for policy, row in self.estimates.items()}
-        return f'{self.title}\n{_text(evaluation_table(self.metrics, rows, _COLUMNS))}'
-
-
-def flown_mission(log: MissionLog, site: Site) -> FlownMission:
-    """A mission of which the log is left; its demand is drawn again."""
-    demand_bit = demand_of(site, log.header.mission_seed)
-    return FlownMission(log=log, site=site, demand_bit=demand_bit)
+_FLIGHTS_OF_A_PLAN = 20  # that take as long as interpreted kernels plan for a mission
+_CANDIDATES = 6  # that are there for any scenario, more or less
 
 
 def fly(
@@ -129,7 +42,7 @@ def fly(
     seed: int = 0,
     bandwidth: str = 'exact',
     guard_after: int = GUARD_AFTER,
-) -> FlownMission:
+) -> 'FlownMission':
     """Fly one mission in this process.
 
     Args:
@@ -146,8 +59,14 @@ def fly(
     """
     _check_range('seed', seed, 0, MAX_SEED)
     _check_range('guard_after', guard_after, 0, MAX_GUARD_AFTER)
-    site = build_site(_loaded(scenario))
-    [log] = _fly(site, [seed], _policy(policy, site.scenario), bandwidth, guard_after)
+    loaded = _loaded(scenario)
+    choose_kernels(1, loaded.n_cells, _names([policy]))
+    from uav_collect.analysis.results import flown_mission
+    from uav_collect.scenario.site import build_site
+
+    site = build_site(loaded)
+    with waiting_for('a mission'):
+        [log] = _fly(site, [seed], _policy(policy, loaded), bandwidth, guard_after)
     return flown_mission(log, site)
 
 
@@ -159,7 +78,7 @@ def evaluate(
     seed: int = 0,
     bandwidth: str = 'exact',
     guard_after: int = GUARD_AFTER,
-) -> Evaluation:
+) -> 'Evaluation':
     """Fly the same missions with each policy.
 
     Args:
@@ -176,17 +95,25 @@ def evaluate(
     _check_range('missions', missions, 1, MAX_SEED)
     _check_range('seed', seed, 0, MAX_SEED - missions)
     _check_range('guard_after', guard_after, 0, MAX_GUARD_AFTER)
-    site = build_site(_loaded(scenario))
-    contenders = _by_name(_listed(policies), site.scenario)
+    loaded, given = _loaded(scenario), _listed(policies)
+    n_flights = missions * len(given)
+    choose_kernels(n_flights, loaded.n_cells, _names(given))
+    from uav_collect.analysis.results import by_measure, Evaluation
+    from uav_collect.analysis.statistics import estimates, mission_seeds
+    from uav_collect.scenario.site import build_site
+
+    site, contenders = build_site(loaded), _by_name(given, loaded)
     seeds = mission_seeds(seed, missions)
-    flown = {
-        name: _metrics(site, seeds, it, bandwidth, guard_after) for name, it in contenders.items()
-    }
+    with waiting_for(f'{n_flights} missions'):
+        flown = {
+            name: _metrics(site, seeds, it, bandwidth, guard_after)
+            for name, it in contenders.items()
+        }
     return Evaluation(
-        title=f'{site.scenario.name}, {site.scenario.n_uavs} UAVs, {missions} missions from seed'
-        f' {seed}, {bandwidth} bandwidth',
+        title=f'{loaded.name}, {loaded.n_uavs} UAVs, {missions} missions from seed {seed},'
+        f' {bandwidth} bandwidth',
         metrics=flown,
-        estimates={name: _by_measure(estimates(rows, seed)) for name, rows in flown.items()},
+        estimates={name: by_measure(estimates(rows, seed)) for name, rows in flown.items()},
         seed=seed,
     )
 
@@ -198,7 +125,7 @@ def choose_policy(
     missions: int | None = None,
     bandwidth: str = 'exact',
     guard_after: int = GUARD_AFTER,
-) -> Choice:
+) -> 'Choice':
     """Find the best policy for a scenario: candidates fly the same sampled missions of it.
 
     Args:
@@ -218,19 +145,31 @@ def choose_policy(
     if missions is not None:
         _check_range('missions', missions, 1, MAX_SEED)
     _check_range('guard_after', guard_after, 0, MAX_GUARD_AFTER)
+    loaded, given = _loaded(scenario), _listed(candidates) if candidates else []
+    # Unless they are counted, they are as many as kernels fly in a moment, however they run.
+    n_flights = (missions or 0) * (_CANDIDATES + len(given))
+    choose_kernels(n_flights, loaded.n_cells, _names(given))
+    from uav_collect.analysis.choosing import Candidate, candidates_for, choose
+    from uav_collect.scenario.site import build_site
+    from uav_collect.uav.agent import allocator_named
+    from uav_collect.uav.own_policy import own_policies
+
     allocator_named(bandwidth)  # raises where there is none
-    site = build_site(_loaded(scenario))
-    own = _by_name(_listed(candidates), site.scenario) if candidates else {}
-    refined = (
-        [] if isinstance(scenario, Scenario) else own_policies(scenario, site.scenario.n_uavs)
-    )
-    found, _ = candidates_for(site.scenario, own=refined)
+    own = _by_name(given, loaded) if given else {}
+    refined = [] if isinstance(scenario, Scenario) else own_policies(scenario, loaded.n_uavs)
+    found, _ = candidates_for(loaded, own=refined)
     known = {it.name for it in found}
     found += [Candidate(name=name, policy=it) for name, it in own.items() if name not in known]
-    return choose(site, found, allocator=bandwidth, guard_after=guard_after, n_missions=missions)
+    return choose(
+        build_site(loaded),
+        found,
+        allocator=bandwidth,
+        guard_after=guard_after,
+        n_missions=missions,
+    )
 
 
-def bound(scenario: AnyScenario, *, seed: int = 0, bandwidth: str = 'exact') -> Bound:
+def bound(scenario: AnyScenario, *, seed: int = 0, bandwidth: str = 'exact') -> 'Bound':
     """What is possible in a mission for a fleet that knows all demand: plans, and their limits.
 
     Raises:
@@ -238,8 +177,14 @@ def bound(scenario: AnyScenario, *, seed: int = 0, bandwidth: str = 'exact') -> 
         ValueError: the seed is out of range.
     """
     _check_range('seed', seed, 0, MAX_SEED)
+    loaded = _loaded(scenario)
+    choose_kernels(_FLIGHTS_OF_A_PLAN, loaded.n_cells)
+    from uav_collect.planning.bound import bound_of
+    from uav_collect.scenario.site import build_site
+    from uav_collect.uav.agent import allocator_named
+
     allocator_named(bandwidth)  # raises where there is none
-    site = build_site(_loaded(scenario))
+    site = build_site(loaded)
     with waiting_for('the plans of a fleet that knows all demand'):
         return bound_of(site, seed, bandwidth)
 
@@ -248,7 +193,10 @@ def _loaded(scenario: AnyScenario) -> Scenario:
     return scenario if isinstance(scenario, Scenario) else load(scenario)
 
 
-def _policy(policy: AnyPolicy, scenario: Scenario) -> NamedPolicy:
+def _policy(policy: AnyPolicy, scenario: Scenario) -> 'NamedPolicy':
+    from uav_collect.uav.policy import policy_for
+    from uav_collect.uav.user_policy import policy_of
+
     return policy_for(policy, scenario) if isinstance(policy, str) else policy_of(policy)
 
 
@@ -256,7 +204,12 @@ def _listed(policies: AnyPolicy | Sequence[AnyPolicy]) -> Sequence[AnyPolicy]:
     return [policies] if isinstance(policies, str) or callable(policies) else policies
 
 
-def _by_name(given: Sequence[AnyPolicy], scenario: Scenario) -> dict[str, NamedPolicy]:
+def _names(given: Sequence[AnyPolicy]) -> list[str]:
+    """The names among policies, of which others are functions and classes."""
+    return [policy for policy in given if isinstance(policy, str)]
+
+
+def _by_name(given: Sequence[AnyPolicy], scenario: Scenario) -> 'dict[str, NamedPolicy]':
     """The policies by the names that they were given by; a function by its own."""
     policies = [_policy(policy, scenario) for policy in given]
     names = [
@@ -270,15 +223,19 @@ def _by_name(given: Sequence[AnyPolicy], scenario: Scenario) -> dict[str, NamedP
 
 
 def _fly(
-    site: Site, seeds: Sequence[int], policy: NamedPolicy, bandwidth: str, guard_after: int
-) -> list[MissionLog]:
+    site: 'Site', seeds: Sequence[int], policy: 'NamedPolicy', bandwidth: str, guard_after: int
+) -> 'list[MissionLog]':
+    from uav_collect.missions import rollout
+
     # Each UAV gets a memory of its own.
     return rollout.fly(site, seeds, partial(replace, policy), bandwidth, guard_after)
 
 
 def _metrics(
-    site: Site, seeds: Sequence[int], policy: NamedPolicy, bandwidth: str, guard_after: int
-) -> list[MissionMetrics]:
+    site: 'Site', seeds: Sequence[int], policy: 'NamedPolicy', bandwidth: str, guard_after: int
+) -> 'list[MissionMetrics]':
+    from uav_collect.analysis.metrics import mission_metrics
+
     flown = []
     for start in range(0, len(seeds), _AT_ONCE):
         logs = _fly(site, seeds[start : start + _AT_ONCE], policy, bandwidth, guard_after)
@@ -286,17 +243,6 @@ def _metrics(
     return flown
 
 
-def _by_measure(row: Sequence[Estimate]) -> dict[str, Estimate]:
-    return {measure.key: estimate for measure, estimate in zip(MEASURES, row, strict=True)}
-
-
 def _check_range(name: str, value: int, least: int, most: int) -> None:
     if not least <= value <= most:
         raise ValueError(f'{name} is {value}: must be {least}..{most}')
-
-
-def _text(table: RenderableType) -> str:
-    console = plain_console(file=StringIO(), width=_COLUMNS)
-    with console.capture() as shown:
-        console.print(table)
-    return '\n'.join(line.rstrip() for line in shown.get().splitlines()).rstrip()

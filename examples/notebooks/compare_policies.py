@@ -9,8 +9,7 @@
 #
 # Which way of deciding collects the most data for its energy? Here a learned policy, two
 # rules and a function of our own fly the same missions, and all are held against what would
-# be possible with perfect knowledge. On a machine where nothing was flown so far the first flight
-# compiles for about two minutes of processor time.
+# be possible with perfect knowledge.
 
 # %%
 import os

@@ -45,8 +45,7 @@ print(*scenario.read_text().splitlines()[:16], sep='\n')
 
 # %% [markdown]
 # Two rules fly the same missions. What differs from mission to mission is how much data each
-# logger holds, and how well it is heard. On a machine where nothing was flown so far this first
-# compiles for about two minutes of processor time.
+# logger holds, and how well it is heard.
 
 # %%
 compared = uav_collect.evaluate(scenario, ['sweep', 'hert'], missions=MISSIONS)

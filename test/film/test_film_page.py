@@ -9,7 +9,7 @@ from film_pages import check_places, check_silence, flown, LAPTOP, PHONE, seek, 
 import pytest
 from uav_collect.analysis.legs import mission_legs, state_at
 from uav_collect.analysis.metrics import mission_metrics
-from uav_collect.api import FlownMission
+from uav_collect.analysis.results import FlownMission
 from uav_collect.film.mission_page import mission_page
 from uav_collect.planning.bound import bound_of
 from uav_collect.scenario.load import load, with_uavs

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from tiny_world import tiny, uav
 from uav_collect.analysis.metrics import mission_metrics
-from uav_collect.api import flown_mission
+from uav_collect.analysis.results import flown_mission
 from uav_collect.film.footage import footage
 from uav_collect.film.ghosts import Ghost, ghosts_of, PLAN
 from uav_collect.film.knowledge import news_of

@@ -34,7 +34,7 @@ from recordings import end_of, messages_of, start_of, write_bag
 from tiny_world import tiny, uav
 from uav_collect.analysis.proof import Verdict
 from uav_collect.analysis.recording_proof import Given, prove_recording
-from uav_collect.api import FlownMission
+from uav_collect.analysis.results import FlownMission
 from uav_collect.errors import BagError, UavCollectError
 from uav_collect.missions.rollout import fly
 from uav_collect.recording.bag_reader import read_recording, Recording

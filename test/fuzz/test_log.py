@@ -17,7 +17,7 @@ from tiny_world import tiny, uav
 from uav_collect.analysis.metrics import check_log
 from uav_collect.analysis.proof import Verdict
 from uav_collect.analysis.recording_proof import Given, prove_recording
-from uav_collect.api import flown_mission
+from uav_collect.analysis.results import flown_mission
 from uav_collect.errors import MissionLogError, UavCollectError
 from uav_collect.missions.rollout import fly
 from uav_collect.recording.mission_log import read_so_far

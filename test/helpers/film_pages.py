@@ -5,7 +5,7 @@ from pathlib import Path
 from browser import Page, Watched
 import pytest
 from uav_collect.analysis.legs import mission_legs, state_at
-from uav_collect.api import flown_mission, FlownMission
+from uav_collect.analysis.results import flown_mission, FlownMission
 from uav_collect.film.mission_page import mission_page
 from uav_collect.missions import rollout
 from uav_collect.scenario.model import Scenario

@@ -7,7 +7,7 @@ import sys
 from typing import Any, NoReturn
 
 import numpy as np
-from uav_collect.uav.user_policy import Situation
+from uav_collect.uav.situation import Situation
 
 
 class SilentError(Exception):

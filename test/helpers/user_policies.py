@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from uav_collect.uav.action_codes import HOME, HOVER, LEFT
 from uav_collect.uav.briefing import Briefing
-from uav_collect.uav.moves import step_towards
-from uav_collect.uav.user_policy import Situation
+from uav_collect.uav.situation import Situation, step_towards
 
 NUMBER = 7
 

@@ -22,7 +22,8 @@ from uav_collect.uav.action_codes import (
 )
 from uav_collect.uav.actions import neighbour
 from uav_collect.uav.briefing import brief, Briefing
-from uav_collect.uav.moves import measure, n_moves_to, new_moves, NO_WAY, step, step_towards
+from uav_collect.uav.moves import measure, n_moves_to, new_moves, NO_WAY, step
+from uav_collect.uav.situation import step_towards
 
 WALL = [[50.0, 0.0], [100.0, 0.0], [100.0, 150.0], [50.0, 150.0]]
 SENSORS = ((25.0, 25.0, 1.0),)

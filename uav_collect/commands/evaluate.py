@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 
 from uav_collect import files
 from uav_collect.commands import options, terminal
-from uav_collect.commands.small_jobs import choose_kernels
 from uav_collect.errors import PolicyMismatchError
 from uav_collect.limits import BEST, INTERRUPTED, UNUSABLE
+from uav_collect.missions.small_jobs import choose_kernels
 
 if TYPE_CHECKING:  # loaded when flying, so that --help answers at once
     from uav_collect.analysis.metrics import MissionMetrics

@@ -16,7 +16,7 @@ from uav_collect.kernels.patience import waiting_for
 from uav_collect.limits import HANDOVER_KINDS
 
 if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
-    from uav_collect.api import FlownMission
+    from uav_collect.analysis.results import FlownMission
     from uav_collect.handover.flights import MissionFlights
     from uav_collect.scenario.model import GeoReference, Scenario
 
@@ -178,7 +178,7 @@ def _check_log(mission: 'FlownMission', source: Path) -> None:
 def _planned(arguments: argparse.Namespace) -> _Source:
     """The mission that flies a clairvoyant plan."""
     from uav_collect.analysis.flown_plan import fly_plan
-    from uav_collect.api import flown_mission
+    from uav_collect.analysis.results import flown_mission
     from uav_collect.planning.bound import bound_of
     from uav_collect.scenario.site import build_site
 

@@ -20,7 +20,7 @@ from uav_collect.recording.mission_log import MissionHeader, MissionLog, read_so
 if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
     from rich.console import Console
     from uav_collect.analysis.readings import Reading
-    from uav_collect.api import FlownMission
+    from uav_collect.analysis.results import FlownMission
     from uav_collect.planning.bound import Bound
     from uav_collect.scenario.model import Scenario
     from uav_collect.scenario.site import Site
@@ -280,7 +280,7 @@ def _logged_so_far(log: Path) -> 'FlownMission':
 
 
 def _logged(path: Path) -> 'FlownMission':
-    from uav_collect.api import flown_mission
+    from uav_collect.analysis.results import flown_mission
     from uav_collect.scenario.site import build_site
 
     log = read_so_far(path)
@@ -309,7 +309,7 @@ def _scenario_of(log: MissionLog, file: Path) -> 'Scenario':
 
 def _recorded(path: Path, pictures: Path) -> Iterator[tuple['FlownMission', Path, int]]:
     """The missions of a bag, each with where its picture goes and its running number."""
-    from uav_collect.api import FlownMission
+    from uav_collect.analysis.results import FlownMission
     from uav_collect.recording.bag_reader import read_recording
 
     seeds = set()

@@ -12,9 +12,9 @@ from typing import Any, TYPE_CHECKING
 
 from uav_collect import files
 from uav_collect.commands import options, terminal
-from uav_collect.commands.small_jobs import choose_kernels
 from uav_collect.errors import ConfigError
 from uav_collect.limits import INTERRUPTED, MAX_UAVS, UNUSABLE
+from uav_collect.missions.small_jobs import choose_kernels
 
 if TYPE_CHECKING:  # loaded when flying, so that --help answers at once
     from uav_collect.analysis.sizing import Battery, FleetAtSite, Sized, Sizing

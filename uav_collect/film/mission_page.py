@@ -1,6 +1,6 @@
 """Makes the film of a mission: one page that plays it, and others' flights beside it."""
 
-from uav_collect.api import FlownMission
+from uav_collect.analysis.results import FlownMission
 from uav_collect.film.footage import footage
 from uav_collect.film.ghosts import ghosts_of
 from uav_collect.film.page import film_page

@@ -30,6 +30,7 @@ _PACKAGE = Path(__file__).resolve().parents[1]
 _SWITCH = 'UAV_COLLECT_KERNELS'
 _OPTIONS = {'error_model': 'numpy', 'forceinline': True, 'no_cfunc_wrapper': True}
 _NOT_KEPT = 'kernels are not kept, the next process compiles them again'
+_is_left_plain = False  # in this process, not in those it starts
 compilation = Compilation()  # of this process
 turn = Turn()  # the same
 
@@ -49,7 +50,11 @@ def kernels_are_compiled() -> bool:
     if asked not in ('compiled', 'interpreted'):
         shown = in_one_line(asked, 60)
         raise ConfigError(f'{_SWITCH} is {shown!r}: must be compiled or interpreted')
-    return asked == 'compiled' and importlib.util.find_spec('numba') is not None
+    return (
+        asked == 'compiled'
+        and not _is_left_plain
+        and importlib.util.find_spec('numba') is not None
+    )
 
 
 def kernel(function: _Kernel) -> _Kernel:
@@ -164,8 +169,14 @@ def interpret_unless_cached(kernel_name: str) -> bool:
         return False
     if any(cache_folder().rglob(f'{kernel_name}-*.nbi')):
         return False
-    interpret_kernels()
+    global _is_left_plain
+    _is_left_plain = True
     return True
+
+
+def kernels_were_left_plain() -> bool:
+    """Whether `interpret_unless_cached` made kernels run interpreted in this process."""
+    return _is_left_plain
 
 
 def kernels_are_cached(kernels: Iterable[Callable[..., object]]) -> bool:

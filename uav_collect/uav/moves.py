@@ -58,17 +58,6 @@ def n_moves_to(briefing: Briefing, cell: int, other: int, moves: Moves) -> int:
     return rows + abs(other % n_columns - cell % n_columns)
 
 
-def step_towards(briefing: Briefing, cell: int, target: int, legal: Row[int]) -> int:
-    """The legal move that leads nearest to a target, along the longer way first.
-
-    Args:
-        cell: where the UAV is.
-        target: a cell that a way leads to.
-        legal: 1 for each legal action, shape (N_ACTIONS,), at least one move.
-    """
-    return step(briefing, cell, target, legal, new_moves(briefing))
-
-
 @kernel
 def step(briefing: Briefing, cell: int, target: int, legal: Row[int], moves: Moves) -> int:
     """The legal move that leads nearest to a target; the moves are then those from there."""

@@ -31,7 +31,8 @@ from uav_collect.uav.heuristics import choose, Heuristic, MEMORY_SIZE, shares_fo
 from uav_collect.uav.moves import new_moves
 from uav_collect.uav.relative_observation import encode_relative
 from uav_collect.uav.sharing import Shares
-from uav_collect.uav.user_policy import arrayed, Situation, situation_of
+from uav_collect.uav.situation import Situation
+from uav_collect.uav.user_policy import arrayed, situation_of
 from uav_collect.uav.view import LocalView, VIEW_CELLS
 
 PATCH_SIDE = 9  # cells of the egocentric layout's fine patch

@@ -15,8 +15,8 @@ from uav_collect.kernels.arrays import Floats
 from uav_collect.limits import is_code_name, MAX_LAYER_SIZE
 from uav_collect.uav.named_code import named_code
 from uav_collect.uav.observation import AnyLayout, Layout, OwnLayout
+from uav_collect.uav.situation import Situation
 from uav_collect.uav.user_code import UserCodeError, value_text
-from uav_collect.uav.user_policy import Situation
 
 _MEMBERS = ('base', 'size', 'numbers')
 

@@ -14,11 +14,12 @@ from typing import Any
 
 import numpy as np
 from uav_collect.errors import PolicyMismatchError
-from uav_collect.kernels.arrays import Ints, Row
+from uav_collect.kernels.arrays import Row
 from uav_collect.uav.action_codes import HOME, N_ACTIONS, NONE
 from uav_collect.uav.belief import Belief, BeliefRows
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.named_code import code_of, named_code
+from uav_collect.uav.situation import Situation
 from uav_collect.uav.user_code import (
     definition_text,
     kind_text,
@@ -27,17 +28,6 @@ from uav_collect.uav.user_code import (
     value_text,
 )
 from uav_collect.uav.view import LocalView
-
-
-@dataclass(frozen=True, kw_only=True)
-class Situation:
-    """What one UAV knows as it decides. Rows are numpy arrays, copies of its own."""
-
-    briefing: Briefing
-    uav: int  # index of the UAV
-    belief: Belief
-    view: LocalView  # rows of sensors are (n_sensors,)
-    legal: Ints  # (N_ACTIONS,) 1 for each legal action; at least one is
 
 
 @dataclass

@@ -11,7 +11,7 @@ from uav_collect.kernels import compile as compile_module
 from uav_collect.kernels.compile import cache_folder
 
 ASK = """
-from uav_collect.commands.small_jobs import choose_kernels
+from uav_collect.missions.small_jobs import choose_kernels
 choose_kernels({n_missions}, 100)
 from uav_collect.kernels.compile import kernels_are_compiled
 print(kernels_are_compiled())
@@ -66,7 +66,7 @@ def test_kernels_that_were_imported_stay_as_they_are(tmp_path: Path) -> None:
 def test_nothing_of_evaluate_and_size_imports_kernels_before_it_is_settled(tmp_path: Path) -> None:
     script = """
 import sys
-import uav_collect.commands.small_jobs as small_jobs
+import uav_collect.missions.small_jobs as small_jobs
 from uav_collect.__main__ import main
 class Settled(Exception): pass
 def settle(n_missions, n_cells, policies):
@@ -86,6 +86,58 @@ for arguments in (
         [sys.executable, '-c', script], capture_output=True, text=True, check=True, cwd=tmp_path
     )
     assert done.stdout.splitlines() == ['14 100 False', '294 100 False', '126 100 False']
+
+
+def test_nothing_that_users_import_settles_it_before_the_api_does(tmp_path: Path) -> None:
+    script = """
+import sys
+import uav_collect.missions.small_jobs as small_jobs
+class Settled(Exception): pass
+def settle(n_missions, n_cells, policies=()):
+    raise Settled(n_missions, n_cells, *policies, 'numba' in sys.modules)
+small_jobs.choose_kernels = settle
+from uav_collect import HOVER, Situation, bound, choose_policy, evaluate, fly, load, step_towards
+def own(situation: Situation) -> int:
+    return HOVER
+scenario = load('paper_8x8')
+for call in (
+    lambda: fly(scenario, 'hert'),
+    lambda: evaluate('paper_8x8', ['hert', own], missions=7),
+    lambda: choose_policy(scenario, ['hert', own], missions=2),
+    lambda: bound(scenario),
+):
+    try:
+        call()
+    except Settled as settled:
+        print(*settled.args)
+"""
+    done = subprocess.run(
+        [sys.executable, '-c', script], capture_output=True, text=True, check=True, cwd=tmp_path
+    )
+    expected = ['1 64 hert False', '14 64 hert False', '16 64 hert False', '20 64 False']
+    assert done.stdout.splitlines() == expected
+
+
+def test_a_small_job_settles_it_for_its_process_alone_and_what_follows_says_so(
+    tmp_path: Path,
+) -> None:
+    script = """
+import os
+from uav_collect import fly
+print(fly('paper_8x8', 'sweep').metrics.is_complete, repr(os.environ['UAV_COLLECT_KERNELS']))
+from uav_collect.missions.small_jobs import choose_kernels
+choose_kernels(10_000, 64)
+"""
+    environment = {**os.environ, 'XDG_CACHE_HOME': str(tmp_path), 'UAV_COLLECT_KERNELS': ''}
+    done = subprocess.run(
+        [sys.executable, '-c', script], env=environment, capture_output=True, text=True, check=True
+    )
+    assert done.stdout == "True ''\n"
+    small, larger = complaints(done.stderr)
+    assert small.startswith(SAID)
+    assert larger.startswith(
+        'flying with interpreted kernels, as this process began with a small job: one that'
+    )
 
 
 @pytest.mark.parametrize('known', ['sensors', 'none'])
@@ -122,5 +174,5 @@ def test_a_small_job_over_closed_cells_flies_with_nothing_compiled(tmp_path: Pat
         capture_output=True,
         text=True,
     )
-    [line] = complaints(done.stderr)
+    [line] = [it for it in complaints(done.stderr) if not it.startswith('0 of 1 missions')]
     assert (done.returncode, line.startswith(SAID)) == (0, True), done.stderr
