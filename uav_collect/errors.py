@@ -24,10 +24,13 @@ A command shows their text alone, without a traceback. Those about something tha
 ValueError besides. A plain ValueError or RuntimeError is a mistake of the code that calls.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import TypeVar
 
 MOST_CHARACTERS = 400  # of a line about what others wrote, as long as they like
 _MAX_LINES = 20  # of problems shown at once
+
+_Found = TypeVar('_Found')
 
 
 def in_one_line(text: str, most_characters: int = MOST_CHARACTERS) -> str:
@@ -86,6 +89,15 @@ class ConfigError(UavCollectError, ValueError):
         """The first problem, and the number of the others."""
         n_more = len(self.problems) - 1
         return self.problems[0] + (f'; and {n_more} more problems' if n_more else '')
+
+
+def noting(problems: list[str], step: Callable[[], _Found]) -> _Found | None:
+    """What a step finds; None where it is refused, and why is added to the problems."""
+    try:
+        return step()
+    except ConfigError as error:
+        problems += error.problems
+        return None
 
 
 class PolicyMismatchError(UavCollectError, ValueError):

@@ -296,6 +296,32 @@ def test_what_cannot_be_used_is_said_in_one_line_and_nothing_is_written(
     assert list(here.glob('*.yaml')) == list(here.glob('*.png')) == []
 
 
+def test_bad_rows_and_bad_polygons_are_said_at_once(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _outline_and_pond(here, 'pond')
+    (here / 'line.csv').write_text('lat,lon\n48,11.5\n48.1,11.5\n')
+    (here / 'wells.csv').write_text('id,lat,lon\na,48.1,here\nb,there,11.501\n')
+    assert field('wells.csv', '--area', 'field.json', '--no-fly', 'line.csv') == 2
+    said = capsys.readouterr().err.splitlines()
+    words = ["lon is 'here'", "lat is 'there'", '2 polygons that may be', 'of 2 corners']
+    assert [word in line for word, line in zip(words, said, strict=True)] == [True] * 4
+
+
+def test_a_bad_place_and_a_bad_outline_of_one_map_are_said_at_once(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _outline_and_pond(here, 'pond')
+    wells = json.loads((here / 'field.json').read_text())
+    place = {'type': 'Point', 'coordinates': [11.5, 98.1]}
+    wells['features'].append({'type': 'Feature', 'properties': {}, 'geometry': place})
+    (here / 'wells.json').write_text(json.dumps(wells))
+    assert field('wells.json') == 2
+    said = capsys.readouterr().err.splitlines()
+    words = ["lat is '98.1'", 'have polygons that may be the area']
+    assert [word in line for word, line in zip(words, said, strict=True)] == [True] * 2
+
+
 @pytest.mark.parametrize('argument', ['--altitude=0', '--cell-size=x', '--speed=-1', '--uavs=0'])
 def test_a_number_out_of_range_is_a_misuse(
     argument: str, here: Path, capsys: pytest.CaptureFixture[str]

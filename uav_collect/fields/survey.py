@@ -4,10 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from uav_collect.config.yaml_text import shown, shown_path
-from uav_collect.errors import ConfigError
+from uav_collect.errors import ConfigError, noting
 from uav_collect.fields.ground import Ground
 from uav_collect.fields.outlines import lies_in
 from uav_collect.scenario.columns import n_known
@@ -17,7 +18,7 @@ from uav_collect.scenario.list_files import open_list
 from uav_collect.scenario.model import Point
 from uav_collect.scenario.places import Places, Polygons, read, read_polygons, ReadOptions
 from uav_collect.scenario.plane import Plane, plane_of
-from uav_collect.scenario.shapes import MapFile
+from uav_collect.scenario.shapes import MapFile, Polygon
 from uav_collect.scenario.tables import counted
 
 _LAT_LON = 'latitude and longitude, WGS84'
@@ -59,14 +60,15 @@ def survey(
         ConfigError: a line for each thing that is wrong.
         MissingPackageError: a file needs a package that is missing.
     """
-    places = read(path, options)
-    if area is not None:
-        places = _within_area(places, area, options)
-    if no_fly is not None and not (area is not None and area.samefile(no_fly)):
-        zones = _polygons(no_fly, options, places).polygons  # their holes are closed, too
-        places = replace(places, no_fly=(*places.no_fly, *zones))
+    places = _read(path, options, area, no_fly)
     plane = plane_of(places)
-    _check_zones(no_fly or area or path, plane)
+    problems: list[str] = []
+    noting(problems, lambda: _check_zones(no_fly or area or path, plane))
+    base_m = None
+    if base is not None:
+        base_m = noting(problems, lambda: _base_m(base, places, plane.sensors_m, plane.origin))
+    if problems:
+        raise ConfigError(*problems)
     ground = Ground(
         sensor_ids=tuple(sensor.id for sensor in places.sensors),
         sensor_where=tuple(sensor.where for sensor in places.sensors),
@@ -75,7 +77,7 @@ def survey(
         edge_m=plane.boundary_m,
         widen_m=widen_m,
         no_fly_m=plane.no_fly_m,
-        base_m=None if base is None else _base_m(base, places, plane.sensors_m, plane.origin),
+        base_m=base_m,
         origin_deg=plane.origin,
         crs=places.grid and places.grid.name,
     )
@@ -87,25 +89,81 @@ def survey(
     )
 
 
-def _within_area(places: Places, area: Path, options: ReadOptions) -> Places:
-    """The same with the boundary that a file has, and its no-fly zones besides.
+class _Added(NamedTuple):
+    """What a file of polygons says of a field besides its list."""
+
+    path: Path
+    is_angular: bool  # corners are latitude, longitude (WGS84) [deg]; else x, y [m]
+    boundary: Polygon | None
+    no_fly: tuple[Polygon, ...]
+
+
+def _read(path: Path, options: ReadOptions, area: Path | None, no_fly: Path | None) -> Places:
+    """What the list has, and the files of polygons.
+
+    Raises:
+        ConfigError: a line for each thing that is wrong in any of them.
+    """
+    problems: list[str] = []
+    places = noting(problems, partial(read, path, options))
+    added = []
+    if area is not None:
+        added.append(noting(problems, partial(_area_of, area, options)))
+    if no_fly is not None and not (area is not None and area.samefile(no_fly)):
+        added.append(noting(problems, partial(_zones_of, no_fly, options)))
+    found = [it for it in added if it is not None]
+    if places is not None:
+        problems += [
+            _other_units(it, places) for it in found if it.is_angular != places.is_angular
+        ]
+    if problems or places is None:
+        raise ConfigError(*problems)
+    for it in found:
+        # Holes of the list's own edge, which no longer counts, stay closed all the same.
+        boundary, no_fly_zones = it.boundary or places.boundary, (*places.no_fly, *it.no_fly)
+        places = replace(places, boundary=boundary, no_fly=no_fly_zones)
+    return places
+
+
+def _area_of(path: Path, options: ReadOptions) -> _Added:
+    """The boundary that a file has, and its no-fly zones besides.
 
     Raises:
         ConfigError: it has none, or more than one polygon that may be it.
     """
-    found = _polygons(area, options, places)
+    found = _polygons(path, options)
     if len(found.polygons) == 1:  # it is wanted as the area, whatever it is called
-        return replace(places, boundary=found.polygons[0], no_fly=(*places.no_fly, *found.holes))
+        return _Added(path, found.is_angular, found.polygons[0], found.holes)
     named = list(zip(found.polygons, found.are_no_fly, strict=True))
     edges = [polygon for polygon, is_zone in named if not is_zone]
     if len(edges) != 1:
         raise ConfigError(
-            f'{shown_path(area)}: has {counted(len(edges), "polygon")} that may be the area: must '
+            f'{shown_path(path)}: has {counted(len(edges), "polygon")} that may be the area: must '
             'have one, and the others no-fly zones by their name, as "no-fly pond"'
         )
     zones = [polygon for polygon, is_zone in named if is_zone]
-    # Holes of the list's own edge, which no longer counts, stay closed all the same.
-    return replace(places, boundary=edges[0], no_fly=(*places.no_fly, *zones, *found.holes))
+    return _Added(path, found.is_angular, edges[0], (*zones, *found.holes))
+
+
+def _zones_of(path: Path, options: ReadOptions) -> _Added:
+    """The polygons of a file, all of them no-fly zones, and their holes as well."""
+    found = _polygons(path, options)
+    return _Added(path, found.is_angular, None, found.polygons)
+
+
+def _polygons(path: Path, options: ReadOptions) -> Polygons:
+    """The polygons of a map, or of a table that is written as the list is."""
+    is_map = isinstance(open_list(path, partial(n_known, columns={})), MapFile)
+    return read_polygons(path, ReadOptions(crs='' if is_map else options.crs))
+
+
+def _other_units(added: _Added, places: Places) -> str:
+    """What is wrong with a file that does not write places as the list does."""
+    of_list, of_file = ('degrees', 'metres') if places.is_angular else ('metres', 'degrees')
+    return (
+        f'{shown_path(added.path)}: has places in {of_file}: must have {of_list}, as '
+        f'{shown_path(places.path)}'
+    )
 
 
 def _check_zones(path: Path, plane: Plane) -> None:
@@ -121,19 +179,6 @@ def _check_zones(path: Path, plane: Plane) -> None:
                 f'{shown_path(path)}: {which} has all sensors in it: must leave out '
                 'the outline of the field, which --area takes'
             )
-
-
-def _polygons(path: Path, options: ReadOptions, places: Places) -> Polygons:
-    """The polygons of a map, or of a table that is written as the list is."""
-    is_map = isinstance(open_list(path, partial(n_known, columns={})), MapFile)
-    found = read_polygons(path, ReadOptions(crs='' if is_map else options.crs))
-    if found.is_angular != places.is_angular:
-        of_list, of_file = ('degrees', 'metres') if places.is_angular else ('metres', 'degrees')
-        raise ConfigError(
-            f'{shown_path(path)}: has places in {of_file}: must have {of_list}, as '
-            f'{shown_path(places.path)}'
-        )
-    return found
 
 
 def _base_m(text: str, places: Places, sensors_m: Sequence[Point], origin: Point | None) -> Point:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from uav_collect.config.yaml_text import shown, shown_path
-from uav_collect.errors import ConfigError
+from uav_collect.errors import ConfigError, noting
 from uav_collect.limits import MAX_CORNERS
 from uav_collect.scenario.columns import DEGREES, n_known, System
 from uav_collect.scenario.gridded import by_zones, transformed, transformed_polygon
@@ -77,17 +77,34 @@ def read(path: Path, options: ReadOptions) -> Places:
     """
     opened = open_list(path, partial(n_known, columns=options.columns))
     if isinstance(opened, Sheet):
-        return _places_of(opened, Outlines(None, ()), _grid_of(options.crs, path), options)
-    grid = _grid_of(options.crs or opened.crs, path)
+        return _places_of(opened, _grid_of(options.crs, path), options)
+    return _places_of_map(opened, _grid_of(options.crs or opened.crs, path), options)
+
+
+def _places_of_map(found: MapFile, grid: Grid | None, options: ReadOptions) -> Places:
     if grid is None:
-        check_degrees(opened)
+        check_degrees(found)
     is_angular = grid is None or grid.is_angular
-    sheet = sheet_of_map(opened, is_angular=is_angular)
-    boundary, no_fly = outlines_of(opened, is_angular=is_angular)
-    if grid is not None:
-        boundary = boundary and transformed_polygon(boundary, grid, path)
-        no_fly = tuple(transformed_polygon(polygon, grid, path) for polygon in no_fly)
-    return _places_of(sheet, Outlines(boundary, no_fly), grid, options)
+    problems: list[str] = []
+    places = noting(
+        problems,
+        lambda: _places_of(sheet_of_map(found, is_angular=is_angular), grid, options),
+    )
+    outlines = noting(problems, lambda: _outlines(found, grid, is_angular=is_angular))
+    if places is None or outlines is None:
+        raise ConfigError(*problems)
+    return replace(places, boundary=outlines.boundary, no_fly=outlines.no_fly)
+
+
+def _outlines(found: MapFile, grid: Grid | None, *, is_angular: bool) -> Outlines:
+    """The outlines of a map; of one with a grid as latitudes and longitudes."""
+    boundary, no_fly = outlines_of(found, is_angular=is_angular)
+    if grid is None:
+        return Outlines(boundary, no_fly)
+    return Outlines(
+        boundary and transformed_polygon(boundary, grid, found.path),
+        tuple(transformed_polygon(polygon, grid, found.path) for polygon in no_fly),
+    )
 
 
 class Polygons(NamedTuple):
@@ -151,17 +168,10 @@ class _Checked(NamedTuple):
     notes: tuple[str, ...]
 
 
-def _places_of(
-    sheet: Sheet, outlines: Outlines, grid: Grid | None, options: ReadOptions
-) -> Places:
+def _places_of(sheet: Sheet, grid: Grid | None, options: ReadOptions) -> Places:
+    """The places of a table, which has no outlines."""
     checked = _checked(sheet, grid, options)
-    return Places(
-        path=sheet.path,
-        grid=grid,
-        boundary=outlines.boundary,
-        no_fly=outlines.no_fly,
-        **checked._asdict(),
-    )
+    return Places(path=sheet.path, grid=grid, boundary=None, no_fly=(), **checked._asdict())
 
 
 def _checked(sheet: Sheet, grid: Grid | None, options: ReadOptions) -> _Checked:
