@@ -322,6 +322,25 @@ def test_a_bad_place_and_a_bad_outline_of_one_map_are_said_at_once(
     assert [word in line for word, line in zip(words, said, strict=True)] == [True] * 2
 
 
+@pytest.mark.parametrize(
+    ('options', 'speeds_mps'),
+    [
+        ('--speed 10 LIST', [10, 10]),
+        ('--speed 10 15 LIST', [10, 15]),
+        ('--speed 10,15 LIST', [10, 15]),
+        ('--speed=10,15 LIST', [10, 15]),
+        ('LIST --speed 10 15', [10, 15]),
+        ('--speed 10 --uavs 1 LIST', [10]),
+    ],
+)
+def test_speeds_may_stand_before_the_list_or_behind_it(
+    options: str, speeds_mps: list[float], here: Path
+) -> None:
+    path = write_list('pipeline.csv', here)
+    assert field(*(path if word == 'LIST' else word for word in options.split())) == 0
+    assert [uav.speed_mps for uav in load(here / 'pipeline.yaml').uavs] == speeds_mps
+
+
 @pytest.mark.parametrize('argument', ['--altitude=0', '--cell-size=x', '--speed=-1', '--uavs=0'])
 def test_a_number_out_of_range_is_a_misuse(
     argument: str, here: Path, capsys: pytest.CaptureFixture[str]

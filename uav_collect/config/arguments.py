@@ -1,9 +1,12 @@
 """What is typed: arguments that are wrong, and whatever else is, are said in lines for people."""
 
 import argparse
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import takewhile
 from pathlib import Path
 import sys
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from uav_collect.errors import in_one_line, reason_of, UavCollectError
 from uav_collect.limits import UNUSABLE
@@ -17,13 +20,61 @@ def program_name() -> str:
     return _PROGRAM if Path(sys.argv[0]).stem == _PROGRAM else 'python -m uav_collect'
 
 
+@dataclass(frozen=True)
+class NumberList:
+    """A type for argparse: numbers with commas between them, or, of a `Parser`, with blanks."""
+
+    number: Callable[[str], float]  # reads one
+
+    def __call__(self, text: str) -> tuple[float, ...]:
+        """The numbers of a text."""
+        return tuple(map(self.number, text.split(',')))
+
+
 class Parser(argparse.ArgumentParser):
-    """An ArgumentParser that says what is wrong in one line."""
+    """An ArgumentParser that says what is wrong in one line.
+
+    An option of a `NumberList` ends at the first word that is no number: with `nargs='+'` it would
+    take what stands behind it, too.
+    """
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:  # noqa: ANN401
+        """As of argparse."""
+        words = sys.argv[1:] if args is None else [*args]
+        return super().parse_known_args(self._with_commas(words), namespace)
+
+    def _with_commas(self, words: Sequence[str]) -> list[str]:
+        """`--speed 10 15 LIST` as `--speed=10,15 LIST`."""
+        lists = {
+            option
+            for action in self._actions
+            if isinstance(action.type, NumberList)
+            for option in action.option_strings
+        }
+        joined: list[str] = []
+        place = 0
+        while place < len(words):
+            word = words[place]
+            place += 1
+            if word in lists:
+                numbers = [*takewhile(_is_number, words[place:])]
+                place += len(numbers)
+                word = f'{word}={",".join(numbers)}' if numbers else word
+            joined.append(word)
+        return joined
 
     def error(self, message: str) -> NoReturn:
         """End the process with the status of misuse."""
         said = in_one_line(f'{message} (see {self.prog} --help)', _MOST_CHARACTERS)
         self.exit(UNUSABLE, f'error: {said}\n')
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def error_lines(error: Exception) -> str:
