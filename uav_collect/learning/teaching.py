@@ -7,11 +7,12 @@ from uav_collect.learning.minibatch import Algorithm
 from uav_collect.learning.units import seeds_of_swept, swept
 from uav_collect.missions.rollout import fly_for_metrics
 from uav_collect.scenario.site import Site
-from uav_collect.training.config import ImitationSettings, TrainingConfig
+from uav_collect.training.config import TrainingConfig
+from uav_collect.training.teachers import teachers_of
 from uav_collect.uav.briefing import briefing_of
 from uav_collect.uav.lookahead import decision_us, LookaheadPolicy
 from uav_collect.uav.observation import Layout
-from uav_collect.uav.policy import NamedPolicy, policy_named
+from uav_collect.uav.policy import NamedPolicy
 from uav_collect.uav.policy_network import LearnedPolicy
 
 
@@ -35,14 +36,8 @@ def teaching(
         PolicyMismatchError: a teacher is unknown or broken, or takes a user's observation.
     """
     best = Teaching(None, swept(site, seed, part).kbit_per_j)
-    if algorithm is not Algorithm.IMITATION or config.imitation is None:
-        return best
-    for name in config.imitation.teachers:
-        try:
-            policy = policy_named(name)
-        except PolicyMismatchError as error:
-            raise PolicyMismatchError(f'imitation.teachers: {error}') from error
-        if not _is_fitting(policy, site, config.imitation):
+    for name, policy in teachers_of(config, algorithm.value):
+        if not _is_fitting(policy, site, config):
             continue
         metrics = fly_for_metrics(site, seeds_of_swept(seed, part), name, 'equal')
         kbit_per_j = float(metrics.efficiency_kbit_per_j.mean())
@@ -51,9 +46,10 @@ def teaching(
     return best
 
 
-def _is_fitting(policy: NamedPolicy, site: Site, settings: ImitationSettings) -> bool:
+def _is_fitting(policy: NamedPolicy, site: Site, config: TrainingConfig) -> bool:
     """Whether a teacher can fly a site's fleet over its area, and is not too slow there."""
-    if isinstance(policy, LookaheadPolicy):
+    settings = config.imitation
+    if isinstance(policy, LookaheadPolicy) and settings is not None:
         decision_ms = decision_us(policy, site.scenario.n_cells, is_compiled=True) / 1e3
         return decision_ms <= settings.most_decision_ms
     if not isinstance(policy, LearnedPolicy):

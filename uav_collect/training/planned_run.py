@@ -64,6 +64,7 @@ def new_record(
     """
     from uav_collect.scenario.load import fingerprint
     from uav_collect.training.config import code_of_training
+    from uav_collect.training.teachers import teacher_labels
 
     names = ' '.join(dict.fromkeys(scenario.name for scenario in scenarios))
     return RunRecord(
@@ -75,6 +76,7 @@ def new_record(
         training_fingerprint=config.fingerprint,
         initial='' if initial is None else initial.header.version,
         code=code_of_training(config, others['algorithm']),
+        teachers=teacher_labels(config, others['algorithm']),
         started=datetime.datetime.now().astimezone().isoformat(timespec='seconds'),
         git_revision=git_revision(),
         versions=package_versions(),
@@ -94,6 +96,7 @@ def stored_run(folder: Path, record: RunRecord) -> PlannedRun:
     """
     from uav_collect.scenario.load import fingerprint, from_file
     from uav_collect.training.config import code_of_training, load_preset
+    from uav_collect.training.teachers import teacher_labels
     from uav_collect.uav.policy_file import load_policy
 
     run_file = folder / RUN_FILE
@@ -116,6 +119,12 @@ def stored_run(folder: Path, record: RunRecord) -> PlannedRun:
         folder / CONFIG_FILE, 'fingerprint', config.fingerprint, record.training_fingerprint,
         run_file,
     )  # fmt: skip
+    if record.teachers:  # records of before do not tell
+        teachers = teacher_labels(config, record.algorithm)
+        _check_same(
+            folder / CONFIG_FILE, 'teachers', ' '.join(teachers), ' '.join(record.teachers),
+            run_file,
+        )  # fmt: skip
     initial = load_policy(folder / INITIAL_POLICY) if record.initial else None
     if initial is not None:
         path = folder / INITIAL_POLICY

@@ -24,7 +24,7 @@ VALIDATION_FILE = 'validation.csv'
 PROGRESS_FILE = 'progress.csv'
 FORMAT = 'uav_collect.training/1'
 PANEL_FILE = 'panel.csv'
-_LATER = ('courses', 'code')  # fields that records of before do not have
+_LATER = ('courses', 'code', 'teachers')  # fields that records of before do not have
 _MAX_BYTES = 2**20  # of a record
 _MAX_TABLE_BYTES = 2**30
 _MAX_SHOWN = 60  # characters of a wrong value
@@ -136,6 +136,7 @@ class RunRecord:
     # Fingerprints of what courses are drawn from and of the panel; '': it learns in scenarios.
     courses: str = ''
     code: tuple[str, ...] = ()  # what users wrote of it, each as module:name@version
+    teachers: tuple[str, ...] = ()  # whom it imitates, each as name@version
 
     @property
     def scenario_text(self) -> str:
