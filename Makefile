@@ -139,7 +139,7 @@ help:  ## this list
 setup: $(BUILT)  ## everything that missions need, in .venv, build and install (2 minutes once)
 	@echo 'set-up: ready; "make mission" flies, docs/how_to/nodes.md shows how to reach the executables'
 
-kernels: $(INSTALLED)  ## compile ahead what the first large job would wait for (two minutes of processor time, once)
+kernels: $(INSTALLED)  ## compile ahead what the first large job would wait for (three to four minutes of processor time, once)
 	@UAV_COLLECT_KERNELS=compiled $(VENV)/bin/python -m uav_collect evaluate --missions 1 \
 	  --policy sweep strong anywhere > /dev/null
 	@echo 'kernels: compiled'

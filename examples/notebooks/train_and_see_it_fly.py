@@ -9,8 +9,8 @@
 #
 # A policy that starts by flying at random learns from its own missions what pays. Of three
 # runs on an idle core each had passed 1.0 kbit/J after five minutes; a good rule has 1.19,
-# and half an hour passes that. The first run compiles for a minute before. It needs what
-# `make train` installs.
+# and half an hour passes that. On a machine where nothing was compiled so far that takes
+# three to four minutes of processor time first. It needs what `make train` installs.
 
 # %%
 import os

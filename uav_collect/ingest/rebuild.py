@@ -124,7 +124,7 @@ class EpisodeBuilder:
         self._union: Any = np.zeros(scenario.n_cells, dtype=np.uint8)
 
     def warm_up(self) -> None:
-        """Let kernels be compiled, which takes a minute once."""
+        """Let kernels be compiled, which takes minutes once."""
         n_cells = len(self._briefing.is_open)
         size = observation_size(self._layout, n_cells, self._briefing.n_uavs)
         records = new_records(0, self._briefing)

@@ -7,6 +7,7 @@ from typing import Any
 
 from uav_collect.kernels.patience import explain, SAID_EVERY_S, say
 
+COMPILED_IN = 'three to four minutes of processor time'  # as documents have it
 _SAID_AFTER_S = 1.0  # of compiling, in all
 
 
@@ -94,4 +95,4 @@ class Compilation:
                 self._say_at_s = duration_s + SAID_EVERY_S
             self._set_timer()
         if is_due:  # without the lock: whoever reads may be slow
-            self._say(f'compiling kernels (once): this takes about a minute{so_far}')
+            self._say(f'compiling kernels (once): this takes {COMPILED_IN}{so_far}')

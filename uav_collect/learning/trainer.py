@@ -147,7 +147,7 @@ class Trainer:
         return sum(task.replay.n_bytes for task in self._tasks)
 
     def warm_up(self) -> None:
-        """Let the kernels of validation and updates be compiled, which takes a minute once."""
+        """Let the kernels of validation and updates be compiled, which takes minutes once."""
         compile_steps()
         self._validator.warm_up(LearnedPolicy('new', self._freeze(None)))
 

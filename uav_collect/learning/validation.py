@@ -29,7 +29,7 @@ class Validator(Protocol):
         """How many missions a validation flies."""
 
     def warm_up(self, policy: LearnedPolicy) -> None:
-        """Let the kernels be compiled, which takes a minute once."""
+        """Let the kernels be compiled, which takes minutes once."""
 
     def measured(
         self, policy: LearnedPolicy, between_decisions: Callable[[], None] | None
@@ -50,7 +50,7 @@ class ScenarioValidator:
         return len(self._tasks) * len(self._seeds)
 
     def warm_up(self, policy: LearnedPolicy) -> None:
-        """Let the kernels be compiled, which takes a minute once."""
+        """Let the kernels be compiled, which takes minutes once."""
         for task in self._tasks:
             task.validate(policy, self._seeds[:1])
 
@@ -92,7 +92,7 @@ class PanelValidator:
         return len(self._sites) * len(self._seeds)
 
     def warm_up(self, policy: LearnedPolicy) -> None:
-        """Let the kernels be compiled, which takes a minute once."""
+        """Let the kernels be compiled, which takes minutes once."""
         fly(self._sites[0], self._seeds[:1], lambda: policy, 'equal', 0)
 
     def measured(
