@@ -6,11 +6,9 @@ certain; both UAVs start and land at 0, in the south-west cell, and always hear 
 
 from collections.abc import Callable, Iterator
 from functools import partial
-from itertools import product
 import math
 
 import pytest
-from tiny_world import tiny, uav
 from uav_collect.analysis.metrics import mission_metrics, MissionMetrics
 from uav_collect.kernels.arrays import row_of
 from uav_collect.missions.rollout import fly
@@ -19,16 +17,13 @@ from uav_collect.planning.pair_policy import BestPairPolicy
 from uav_collect.planning.pair_search import PairSearch
 from uav_collect.planning.search import Aim
 from uav_collect.planning.unknown_demand import drawn_counts, UnknownDemand
-from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.uav.briefing import briefing_of
+from unknown_demand import demands, field, SIZE_M, STEPS
 
 pytestmark = pytest.mark.usefixtures('bound_cache')
-SHARE = 0.3
-SIZE_M = 50.0
 TIME = 'time'
 ENERGY = 'energy'
-STEPS = ((1, 0), (0, 1), (-1, 0), (0, -1))
 NOWHERE = -1  # the cell of a UAV that flies home
 
 Cells = frozenset[int]
@@ -37,43 +32,13 @@ State = tuple[int, tuple[Uav, Uav], Cells, Cells, Cells]  # who decides, seen, h
 Outcome = tuple[float, list[tuple[float, State]]]  # what passes costs; what follows, how likely
 
 
-def field(
-    n_rows: int, n_columns: int, speeds: tuple[float, ...], cells: tuple[int, ...] | None = None
-) -> Scenario:
-    """Cells that may hold data, or some that do."""
-    some = range(n_rows * n_columns) if cells is None else cells
-    centres = [(SIZE_M * (c % n_columns + 0.5), SIZE_M * (c // n_columns + 0.5)) for c in some]
-    return tiny(
-        *map(uav, speeds),
-        sensors=[(x_m, y_m, 3.0) for x_m, y_m in centres],
-        area={'rows': n_rows, 'columns': n_columns, 'cell_size_m': SIZE_M, 'altitude_m': 100.0},
-        demand={
-            'cell_share': SHARE if cells is None else 'all',
-            'data_mbit': 'csv',
-            'known_empty': 'none',
-        },
-        radio__contact_range_m=math.inf,
-    )
-
-
 def pair(n_rows: int, n_columns: int, speeds: tuple[float, ...], what: str) -> PairSearch:
-    site = build_site(field(n_rows, n_columns, speeds))
+    site = build_site(field(n_rows, n_columns, speeds=speeds))
     briefing, nothing = briefing_of(site), row_of([0.0, 0.0])
     aim = Aim(1.0, nothing, nothing)
     if what == ENERGY:
         aim = Aim(0.0, briefing.flight_power_w, briefing.hover_power_w)
     return PairSearch(site, drawn_counts(site.scenario), aim)
-
-
-def demands(n_rows: int, n_columns: int) -> Iterator[tuple[tuple[int, ...], float]]:
-    """All sets of data cells, and how likely the world draws each."""
-    n_cells = n_rows * n_columns
-    counts = drawn_counts(field(n_rows, n_columns, (5.0, 5.0)))
-    for bits in product((0, 1), repeat=n_cells):
-        cells = tuple(cell for cell in range(n_cells) if bits[cell])
-        chance = counts[len(cells)] / math.comb(n_cells, len(cells))
-        if chance > 0.0:
-            yield cells, float(chance)
 
 
 class EveryPolicy:
@@ -82,7 +47,7 @@ class EveryPolicy:
     def __init__(
         self, n_rows: int, n_columns: int, speeds: tuple[float, ...], what: str, hover_ns: int
     ) -> None:
-        briefing = briefing_of(build_site(field(n_rows, n_columns, speeds)))
+        briefing = briefing_of(build_site(field(n_rows, n_columns, speeds=speeds)))
         self.n_rows, self.n_columns, self.hover_ns = n_rows, n_columns, hover_ns
         self.move_ns = [round(SIZE_M / speed * 1e9) for speed in speeds]
         is_energy = what == ENERGY
@@ -206,7 +171,7 @@ def test_flown_over_every_demand_it_has_the_value_that_was_found_and_no_rule_has
     }
     means = dict.fromkeys(policies, 0.0)
     for cells, chance in demands(1, 4):
-        site = build_site(field(1, 4, speeds, cells))
+        site = build_site(field(1, 4, cells, speeds))
         bound = bound_of(site, 0)
         limit = bound.least_completion_s if what == TIME else bound.least_energy_j
         known = search.knowing(sum(1 << cell for cell in cells))
@@ -225,7 +190,7 @@ def measured(mission: MissionMetrics, what: str) -> float:
 
 
 def test_missions_flown_side_by_side_share_nothing() -> None:
-    search, site = pair(2, 3, (5.0, 10.0), TIME), build_site(field(2, 3, (5.0, 10.0)))
+    search, site = pair(2, 3, (5.0, 10.0), TIME), build_site(field(2, 3, speeds=(5.0, 10.0)))
     together = fly(site, [0, 1, 2], partial(BestPairPolicy, search, []), guard_after=0)
     apart = [
         fly(site, [seed], partial(BestPairPolicy, search, []), guard_after=0)[0]
@@ -235,7 +200,7 @@ def test_missions_flown_side_by_side_share_nothing() -> None:
 
 
 def test_two_take_no_more_energy_than_one_of_them_alone_and_less_time() -> None:
-    alone_site = build_site(field(2, 3, (5.0,)))
+    alone_site = build_site(field(2, 3))
     briefing, counts = briefing_of(alone_site), drawn_counts(alone_site.scenario)
     way = UnknownDemand(alone_site, counts).expected_length()
     energy, time = pair(2, 3, (5.0, 5.0), ENERGY), pair(2, 3, (5.0, 5.0), TIME)
@@ -252,6 +217,6 @@ def test_what_it_cannot_search_is_refused() -> None:
         pair(2, 3, (5.0,), TIME)
     with pytest.raises(ValueError, match='2 UAVs over 15 cells'):
         pair(3, 5, (5.0, 5.0), TIME)
-    scenario, nothing = field(2, 3, (5.0, 5.0), (0, 1, 2, 3, 4)), row_of([0.0, 0.0])
+    scenario, nothing = field(2, 3, (0, 1, 2, 3, 4), (5.0, 5.0)), row_of([0.0, 0.0])
     with pytest.raises(ValueError, match='hovers take unlike times'):
         PairSearch(build_site(scenario), drawn_counts(scenario), Aim(1.0, nothing, nothing))

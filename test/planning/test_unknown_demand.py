@@ -7,9 +7,7 @@
   0 1 2
 """
 
-from collections.abc import Iterator
 from functools import cache
-from itertools import product
 import math
 
 from interpreted import interpreted
@@ -29,45 +27,17 @@ from uav_collect.planning.unknown_demand import (
     independent_counts,
     UnknownDemand,
 )
-from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.uav.briefing import briefing_of
 from uav_collect.world.sensor_field import demand_of
+from unknown_demand import demands, field, SHARE, SIZE_M, STEPS
 
 pytestmark = pytest.mark.usefixtures('bound_cache')
-SHARE = 0.3
-SIZE_M = 50.0
-STEPS = ((1, 0), (0, 1), (-1, 0), (0, -1))
-
-
-def field(n_rows: int, n_columns: int, cells: tuple[int, ...] | None = None) -> Scenario:
-    """Cells that may hold data, or some that do."""
-    some = range(n_rows * n_columns) if cells is None else cells
-    centres = [(SIZE_M * (c % n_columns + 0.5), SIZE_M * (c // n_columns + 0.5)) for c in some]
-    return tiny(
-        uav(5.0),
-        sensors=[(x_m, y_m, 3.0) for x_m, y_m in centres],
-        area={'rows': n_rows, 'columns': n_columns, 'cell_size_m': SIZE_M, 'altitude_m': 100.0},
-        demand={
-            'cell_share': SHARE if cells is None else 'all',
-            'data_mbit': 'csv',
-            'known_empty': 'none',
-        },
-    )
 
 
 def best_of(n_rows: int, n_columns: int) -> UnknownDemand:
     scenario = field(n_rows, n_columns)
     return UnknownDemand(build_site(scenario), drawn_counts(scenario))
-
-
-def demands(n_rows: int, n_columns: int) -> Iterator[tuple[tuple[int, ...], float]]:
-    """All sets of data cells, and how likely the world draws each."""
-    n_cells = n_rows * n_columns
-    counts = drawn_counts(field(n_rows, n_columns))
-    for bits in product((0, 1), repeat=n_cells):
-        cells = tuple(cell for cell in range(n_cells) if bits[cell])
-        yield cells, counts[len(cells)] / math.comb(n_cells, len(cells))
 
 
 def way(mission: MissionMetrics) -> float:
