@@ -55,9 +55,6 @@ class Smoke:
     def study(self, name: str) -> Study:
         return catalogue.make_study(name, Requests(load_scale('smoke')))
 
-    def drawn(self, name: str) -> Drawing:
-        return draw(self.study(name), Findings(Store(self.output)))
-
     def rows(self, name: str) -> list[dict[str, str]]:
         text = (self.folder / f'{name}.csv').read_text()
         return [*csv.DictReader(io.StringIO(text))]
@@ -74,6 +71,12 @@ def smoke(tmp_path_factory: pytest.TempPathFactory) -> Smoke:
         fcntl.flock(lock, fcntl.LOCK_EX)
         options = ('--scale', 'smoke', '--output', str(output), '--workers', '2')
         return Smoke(output, figures(*options))
+
+
+@pytest.fixture(scope='module', params=NAMES)
+def drawn(smoke: Smoke, request: pytest.FixtureRequest) -> tuple[str, Drawing]:
+    """Each study's name and figure: all that is asked of one is asked before the next is drawn."""
+    return request.param, draw(smoke.study(request.param), Findings(Store(smoke.output)))
 
 
 @pytest.fixture
@@ -133,20 +136,19 @@ def test_a_table_says_how_many_and_in_which_unit(smoke: Smoke, name: str) -> Non
         assert shown <= columns
 
 
-@pytest.mark.parametrize('name', NAMES)
-def test_every_axis_has_a_unit_and_every_panel_a_legend(smoke: Smoke, name: str) -> None:
-    for axes in panels(smoke.drawn(name)):
+def test_every_axis_has_a_unit_and_every_panel_a_legend(drawn: tuple[str, Drawing]) -> None:
+    _, drawing = drawn
+    for axes in panels(drawing):
         assert UNIT.match(axes.get_xlabel()), axes.get_xlabel()
         assert UNIT.match(axes.get_ylabel()), axes.get_ylabel()
         assert labels_of(axes)
 
 
-@pytest.mark.parametrize('name', NAMES)
-def test_every_legend_is_in_the_picture_whole(smoke: Smoke, name: str) -> None:
-    drawn = smoke.drawn(name)
-    drawn.picture('png')
-    page = drawn.figure.bbox
-    for axes in panels(drawn):
+def test_every_legend_is_in_the_picture_whole(drawn: tuple[str, Drawing]) -> None:
+    name, drawing = drawn
+    drawing.picture('png')
+    page = drawing.figure.bbox
+    for axes in panels(drawing):
         legend = axes.get_legend()
         assert legend is not None
         box = legend.get_window_extent()
@@ -167,10 +169,10 @@ def series_of(study: Study) -> set[str]:
             return set()
 
 
-@pytest.mark.parametrize('name', NAMES)
-def test_every_panel_has_all_its_series(smoke: Smoke, name: str) -> None:
-    study, drawn = smoke.study(name), smoke.drawn(name)
-    shown = [labels_of(axes) for axes in panels(drawn)]
+def test_every_panel_has_all_its_series(smoke: Smoke, drawn: tuple[str, Drawing]) -> None:
+    name, drawing = drawn
+    study = smoke.study(name)
+    shown = [labels_of(axes) for axes in panels(drawing)]
     assert all(series_of(study) <= labels for labels in shown)
     match study:
         case LinesStudy():
