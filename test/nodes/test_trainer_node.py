@@ -1,8 +1,6 @@
 """The trainer node beside worlds and agents: what they fly is what it learns, whoever dies."""
 
-from collections.abc import Sequence
 from pathlib import Path
-import random
 import re
 import signal
 from typing import Any
@@ -22,6 +20,7 @@ from trainings import (
     fleet_of,
     in_process,
     NEVER,
+    PACE,
     replayed,
     SCENARIO,
     start_fleet,
@@ -45,9 +44,9 @@ from uav_collect_msgs.msg import Epoch
 
 pytestmark = [pytest.mark.ros, pytest.mark.long]
 
-N_KILLS = 2
 N_LEARNED = 400  # decisions
-N_LOST = 50_000
+WORLD_SEEDS = 10**6  # of its missions, that a world has to itself
+N_LOST = 25_000
 BRIEF = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
@@ -104,24 +103,18 @@ def wait_for_updates(folder: Path, n_wanted: int) -> None:
     wait_until(lambda: n_updates(folder) >= n_wanted, TRAINED_S)
 
 
-def last_seed(folder: Path) -> int:
-    """The highest seed of the missions that a training has saved."""
-    episodes, _ = replayed(folder)
-    return max(one.mission_seed for one in episodes)
-
-
 def test_a_trainer_that_is_stopped_or_killed_goes_on_from_where_it_was_saved(
     processes: Processes, tmp_path: Path
 ) -> None:
     fleet, folder = fleet_of(processes, tmp_path), tmp_path / 'run'
     world = start_fleet(fleet)
     given: Any = {'decisions': 10**6, 'checkpoint_period_s': 0.2}
-    saved, seen, rng = folder / 'checkpoint' / 'state.pt', 0, random.Random(0)
-    for turn in range(N_KILLS + 1):
+    saved, seen = folder / 'checkpoint' / 'state.pt', 0
+    for number in (signal.SIGINT, signal.SIGKILL):
         trainer = start_trainer(processes, folder, **given)
-        wait_for_updates(folder, seen + rng.randint(1, 8))
-        if turn == 0:
-            trainer.send(signal.SIGINT)
+        wait_for_updates(folder, seen + 3)
+        if number == signal.SIGINT:
+            trainer.send(number)
             assert trainer.wait_for_exit(TRAINED_S) == 0
             assert re.search('decisions; saved(, no .*)?; start it again to go on', trainer.output)
         else:
@@ -144,35 +137,48 @@ def test_a_trainer_that_is_stopped_or_killed_goes_on_from_where_it_was_saved(
     assert not [*folder.rglob('*.part')]
 
 
-def test_agents_and_worlds_that_die_cost_their_mission_and_no_more(
+def test_agents_and_worlds_that_die_cost_their_mission_and_no_more_beside_another_world(
     processes: Processes, tmp_path: Path
 ) -> None:
-    fleet, folder = fleet_of(processes, tmp_path), tmp_path / 'run'
-    trainer = start_trainer(processes, folder, decisions=10**6, checkpoint_period_s=0.2)
+    # One fleet may have flown hundreds of missions when the other takes off.
+    folder, fleet = tmp_path / 'run', fleet_of(processes, tmp_path, 'a')
+    trainer = start_trainer(
+        processes, folder, worlds='[a, b]', decisions=10**6, checkpoint_period_s=0.2
+    )
     agents = fleet.start_agents('topic', 'equal')
-    world = fleet.start_world(missions=-1)
-    wait_for_updates(folder, 4)
+    world = fleet.start_world(missions=-1, real_time_factor=PACE)
+    start_fleet(fleet_of(processes, tmp_path, 'b'), seed=WORLD_SEEDS)
+    wait_until(lambda: worlds_learned_from(folder) == {0, 1}, TRAINED_S)
     agents[0].kill()
     seen = n_updates(folder)
     fleet.start_agent(1, 'topic', 'equal')
     wait_for_updates(folder, seen + 4)
     world.kill()
-    fleet.start_world(missions=-1, seed=10**6)
+    fleet.start_world(missions=-1, real_time_factor=PACE, seed=2 * WORLD_SEEDS)
     # What the first world flew waits in line for the learner, who takes it first.
-    wait_until(lambda: last_seed(folder) >= 10**6, TRAINED_S)
+    wait_until(lambda: 2 in worlds_learned_from(folder), TRAINED_S)
     trainer.send(signal.SIGINT)
     assert trainer.wait_for_exit(TRAINED_S) == 0
     assert re.findall(r' (\d+) refused,', trainer.output)[-1] == '0'
 
 
-def test_a_trainer_that_messages_never_reach_learns_on_and_stops_when_asked(
+def worlds_learned_from(folder: Path) -> set[int]:
+    """The worlds, by the seeds that each has, whose missions a training has saved."""
+    if not (folder / 'checkpoint' / 'state.pt').exists():
+        return set()
+    episodes, _ = replayed(folder)
+    return {one.mission_seed // WORLD_SEEDS for one in episodes}
+
+
+def test_a_trainer_has_saved_what_it_publishes_and_stops_though_messages_never_reach_it(
     processes: Processes, tmp_path: Path
 ) -> None:
     # Its history of one message is full before the trainer has asked for any: most are lost. A
     # middleware that is asked to say so may stand still for ever (ros2/rmw_fastrtps#890).
-    trainer = start_trainer(processes, tmp_path / 'run')
-    trainer.wait_for('waiting for missions')
-    with listener() as flooding:
+    with listener(topics.POLICY) as flooding:
+        trainer = start_trainer(processes, tmp_path / 'run', checkpoint_period_s=1000.0)
+        flooding.wait_until(lambda: len(flooding.heard[topics.POLICY.name]) > 0)
+        assert (tmp_path / 'run' / 'checkpoint' / 'state.pt').is_file()
         epochs = flooding.node.create_publisher(Epoch, topics.EPOCH.name, BRIEF)
         flooding.wait_until(lambda: epochs.get_subscription_count() > 0)
         for number in range(N_LOST):
@@ -180,37 +186,6 @@ def test_a_trainer_that_messages_never_reach_learns_on_and_stops_when_asked(
     trainer.wait_for('waiting for missions')
     trainer.send(signal.SIGINT)
     assert trainer.wait_for_exit(TRAINED_S) == 0
-
-
-def test_a_policy_is_published_once_the_run_can_be_gone_on_with(
-    processes: Processes, tmp_path: Path
-) -> None:
-    with listener(topics.POLICY) as listening:
-        start_trainer(processes, tmp_path / 'run', checkpoint_period_s=1000.0)
-        listening.wait_until(lambda: len(listening.heard[topics.POLICY.name]) > 0)
-    assert (tmp_path / 'run' / 'checkpoint' / 'state.pt').is_file()
-
-
-def test_two_worlds_make_the_experience_of_one_trainer(
-    processes: Processes, tmp_path: Path
-) -> None:
-    # One fleet may have flown hundreds of missions when the other takes off.
-    folder = tmp_path / 'run'
-    trainer = start_trainer(
-        processes, folder, worlds='[a, b]', decisions=10**6, checkpoint_period_s=0.2
-    )
-    for place, name in enumerate('ab'):
-        start_fleet(fleet_of(processes, tmp_path, name), seed=place * 10**6)
-    wait_for_updates(folder, 1)
-    wait_until(lambda: worlds_learned_from(folder) == {0, 1}, TRAINED_S)
-    trainer.send(signal.SIGINT)
-    assert trainer.wait_for_exit(TRAINED_S) == 0
-
-
-def worlds_learned_from(folder: Path) -> set[int]:
-    """The worlds, a million seeds each, whose missions a training has saved."""
-    episodes, _ = replayed(folder)
-    return {one.mission_seed // 10**6 for one in episodes}
 
 
 def test_what_agents_encode_otherwise_is_refused_and_named(
@@ -226,23 +201,10 @@ def test_what_agents_encode_otherwise_is_refused_and_named(
     assert 'stopped before a mission was flown' in trainer.output
 
 
-@pytest.mark.parametrize(
-    ('flags', 'values', 'words'),
-    [
-        ((), {'algorithm': 'qmix'}, "algorithm is 'qmix': must be aqmix or aiql"),
-        (('--from-bag', 'nowhere'), {}, 'nowhere: no such bag'),
-    ],
-)
-def test_what_cannot_be_trained_is_said_in_one_line(
-    flags: Sequence[str],
-    values: dict[str, Any],
-    words: str,
-    processes: Processes,
-    tmp_path: Path,
-) -> None:
-    trainer = start_trainer(processes, tmp_path / 'run', *flags, **values)
+def test_what_cannot_be_trained_is_said_in_one_line(processes: Processes, tmp_path: Path) -> None:
+    trainer = start_trainer(processes, tmp_path / 'run', '--from-bag', 'nowhere')
     assert trainer.wait_for_exit() == 2
-    assert words in trainer.output.splitlines()[-1]
+    assert 'nowhere: no such bag' in trainer.output.splitlines()[-1]
     assert 'Traceback' not in trainer.output
 
 
@@ -258,6 +220,7 @@ def settings_of(folder: Path, **values: object) -> TrainerSettings:
     ('values', 'words'),
     [
         ({'algorithm': 'vdn'}, "algorithm is 'vdn': must be aqmix or aiql"),
+        ({'algorithm': 'qmix'}, "algorithm is 'qmix': must be aqmix or aiql"),
         ({'output_dir': ''}, 'output_dir is missing: must be a folder for the run'),
         ({'minutes': 3.0, 'decisions': 5}, 'minutes and decisions are given: must be one'),
         ({'scenario': 'nowhere'}, "scenario is 'nowhere'"),
