@@ -266,13 +266,8 @@ def launch(processes: Processes, **arguments: object) -> RunningProcess:
 
 
 @pytest.mark.ros
-@pytest.mark.parametrize(
-    'wrong', [{'policy': 'nope'}, {'seed': 'abc'}, {'missions': '-2'}, {'rviz': 'true'}]
-)
-def test_launch_starts_nothing_with_a_wrong_argument(
-    processes: Processes, wrong: dict[str, str]
-) -> None:
-    launched = launch(processes, **wrong)
+def test_launch_starts_nothing_with_a_wrong_argument(processes: Processes) -> None:
+    launched = launch(processes, seed='abc')
     assert launched.wait_for_exit() == 1
     assert 'process started' not in launched.output
     assert processes.survivors() == []
