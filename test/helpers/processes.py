@@ -125,8 +125,7 @@ class RunningProcess:
                 raise AssertionError(
                     self.described(f'did not write {pattern!r} in {deadline_s} s')
                 )
-            with suppress(subprocess.TimeoutExpired):
-                self._popen.wait(_POLL_S)
+            time.sleep(_POLL_S)
 
     def wait_for_exit(self, deadline_s: float = DEADLINE_S) -> int:
         """Wait until it exits and return its status: negative for the signal that ended it.
