@@ -1,6 +1,7 @@
 """Compiled kernels are kept for as long as no source changes, and are found by what they are."""
 
 from collections.abc import Callable
+from itertools import product
 import os
 from pathlib import Path
 import subprocess
@@ -73,7 +74,9 @@ def doubled(tmp_path: Path, *, most_bytes: int | None = None, way: str = '.') ->
         },
         capture_output=True, text=True, check=True,
     )  # fmt: skip
-    return done.stdout, done.stderr
+    # How long that takes is said on a busy machine.
+    said = done.stderr.splitlines(keepends=True)
+    return done.stdout, ''.join(it for it in said if not it.startswith('compiling kernels'))
 
 
 def test_a_disk_without_room_for_a_compiled_kernel_costs_a_line_and_no_result(
@@ -89,12 +92,10 @@ def test_a_disk_without_room_for_a_compiled_kernel_costs_a_line_and_no_result(
     assert [(path.name, path.stat().st_size) for path in left] == [('compiling', 0)]  # its turn
 
 
-@pytest.mark.parametrize('damage', [b'', b'\0' * 100, b'\x80\x04\x95', b'nonsense'])
-def test_a_damaged_file_of_a_compiled_kernel_is_written_anew(
-    damage: bytes, tmp_path: Path
-) -> None:
+def test_a_damaged_file_of_a_compiled_kernel_is_written_anew(tmp_path: Path) -> None:
     assert doubled(tmp_path) == ('42\n', '')
-    for kind in ('*.nbi', '*.nbc'):
+    damages = (b'', b'\0' * 100, b'\x80\x04\x95', b'nonsense')
+    for kind, damage in product(('*.nbi', '*.nbc'), damages):
         [file] = (tmp_path / 'cache').rglob(kind)
         whole = file.read_bytes()
         file.write_bytes(damage)
