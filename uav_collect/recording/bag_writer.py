@@ -25,6 +25,7 @@ from rosbags.rosbag2.storage_mcap import PendingChunk
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 from uav_collect.errors import RecordingError
 from uav_collect.recording.bag_checksums import BagChecksums
+from uav_collect.recording.chunk_index import ChunkIndex
 from uav_collect.recording.message_heads import FieldKind
 
 _SEPARATOR = '=' * 80
@@ -96,6 +97,7 @@ class BagWriter:
         self._waiting_byte = 0
         self._writer, self._storage = _opened(folder)
         self._checksums = BagChecksums(self._storage)
+        self._index: ChunkIndex = self._storage.chunks
 
     def add_topic(self, name: str, type_name: str, qos: Qos) -> Connection:
         """Announce a topic; the result stands for it in `write`."""
@@ -163,6 +165,8 @@ class BagWriter:
             with suppress(OSError):
                 self._writer.abort()
             raise self._left_open(error) from error
+        finally:
+            self._index.close()
         with suppress(OSError):  # the bag is whole without them
             self._checksums.finish()
 
@@ -170,7 +174,7 @@ class BagWriter:
         """What tells the state of the file before a chunk."""
         return {
             'end': self._storage.bio.tell(),
-            'n_chunks': len(self._storage.chunks),
+            'n_chunks': len(self._index),
             'counts': dict(self._writer.counts),
             'times': (self._writer.min_timestamp, self._writer.max_timestamp),
         }
@@ -183,6 +187,7 @@ class BagWriter:
             self._restore(before)
         except OSError as another:
             self._writer.storage = None
+            self._index.close()
             return self._left_open(another)
         self.close()
         return RecordingError(
@@ -204,7 +209,7 @@ class BagWriter:
         storage.bio = storage.path.open('r+b')
         storage.bio.truncate(before['end'])
         storage.bio.seek(before['end'])
-        del storage.chunks[before['n_chunks'] :]
+        self._index.cut(before['n_chunks'])
         storage.chunk = PendingChunk(2**63 - 1, 0, BytesIO(), defaultdict(list))
         writer.counts.update(before['counts'])
         storage.channel_stats.update(before['counts'])
@@ -233,6 +238,7 @@ def _opened(folder: Path) -> tuple[Writer, Any]:
         writer.open()
         (folder / RESERVE).write_bytes(bytes(_RESERVE_BYTE))
         storage: Any = writer.storage
+        storage.chunks = ChunkIndex(folder)
         with suppress(OSError):  # not every network file system has locks
             fcntl.flock(storage.bio, fcntl.LOCK_EX | fcntl.LOCK_NB)  # no repair, please
         storage.bio.flush()
