@@ -3,11 +3,9 @@
 import argparse
 from collections import Counter
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from functools import partial
 import math
 from pathlib import Path
-import sys
 import time
 from typing import Any
 
@@ -24,11 +22,10 @@ from rosbags.interfaces import (
     QosReliability,
     QosTime,
 )
-from uav_collect import files
-from uav_collect.config.arguments import error_lines, Parser
-from uav_collect.errors import BagError, NodeError, RecordingError, UnreadableError
+from uav_collect.config.arguments import Parser
+from uav_collect.errors import NodeError, RecordingError, UnreadableError
 from uav_collect.ingest.from_messages import converter_for
-from uav_collect.limits import FAILED, MAX_UAVS, RECORDED, UNUSABLE
+from uav_collect.limits import FAILED, MAX_UAVS, RECORDED
 from uav_collect.lockstep.seals import Checker
 from uav_collect.nodes.parameters import (
     add_world_option,
@@ -152,7 +149,8 @@ class RecorderNode(ProcessNode):
         self._ended_s = math.inf  # when the last mission to record has ended
         self._heard_s = 0.0  # when the last message came that is not just the clock
         self._worlds: dict[str, str] = {}  # scenario by world instance, the latest last
-        self._n_uavs = 0  # that are listened to
+        self._n_uavs = 0  # to record
+        self._n_recorded = 0  # that are listened to
         self._listeners: dict[str, Subscription] = {}  # by topic
         self._n_unreadable: Counter[str] = Counter()  # messages by topic
         self._n_unsealed: Counter[str] = Counter()  # the same
@@ -310,15 +308,25 @@ class RecorderNode(ProcessNode):
         for topic in filter(self._is_wanted, self._names.recorded()):
             if topic.name not in self._listeners:
                 self._record(topic)
-        n_uavs = min(n_uavs, MAX_UAVS)
-        self._n_uavs = max(self._n_uavs, n_uavs)
-        for uav in range(1, n_uavs + 1):
-            own = filter(self._is_wanted, topics_of_uav(uav, self._names.namespace))
-            new = [topic for topic in own if topic.name not in self._listeners]
-            for topic in new:
-                self._record(topic)
-            if new:
-                self.get_logger().info(f'recording UAV {uav}')
+        if (n_uavs := min(n_uavs, MAX_UAVS)) > self._n_uavs:
+            is_under_way = self._n_recorded < self._n_uavs
+            self._n_uavs = n_uavs
+            if not is_under_way:
+                self._record_next_uav()
+
+    def _record_next_uav(self) -> None:
+        """Record one more UAV, and the next one after what else is due: that may be a signal."""
+        self._n_recorded += 1
+        own = topics_of_uav(self._n_recorded, self._names.namespace)
+        for topic in filter(self._is_wanted, own):
+            self._record(topic)
+        self.get_logger().info(f'recording UAV {self._n_recorded}')
+        if self._n_recorded < self._n_uavs and self.executor is not None:
+            self.executor.create_task(self._record_next_uav)
+
+    def _is_heard(self, topic: Topic) -> bool:
+        listener = self._listeners.get(topic.name)
+        return listener is not None and listener.get_publisher_count() > 0
 
     def _flush(self) -> None:
         self._write(self._bag.flush)
@@ -327,8 +335,7 @@ class RecorderNode(ProcessNode):
         """Say what is not heard; stop when the last mission has ended and all of it is here."""
         awaited = filter(self._is_wanted, self._names.awaited(range(1, self._n_uavs + 1)))
         if self._own is None or self._worlds:  # other worlds do not wait for it
-            listeners = [self._listeners[it.name] for it in awaited]
-            silent = [it.topic_name for it in listeners if not it.get_publisher_count()]
+            silent = [it.name for it in awaited if not self._is_heard(it)]
             self._status.publish(self._worlds, silent)
         self._now_s += _LOOK_PERIOD_S
         since_end_s, quiet_s = self._now_s - self._ended_s, self._now_s - self._heard_s
@@ -346,7 +353,7 @@ class RecorderNode(ProcessNode):
         """
         begun_s = self._now_s
         while self.end_status is None:
-            for listener in [*self._listeners.values()]:  # a scenario brings new ones
+            for listener in [*self._listeners.values()]:  # a scenario brings the first UAV's
                 self._take_some(listener)
             is_silent = self._now_s - max(begun_s, self._heard_s) > _SILENT_S
             patience_s = _DRAIN_S if self._lacks() else _QUIET_S
@@ -381,7 +388,9 @@ def main(argv: Sequence[str]) -> int:
     """
     arguments = parse_arguments(_parser(), argv)
     if arguments.repair is not None:
-        return _repair(arguments.repair)
+        from uav_collect.nodes.recorder.repairing import repair_bag
+
+        return repair_bag(arguments.repair)
     return run_node(lambda: RecorderNode(arguments.output, arguments.world), argv)
 
 
@@ -396,38 +405,6 @@ def _parser() -> argparse.ArgumentParser:
     add_world_option(parser)
     parser.add_argument('--repair', type=Path, metavar='BAG', help='make a bag readable, and exit')
     return parser
-
-
-def _repair(bag: Path) -> int:
-    from uav_collect.recording.bag_repair import repair
-
-    try:
-        with suppress(FileNotFoundError):
-            files.check_there(bag)
-    except OSError as error:
-        sys.stderr.write(error_lines(error))
-        return UNUSABLE
-    try:
-        done = repair(bag)
-    except BagError as error:
-        sys.stderr.write(error_lines(error))
-        return UNUSABLE
-    except OSError as error:
-        why = error.strerror or error
-        sys.stderr.write(f'error: {bag}: cannot be repaired, nothing was changed: {why}\n')
-        return FAILED
-    time_s = done.last_sim_time_s
-    until = '' if time_s is None else f' up to {time_s:.3f} s of simulated time'
-    sys.stdout.write(f'{bag}: holds {done.n_messages} messages{until}\n')
-    if done.broken_file is None:
-        sys.stdout.write('nothing to repair\n')
-    else:
-        for damage in done.left_out:
-            sys.stdout.write(f'left out: {damage}\n')
-        for remark in done.remarks:
-            sys.stdout.write(f'damaged, no message lost: {remark}\n')
-        sys.stdout.write(f'kept {done.broken_file}\n')
-    return 0
 
 
 def _definition_text(type_name: str) -> str:
