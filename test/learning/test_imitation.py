@@ -112,6 +112,17 @@ def test_the_sweep_teaches_unless_a_policy_that_fits_is_better() -> None:
     assert teaching(lost, shipped, Algorithm.IMITATION).policy is None  # it circles there
 
 
+def test_who_teaches_is_judged_with_all_uavs_in_the_air() -> None:
+    shipped = settings(imitation__teachers=['paper_8x8_n2_aqmix'])
+    site, lost = (
+        build_site(load('paper_8x8', {'faults': faults}))
+        for faults in ([], [{'uav': 2, 'kind': 'gone', 'at_decision': 0}])
+    )
+    of_all, of_one = (teaching(it, shipped, Algorithm.IMITATION) for it in (site, lost))
+    assert of_one.policy is not None
+    assert of_one.kbit_per_j == of_all.kbit_per_j
+
+
 def test_a_rule_and_one_that_looks_ahead_teach_where_they_are_better_and_quick_enough() -> None:
     known = build_site(
         load('paper_8x8', {'demand.cell_share': 'all', 'demand.known_empty': 'sensors'})

@@ -8,6 +8,7 @@ from random_policies import header, random_policy
 from tiny_world import tiny, uav
 from uav_collect.missions.rollout import fly
 from uav_collect.missions.vector_env import VectorEnv, VectorEnvConfig
+from uav_collect.scenario.model import FaultConfig
 from uav_collect.scenario.site import build_site
 from uav_collect.uav.action_codes import BY_POLICY, HOME, NONE
 from uav_collect.uav.observation import Layout
@@ -93,6 +94,23 @@ def test_a_mission_that_takes_off_anew_leaves_what_a_teacher_says_of_others_as_i
     env.step(env.taught)
     other.step(other.taught)
     assert env.taught[[0, 2]].tolist() == other.taught[[0, 2]].tolist()
+
+
+def test_once_a_uav_is_lost_or_silent_the_adviser_teaches() -> None:
+    for kind in ('gone', 'silent', 'slow'):
+        fault = FaultConfig(uav=2, kind=kind, at_s=(12.0, 12.0))
+        site = build_site(replace(SITE.scenario, faults=(fault,)))
+        config = VectorEnvConfig(layout=Layout.RELATIVE, reward=None, max_decisions=MOST,
+                                 teacher=TEACHERS['relative'])  # fmt: skip
+        env, differing = VectorEnv(site, SEEDS, config), {True: 0, False: 0}
+        for _ in range(12):
+            waiting = env.decisions
+            differs = (env.taught != waiting.advice) & (waiting.uav != NONE)
+            for is_past in (True, False):
+                differing[is_past] += int(differs[(waiting.time_s >= 12.0) == is_past].sum())
+            env.step(waiting.advice)
+        assert differing[False] > 0
+        assert (differing[True] > 0) == (kind == 'slow')
 
 
 def test_without_a_teacher_the_adviser_teaches() -> None:

@@ -218,6 +218,9 @@ def test_half_of_taught_courses_are_like_those_of_teachers() -> None:
     assert any(it.faults for it in known)
     assert any(math.isinf(it.radio.contact_range_m) for it in known)
     assert len({it.sensors for it in known}) == len(known)
+    size_m = distribution.base.area.cell_size_m
+    n_of_field = sum(it.area.cell_size_m == size_m for it in known)
+    assert 0.35 * len(known) < n_of_field < 0.65 * len(known)
     of_base = distribution.base.uavs[0].energy_budget_kj
     n_of_base = sum(it.uavs[0].energy_budget_kj == of_base for it in known)
     assert 0 < n_of_base < len(known)

@@ -1,12 +1,14 @@
 """Who teaches on a site: whoever of the teachers at hand flies it best."""
 
+from dataclasses import replace
+import math
 from typing import NamedTuple
 
 from uav_collect.errors import PolicyMismatchError
 from uav_collect.learning.minibatch import Algorithm
 from uav_collect.learning.units import seeds_of_swept, swept
 from uav_collect.missions.rollout import fly_for_metrics
-from uav_collect.scenario.site import Site
+from uav_collect.scenario.site import build_site, Site
 from uav_collect.training.config import TrainingConfig
 from uav_collect.training.teachers import teachers_of
 from uav_collect.uav.briefing import briefing_of
@@ -28,6 +30,9 @@ def teaching(
 ) -> Teaching:
     """Let all teachers that fit a site fly its missions; the sweep teaches unless one is better.
 
+    Better is who surpasses it by more than the standard error of these missions, with all UAVs in
+    the air: once one is lost nobody but the adviser teaches.
+
     Args:
         algorithm: where it is not `imitation` nobody but the sweep is asked.
         seed: of a run; `part`: of its mission seeds.
@@ -35,14 +40,21 @@ def teaching(
     Raises:
         PolicyMismatchError: a teacher is unknown or broken, or takes a user's observation.
     """
-    best = Teaching(None, swept(site, seed, part).kbit_per_j)
+    if algorithm is not Algorithm.IMITATION or config.imitation is None:
+        return Teaching(None, swept(site, seed, part).kbit_per_j)
+    if site.scenario.faults:
+        site = build_site(replace(site.scenario, faults=None))
+    seeds = seeds_of_swept(seed, part)
+    by_sweep = fly_for_metrics(site, seeds, 'sweep', 'equal').efficiency_kbit_per_j
+    best = Teaching(None, float(by_sweep.mean()))
     for name, policy in teachers_of(config, algorithm.value):
         if not _is_fitting(policy, site, config):
             continue
-        metrics = fly_for_metrics(site, seeds_of_swept(seed, part), name, 'equal')
-        kbit_per_j = float(metrics.efficiency_kbit_per_j.mean())
-        if kbit_per_j > best.kbit_per_j:
-            best = Teaching(policy, kbit_per_j)
+        flown = fly_for_metrics(site, seeds, name, 'equal').efficiency_kbit_per_j
+        gains = flown - by_sweep
+        least = float(gains.std(ddof=1)) / math.sqrt(len(gains))
+        if gains.mean() > least and flown.mean() > best.kbit_per_j:
+            best = Teaching(policy, float(flown.mean()))
     return best
 
 

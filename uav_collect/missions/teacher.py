@@ -19,7 +19,7 @@ from uav_collect.uav.belief import belief_of
 from uav_collect.uav.observation import encode, frames
 from uav_collect.uav.policy import NamedPolicy
 from uav_collect.uav.policy_network import FrozenPolicy, LearnedPolicy
-from uav_collect.world.dynamics import look, mission_of
+from uav_collect.world.dynamics import GONE, look, mission_of, SILENT
 
 
 class Teacher:
@@ -44,14 +44,16 @@ class Teacher:
     def actions(self, batch: Batch) -> Ints:
         """What it would do in each mission, by the compass; NONE where one is over. Shape (W,).
 
-        Where it would fly home, and the adviser would not, it is what the adviser would do.
+        It is what the adviser would do where the teacher would fly home and the adviser would not,
+        and once a UAV is lost or silent: teachers count on all of them.
         """
         awaited = np.asarray(batch.waiting.uav) != NONE
         worlds = np.flatnonzero(awaited & ~self._is_asked)
         if len(worlds):
             said = self._pilots.actions(batch, worlds.tolist())
             advice = np.asarray(batch.waiting.advice)[worlds]
-            self._actions[worlds] = np.where(said == HOME, advice, said)
+            is_advised = (said == HOME) | _misses_a_uav(batch, worlds)
+            self._actions[worlds] = np.where(is_advised, advice, said)
             self._is_asked[worlds] = True
         return np.where(awaited, self._actions, NONE)
 
@@ -122,6 +124,15 @@ class _Copies:
             belief = belief_of(batch.beliefs, place)
             chosen.append(policy.choose(belief, view, batch.waiting.legal[world]))
         return np.array(chosen)
+
+
+def _misses_a_uav(batch: Batch, worlds: Ints) -> Bools:
+    """Whether a UAV of a mission has been lost or fallen silent, shape (len(worlds),)."""
+    n_uavs = batch.briefing.n_uavs
+    since_s = np.asarray(batch.missions.fault_s)[worlds]  # (len(worlds), K * U)
+    rows = [kind * n_uavs + uav for kind in (GONE, SILENT) for uav in range(n_uavs)]
+    is_past: Bools = since_s[:, rows] <= np.asarray(batch.missions.clock_s)[worlds]
+    return is_past.any(axis=1)
 
 
 def _is_first(batch: Batch, world: int) -> bool:

@@ -95,17 +95,17 @@ class _Draw:
             altitude_m=base.area.altitude_m,
         )
         uavs = tuple(replace(base.uavs[0], speed_mps=speed) for speed in fleet.speeds_mps)
-        sensors = base.sensors
-        if isinstance(sensors, DrawnSensors):
-            sensors = replace(sensors, seed=int(self.rng.integers(2**62)))
-        course = replace(
-            base,
-            area=area,
-            sensors=sensors,
-            demand=replace(base.demand, cell_share=self._by_log(courses.cell_share)),
-            fleet=FleetConfig(uavs=uavs),
-            faults=None,
-        )
+        course = replace(base, area=area, fleet=FleetConfig(uavs=uavs), faults=None)
+        if self._chance(courses.own_field_share):
+            share, sensors = self._by_log(courses.cell_share), base.sensors
+            if isinstance(sensors, DrawnSensors):
+                sensors = replace(sensors, seed=int(self.rng.integers(2**62)))
+            demand = replace(base.demand, cell_share=share)
+            course = replace(course, sensors=sensors, demand=demand)
+        else:
+            size_m = round(self._by_log(self.distribution.area.cell_size_m), 1)
+            area = replace(area, cell_size_m=size_m)
+            course = self._with_demand(replace(course, area=area, sensors=self._sensors()))
         if not self._chance(courses.own_budget_share):
             course = _with_budgets(course, self._budget_factor())
         return self._with_faults(self._with_radio(course))

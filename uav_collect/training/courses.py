@@ -146,6 +146,7 @@ class TaughtCourses(Section):
     share: _Share
     fleets: Annotated[tuple[TaughtFleet, ...], Entries(1, 64)]
     own_budget_share: _Share  # the others have budgets as all fleets
+    own_field_share: _Share  # the others have cells, sensors and demand as all fields
     cell_share: Annotated[Span, _span(1e-3, 1)]
 
 
