@@ -107,7 +107,7 @@ class Forgery:
 Change = Callable[[Forgery], None]
 
 # What files of before do not say.
-SAID_SINCE = {'learned_on', 'learned_within', 'advice_bonus', 'network', 'code'}
+SAID_SINCE = {'learned_on', 'learned_within', 'advice_bonus', 'network', 'code', 'domains'}
 
 
 def set_text(name: str, text: str, it: Forgery) -> None:

@@ -1,12 +1,14 @@
 """Who teaches on a site: whoever of the teachers at hand flies it best."""
 
 from dataclasses import replace
+from functools import partial
 import math
 from typing import NamedTuple
 
 from uav_collect.errors import PolicyMismatchError
 from uav_collect.learning.minibatch import Algorithm
 from uav_collect.learning.units import seeds_of_swept, swept
+from uav_collect.limits import MAX_CELLS_PER_SIDE
 from uav_collect.missions.rollout import fly_for_metrics
 from uav_collect.scenario.site import build_site, Site
 from uav_collect.training.config import TrainingConfig
@@ -15,7 +17,7 @@ from uav_collect.uav.briefing import briefing_of
 from uav_collect.uav.lookahead import decision_us, LookaheadPolicy
 from uav_collect.uav.observation import Layout
 from uav_collect.uav.policy import NamedPolicy
-from uav_collect.uav.policy_network import LearnedPolicy
+from uav_collect.uav.policy_network import FrozenPolicy, LearnedPolicy
 
 
 class Teaching(NamedTuple):
@@ -47,15 +49,27 @@ def teaching(
     seeds = seeds_of_swept(seed, part)
     by_sweep = fly_for_metrics(site, seeds, 'sweep', 'equal').efficiency_kbit_per_j
     best = Teaching(None, float(by_sweep.mean()))
-    for name, policy in teachers_of(config, algorithm.value):
+    for _, teacher in teachers_of(config, algorithm.value):
+        policy = _for_any_area(teacher)
         if not _is_fitting(policy, site, config):
             continue
-        flown = fly_for_metrics(site, seeds, name, 'equal').efficiency_kbit_per_j
+        makes = partial(replace, policy)
+        flown = fly_for_metrics(site, seeds, makes, 'equal').efficiency_kbit_per_j
         gains = flown - by_sweep
         least = float(gains.std(ddof=1)) / math.sqrt(len(gains))
         if gains.mean() > least and flown.mean() > best.kbit_per_j:
             best = Teaching(policy, float(flown.mean()))
     return best
+
+
+def _for_any_area(policy: NamedPolicy) -> NamedPolicy:
+    """A teacher that may be tried over any area where it sees as much as over its own."""
+    if not isinstance(policy, LearnedPolicy) or policy.frozen.header.layout == Layout.PAPER:
+        return policy
+    header = replace(
+        policy.frozen.header, cells_per_side_min=1, cells_per_side_max=MAX_CELLS_PER_SIDE
+    )
+    return LearnedPolicy(policy.name, FrozenPolicy(header, policy.frozen.weights))
 
 
 def _is_fitting(policy: NamedPolicy, site: Site, config: TrainingConfig) -> bool:

@@ -85,6 +85,7 @@ class _Network:
         size = policy.header.observation_size
         self._layout = int(policy.header.layout.base)
         self._frames = frames(policy.header.layout, batch.briefing)
+        self._bonus = policy.header.bonus_for(batch.briefing)
         self._observation: Row[Row[float]] = new_table(n_worlds, size, 0.0)
         # As it remembers after each UAV's latest decision, by mission, then UAV.
         self._hidden: Floats = policy.new_hidden(n_worlds * n_uavs)
@@ -100,7 +101,7 @@ class _Network:
         seen = np.asarray(self._observation)[worlds]
         values, self._hidden[rows] = self._policy.step(seen, before)
         legal, advice = np.asarray(waiting.legal)[worlds] == 1, np.asarray(waiting.advice)[worlds]
-        return self._policy.actions(values, legal, self._frames[uav], advice)
+        return self._policy.actions(values, legal, self._frames[uav], advice, self._bonus)
 
 
 class _Copies:
@@ -131,8 +132,10 @@ def _misses_a_uav(batch: Batch, worlds: Ints) -> Bools:
     n_uavs = batch.briefing.n_uavs
     since_s = np.asarray(batch.missions.fault_s)[worlds]  # (len(worlds), K * U)
     rows = [kind * n_uavs + uav for kind in (GONE, SILENT) for uav in range(n_uavs)]
-    is_past: Bools = since_s[:, rows] <= np.asarray(batch.missions.clock_s)[worlds]
-    return is_past.any(axis=1)
+    is_missed: Bools = (
+        since_s[:, rows].min(axis=1) <= np.asarray(batch.missions.clock_s)[worlds, 0]
+    )
+    return is_missed
 
 
 def _is_first(batch: Batch, world: int) -> bool:

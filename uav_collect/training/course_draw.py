@@ -88,24 +88,20 @@ class _Draw:
         """A course like one that a teacher learned on."""
         base = self.distribution.base
         fleet = fleets[int(self.rng.integers(len(fleets)))]
-        area = AreaConfig(
-            rows=fleet.cells_per_side,
-            columns=fleet.cells_per_side,
-            cell_size_m=base.area.cell_size_m,
-            altitude_m=base.area.altitude_m,
-        )
+        is_own_field = self._chance(courses.own_field_share)
+        area = self._area(base.area.cell_size_m if is_own_field else None)
+        if side := fleet.cells_per_side:
+            area = replace(area, rows=side, columns=side, no_fly=())
         uavs = tuple(replace(base.uavs[0], speed_mps=speed) for speed in fleet.speeds_mps)
         course = replace(base, area=area, fleet=FleetConfig(uavs=uavs), faults=None)
-        if self._chance(courses.own_field_share):
+        if is_own_field:
             share, sensors = self._by_log(courses.cell_share), base.sensors
             if isinstance(sensors, DrawnSensors):
                 sensors = replace(sensors, seed=int(self.rng.integers(2**62)))
             demand = replace(base.demand, cell_share=share)
             course = replace(course, sensors=sensors, demand=demand)
         else:
-            size_m = round(self._by_log(self.distribution.area.cell_size_m), 1)
-            area = replace(area, cell_size_m=size_m)
-            course = self._with_demand(replace(course, area=area, sensors=self._sensors()))
+            course = self._with_demand(replace(course, sensors=self._sensors()))
         if not self._chance(courses.own_budget_share):
             course = _with_budgets(course, self._budget_factor())
         return self._with_faults(self._with_radio(course))
@@ -122,16 +118,18 @@ class _Draw:
     def _whole_by_log(self, span: tuple[int, int]) -> int:
         return min(span[1], int(self._by_log((span[0], span[1] + 1))))
 
-    def _area(self) -> AreaConfig:
+    def _area(self, own_size_m: float | None = None) -> AreaConfig:
+        """An area with cells of its own size, or of a drawn one."""
         courses = self.distribution.area
         n_rows = self._whole_by_log(courses.cells_per_side)
         n_columns = self._whole_by_log(courses.cells_per_side)
         if self._chance(courses.square_share):
             n_columns = n_rows
+        size_m = round(self._by_log(courses.cell_size_m), 1)
         area = AreaConfig(
             rows=n_rows,
             columns=n_columns,
-            cell_size_m=round(self._by_log(courses.cell_size_m), 1),
+            cell_size_m=own_size_m or size_m,
             altitude_m=self.distribution.base.area.altitude_m,
         )
         if not self._chance(courses.no_fly_share):

@@ -132,9 +132,9 @@ class FaultCourses(Section):
 
 
 class TaughtFleet(Section):
-    """A square area and a fleet over it, for which there is a teacher; the rest is the base's."""
+    """A fleet for which there is a teacher, and its area; the rest is the base's."""
 
-    cells_per_side: Annotated[int, whole(2, MAX_CELLS_PER_SIDE)]
+    cells_per_side: Annotated[int | None, whole(2, MAX_CELLS_PER_SIDE)] = None  # absent: any area
     speeds_mps: Annotated[
         tuple[Annotated[float, number(0.1, 100, 'm/s')], ...], Entries(1, MAX_UAVS)
     ]
@@ -195,7 +195,7 @@ class CourseDistribution(Section):
         return tuple(
             fleet
             for fleet in fleets
-            if sides[0] <= fleet.cells_per_side <= sides[1]
+            if sides[0] <= (fleet.cells_per_side or sides[0]) <= sides[1]
             and n_uavs[0] <= len(fleet.speeds_mps) <= n_uavs[1]
         )
 

@@ -18,6 +18,7 @@ from uav_collect.uav.learned_on import strangeness, strangeness_within
 from uav_collect.uav.lookahead import lookahead_named, LookaheadPolicy, slowness
 from uav_collect.uav.named_code import named_code
 from uav_collect.uav.policy_file import FORMAT, load_policy, SUFFIX, WEIGHTS_FORMAT
+from uav_collect.uav.policy_header import PolicyHeader
 from uav_collect.uav.policy_network import FrozenPolicy, LearnedPolicy
 from uav_collect.uav.user_policy import user_policy, UserPolicy
 from uav_collect.uav.view import LocalView
@@ -144,11 +145,21 @@ def unfamiliar(policy: Policy, scenario: Scenario) -> str | None:
     if not isinstance(policy, LearnedPolicy):
         return None
     header = policy.frozen.header
+    if header.domains:
+        return _advised(policy.name, header, scenario)
     strange = strangeness(header.learned_on, scenario)
     for within in header.learned_within:
         strange += strangeness_within(within, scenario)
     what = f'policy {policy.name} flies outside what it learned on'
     return f'{what}: {"; ".join(strange)}' if strange else None
+
+
+def _advised(name: str, header: PolicyHeader, scenario: Scenario) -> str | None:
+    """In one line, by what a scenario lies outside all of a policy's domains; None within one."""
+    briefing = brief(scenario)
+    misfits = min(([*it.misfits(briefing)] for it in header.domains), key=len)
+    adviser = Heuristic(header.layout.adviser).label
+    return f'policy {name} flies as the {adviser} here: {", ".join(misfits)}' if misfits else None
 
 
 def changed(policy: LearnedPolicy) -> str | None:

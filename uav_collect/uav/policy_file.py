@@ -20,6 +20,7 @@ from uav_collect.errors import PolicyMismatchError
 from uav_collect.uav.action_codes import NONE
 from uav_collect.uav.learned_on import LearnedOn, LearnedWithin
 from uav_collect.uav.observation import AnyLayout
+from uav_collect.uav.operating_domain import OperatingDomain
 from uav_collect.uav.own_observation import layout_labelled
 from uav_collect.uav.policy_header import check_shapes, PolicyHeader, Validation
 from uav_collect.uav.policy_network import FrozenPolicy
@@ -32,9 +33,8 @@ _MAX_DIGITS = 19  # of a number in a header: 63 bits
 _NO_DIGEST = '0' * 64
 
 # Of a header's field.
-_Value = (
-    AnyLayout | Validation | tuple[LearnedOn, ...] | tuple[LearnedWithin, ...] | int | float | str
-)
+_Records = tuple[LearnedOn | LearnedWithin | OperatingDomain, ...]
+_Value = AnyLayout | Validation | _Records | int | float | str
 
 
 def policy_bytes(policy: FrozenPolicy) -> bytes:
@@ -45,6 +45,7 @@ def policy_bytes(policy: FrozenPolicy) -> bytes:
         'learned_within': not header.learned_within,
         'network': not header.network,
         'code': not header.code,
+        'domains': not header.domains,
     }
     texts = {
         field.name: _text(getattr(header, field.name))

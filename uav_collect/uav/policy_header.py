@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from itertools import product
+import math
 from typing import Annotated
 
 from uav_collect.config.rules import number, text, whole
@@ -13,6 +14,7 @@ from uav_collect.uav.action_codes import N_ACTIONS, NONE
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.learned_on import LearnedOn, LearnedWithin
 from uav_collect.uav.observation import AnyLayout, Layout, observation_size
+from uav_collect.uav.operating_domain import is_covered, OperatingDomain
 
 ACTIVATIONS = ('relu', 'tanh')  # of the layers of a network
 
@@ -81,6 +83,7 @@ class PolicyHeader:
     learned_within: tuple[LearnedWithin, ...] = ()  # one of drawn scenarios; else none
     network: str = ''  # which it is, see `policy_network`; '': a recurrent one
     code: str = ''  # of users that it learned by, each as module:name@version; '': none
+    domains: tuple[OperatingDomain, ...] = ()  # where it decides by itself; none: everywhere
 
     def misfit(self, briefing: Briefing) -> str | None:
         """Why the policy cannot fly a fleet over an area; None if it can."""
@@ -96,6 +99,10 @@ class PolicyHeader:
         if not self.n_uavs_min <= n_uavs <= self.n_uavs_max:
             return f'n_uavs is {n_uavs}: must be {_span(self.n_uavs_min, self.n_uavs_max)}'
         return None
+
+    def bonus_for(self, briefing: Briefing) -> float:
+        """What is added to the value of advice; outside of its domains nothing outweighs that."""
+        return self.advice_bonus if is_covered(self.domains, briefing) else math.inf
 
 
 def check_shapes(header: PolicyHeader, shapes: Mapping[str, tuple[int, ...]]) -> None:
@@ -141,6 +148,10 @@ def _check_numbers(header: PolicyHeader) -> None:
         raise PolicyMismatchError(
             f'advice_bonus is {header.advice_bonus:g}: must be from 0 to {most_bonus:g} for '
             f'{header.layout.label}'
+        )
+    if header.domains and header.layout.adviser == NONE:
+        raise PolicyMismatchError(
+            f'domains are given: must be none for {header.layout.label}, which has no adviser'
         )
     squares = {(side, side) for side in (header.cells_per_side_min, header.cells_per_side_max)}
     areas = sorted(_areas_of_paper(header) or squares)

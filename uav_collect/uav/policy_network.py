@@ -77,22 +77,24 @@ class FrozenPolicy:
         """
         return self._network.step(observation, hidden)
 
-    def actions(self, values: Floats, legal: Bools, frame: Ints, advice: Ints) -> Ints:
+    def actions(
+        self, values: Floats, legal: Bools, frame: Ints, advice: Ints, bonus: float
+    ) -> Ints:
         """The legal action of the highest value in each row, the lowest of the frame's that tie.
 
         Args:
             values: of the actions in each UAV's frame, shape (N, A).
             legal: by the compass, shape (N, A); a row without any gives any action.
             frame: of the UAVs, shape (N,).
-            advice: by the compass, whose value is raised by the bonus, shape (N,); NONE: there is
-                none.
+            advice: by the compass, shape (N,); NONE: there is none.
+            bonus: by which its value is raised, see `PolicyHeader.bonus_for`.
 
         Returns:
             Actions by the compass, shape (N,).
         """
         turned = COMPASS_ACTIONS[frame]
-        if self.header.advice_bonus > 0.0:
-            values = values + self.header.advice_bonus * (turned == advice[:, None])
+        if bonus > 0.0:
+            values = np.where(turned == advice[:, None], values + bonus, values)
         best = best_actions(values, np.take_along_axis(legal, turned, axis=1))
         chosen: Ints = turned[np.arange(len(best)), best]
         return chosen
@@ -110,6 +112,7 @@ class LearnedPolicy:
     _observer: Observer | None = field(default=None, init=False)
     _hidden: Floats = field(default_factory=lambda: np.zeros((1, 0)), init=False)  # (1, H)
     _advice: int = field(default=NONE, init=False)
+    _bonus: float = field(default=0.0, init=False)
 
     @property
     def version(self) -> str:
@@ -138,6 +141,7 @@ class LearnedPolicy:
         self._observer = Observer(self.frozen.header.layout, briefing, uav)
         self._hidden = self.frozen.new_hidden(1)
         self._advice = NONE
+        self._bonus = self.frozen.header.bonus_for(briefing)
 
     def choose(self, belief: Belief, view: LocalView, legal: Row[int]) -> int:
         """The legal action of the highest value, or HOME where its adviser would fly home."""
@@ -150,7 +154,8 @@ class LearnedPolicy:
         observed = np.array([observer.encode(belief, view, legal, self._advice)], dtype=np.float64)
         values, self._hidden = self.frozen.step(observed, self._hidden)
         frame, advice = np.array([observer.frame]), np.array([self._advice])
-        return int(self.frozen.actions(values, np.array([legal]) == 1, frame, advice)[0])
+        is_legal = np.array([legal]) == 1
+        return int(self.frozen.actions(values, is_legal, frame, advice, self._bonus)[0])
 
 
 @dataclass

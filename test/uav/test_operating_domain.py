@@ -1,0 +1,99 @@
+"""Outside of its domains a policy flies as its adviser would, in batches and agent by agent."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+import math
+
+import pytest
+from random_policies import Behind, header, random_policy
+from uav_collect.errors import PolicyMismatchError
+from uav_collect.missions.rollout import fly
+from uav_collect.recording.mission_log import MissionLog
+from uav_collect.scenario.load import load
+from uav_collect.scenario.site import build_site
+from uav_collect.uav.briefing import brief
+from uav_collect.uav.observation import Layout
+from uav_collect.uav.operating_domain import is_covered, OperatingDomain
+from uav_collect.uav.policy import remarks
+from uav_collect.uav.policy_file import policy_bytes, policy_from_bytes
+from uav_collect.uav.policy_network import FrozenPolicy, LearnedPolicy
+
+PAPER = OperatingDomain(
+    n_uavs=(1, 4),
+    cells_per_side=(6, 12),
+    contact_range_cells=(2.0, math.inf),
+    speed_ratio=(1.0, 2.0),
+    known_share=(0.0, 0.2),
+    data_share=(0.1, 0.5),
+)
+ELSEWHERE = replace(PAPER, n_uavs=(9, 12))
+FIELD = load('paper_10x10', {'fleet.default.energy_budget_kj': 60.0})
+
+
+def frozen_with(*domains: OperatingDomain) -> FrozenPolicy:
+    spans = {'cells_per_side_max': 64, 'n_uavs_max': 16, 'advice_bonus': 0.02}
+    of = header(Layout.RELATIVE, side=1, n_uavs=1, **spans, domains=domains)
+    return random_policy(of, seed=2)
+
+
+def flown(*domains: OperatingDomain, is_behind: bool = False) -> Sequence[MissionLog]:
+    makes = partial(LearnedPolicy, 'mine', frozen_with(*domains))
+    policy = (lambda: Behind(makes())) if is_behind else makes
+    return fly(build_site(FIELD), [5, 8], policy, 'exact', 0)
+
+
+@pytest.mark.parametrize('is_behind', [False, True])
+def test_outside_it_flies_as_the_adviser_would(is_behind: bool) -> None:
+    swept = fly(build_site(FIELD), [5, 8], 'sweep', 'exact')
+    for mine, sweeps in zip(flown(ELSEWHERE, is_behind=is_behind), swept, strict=True):
+        assert (mine.events == sweeps.events).all()
+
+
+@pytest.mark.parametrize('is_behind', [False, True])
+def test_within_any_of_them_it_decides_by_itself(is_behind: bool) -> None:
+    own = [it.to_jsonl() for it in flown()]
+    assert [it.to_jsonl() for it in flown(ELSEWHERE, PAPER, is_behind=is_behind)] == own
+    assert [it.to_jsonl() for it in flown(ELSEWHERE, is_behind=is_behind)] != own
+
+
+OUTSIDE = {
+    '5 UAVs (within: 1 to 4)': {'fleet.uavs': [{'speed_mps': 5.0}] * 5},
+    '10 to 18 rows and columns (within: 6 to 12)': {'area.rows': 18, 'area.columns': 10},
+    '1 cells of contact range (within: 2 to inf)': {'radio.contact_range_m': 50.0},
+    '3 of the fastest to the slowest (within: 1 to 2)': {'fleet.uavs.0.speed_mps': 30.0},
+    '0.05 of cells with data (within: 0.1 to 0.5)': {'demand.cell_share': 0.05},
+}
+
+
+@pytest.mark.parametrize('why', OUTSIDE)
+def test_whoever_flies_it_outside_is_told_why(why: str) -> None:
+    policy, scenario = LearnedPolicy('mine', frozen_with(PAPER)), load('paper_10x10', OUTSIDE[why])
+    assert remarks(policy, scenario) == [f'policy mine flies as the sweep here: {why}']
+    assert not is_covered((PAPER,), brief(scenario))
+    assert remarks(policy, FIELD) == []
+
+
+def test_known_cells_and_one_uav_without_a_peer() -> None:
+    known = {'demand.known_empty': 'sensors', 'demand.cell_share': 0.1}
+    sparse = {**known, 'sensors.dense_cell_share': 0.0, 'sensors.sparse_mean': 0.3}
+    assert any(
+        'known to be empty' in it for it in PAPER.misfits(brief(load('paper_10x10', sparse)))
+    )
+    alone = {'fleet.uavs': [{'speed_mps': 5.0}], 'radio.contact_range_m': 0.0}
+    assert is_covered((PAPER,), brief(load('paper_10x10', alone)))
+
+
+def test_without_domains_it_decides_everywhere() -> None:
+    assert is_covered((), brief(FIELD))
+
+
+def test_a_files_header_keeps_the_domains() -> None:
+    policy = frozen_with(PAPER, ELSEWHERE)
+    assert policy_from_bytes(policy_bytes(policy)).header == policy.header
+    assert b'domains' not in policy_bytes(frozen_with())
+
+
+def test_a_layout_without_an_adviser_has_no_domain() -> None:
+    with pytest.raises(PolicyMismatchError, match='domains are given: must be none for egocen'):
+        random_policy(header(domains=(PAPER,)))
