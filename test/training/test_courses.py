@@ -46,7 +46,7 @@ def problems_of(folder: Path, change: tuple[str, str]) -> str:
 
 
 def test_every_shipped_distribution_is_valid_and_has_its_files_name() -> None:
-    assert course_names() == ('anywhere', 'specialists', 'taught')
+    assert course_names() == ('anywhere', 'taught')
     assert [load_courses(name).distribution.name for name in course_names()] == [*course_names()]
 
 
@@ -199,37 +199,34 @@ def test_a_wrong_panel_is_refused_with_the_line(tmp_path: Path, text: str, wrong
     assert 'mine.yaml:' in str(error.value)
 
 
-def known_to_teachers(distribution: CourseDistribution) -> list[Scenario]:
-    """Of the first courses, those of fleets that teachers learned on."""
-    courses = [draw_course(distribution, 0, number) for number in range(N_COURSES)]
-    fleets = {(it.cells_per_side, it.speeds_mps) for it in distribution.taught_fleets}
-    return [
-        it for it in courses
-        if (it.area.n_rows, tuple(uav.speed_mps for uav in it.uavs)) in fleets
-    ]  # fmt: skip
-
-
-def test_half_of_taught_courses_are_like_those_of_teachers() -> None:
+def test_taught_courses_have_fleets_that_teachers_know_over_fields_of_all_kinds() -> (
+    None
+):
     distribution = load_distribution('taught')
-    known = known_to_teachers(distribution)
-    assert len(known_to_teachers(load_distribution('specialists'))) == N_COURSES
-    assert 0.35 * N_COURSES < len(known) < 0.65 * N_COURSES
-    assert {it.area.n_rows for it in known} == {8, 10, 12, 15}
-    assert any(it.faults for it in known)
-    assert any(math.isinf(it.radio.contact_range_m) for it in known)
-    assert len({it.sensors for it in known}) == len(known)
-    size_m = distribution.base.area.cell_size_m
-    n_of_field = sum(it.area.cell_size_m == size_m for it in known)
-    assert 0.35 * len(known) < n_of_field < 0.65 * len(known)
-    of_base = distribution.base.uavs[0].energy_budget_kj
-    n_of_base = sum(it.uavs[0].energy_budget_kj == of_base for it in known)
-    assert 0 < n_of_base < len(known)
+    courses = [draw_course(distribution, 0, number) for number in range(N_COURSES)]
+    fleets = {it.speeds_mps for it in distribution.taught_fleets}
+    assert {tuple(uav.speed_mps for uav in it.uavs) for it in courses} == fleets
+    assert {8, 10, 15} < {it.area.n_rows for it in courses}
+    assert any(it.area.n_rows != it.area.n_columns for it in courses)
+    assert any(it.area.no_fly for it in courses)
+    assert any(it.faults for it in courses)
+    assert any(math.isinf(it.radio.contact_range_m) for it in courses)
+    assert len({it.sensors for it in courses}) == N_COURSES
+    base = distribution.base
+    n_of_field = sum(it.area.cell_size_m == base.area.cell_size_m for it in courses)
+    assert 0.35 * N_COURSES < n_of_field < 0.65 * N_COURSES
+    budget_kj = base.uavs[0].energy_budget_kj
+    n_of_budget = sum(it.uavs[0].energy_budget_kj == budget_kj for it in courses)
+    assert 0.35 * N_COURSES < n_of_budget < 0.65 * N_COURSES
 
 
 def test_fleets_outside_of_the_spans_are_left_out_of_taught_courses() -> None:
-    narrow = load_distribution('taught', {'area.cells_per_side': [8, 9], 'fleet.n_uavs': [1, 8]})
-    assert [it.cells_per_side for it in narrow.taught_fleets] == [8]
-    without = load_distribution('taught', {'area.cells_per_side': [6, 7]})
+    narrow = {'area.cells_per_side': [8, 9], 'fleet.n_uavs': [1, 8]}
+    sides = {it.cells_per_side for it in load_distribution('taught', narrow).taught_fleets}
+    assert sides == {8, None}
+    fleets = [{'cells_per_side': 10, 'speeds_mps': [5.0]}]
+    few = {'area.cells_per_side': [6, 7], 'taught.fleets': fleets, 'faults.share': 0.15}
+    without = load_distribution('taught', {**few, 'area.no_fly_share': 0.2})
     assert without.taught_fleets == ()
     spans = {'area.cell_size_m': [30.0, 400.0], 'fleet.speed_mps': [3.0, 25.0]}
     plain = load_distribution('anywhere', {'area.cells_per_side': [6, 7], **spans})
