@@ -9,18 +9,21 @@ from episodes import single_threaded_torch, small
 import numpy as np
 import pytest
 from small_courses import small_courses, small_settings
-from tiny_world import tiny, uav
+from tiny_world import tiny
 from uav_collect.errors import ConfigError
 from uav_collect.learning.minibatch import Algorithm
+from uav_collect.limits import MAX_CELLS_PER_SIDE
+from uav_collect.scenario.load import load
 from uav_collect.training.config import TrainingConfig
+from uav_collect.training.courses import Courses, load_distribution
 from uav_collect.training.panel import Condition, Panel
+from uav_collect.uav.operating_domain import OperatingDomain
 from uav_collect.uav.policy_file import policy_bytes, policy_from_bytes
 
 torch = single_threaded_torch()
 from trainer_states import differences, state_of
 from uav_collect.learning.course_tasks import CourseTasks
 from uav_collect.learning.trainer import Trainer
-from uav_collect.learning.validation import PanelValidator
 from uav_collect.training.progress import Budget, ValidationResult
 
 DECISIONS = 2500
@@ -192,6 +195,27 @@ def test_settings_that_do_not_do_for_courses_are_refused(
         tasks_of(config)
 
 
+def test_courses_with_domains_need_an_observation_with_advice() -> None:
+    distribution = replace(small_courses().distribution, domains=(OperatingDomain(n_uavs=(1, 2)),))
+    of = {
+        'observation': 'egocentric',
+        'network__advice_bonus': 0,
+        'network__advice_bonus_last': 0,
+        'exploration__advice_share': 0,
+    }
+    with pytest.raises(ConfigError, match="observation is 'egocentric': must be relative for"):
+        CourseTasks(distribution, small_settings(**of), Algorithm.AQMIX, 0, 'cpu')
+
+
+def test_policies_have_the_domains_of_their_courses_and_may_fly_anything() -> None:
+    courses, domain = small_courses(), OperatingDomain(n_uavs=(1, 2), data_share=(0.1, 0.5))
+    within = replace(courses, distribution=replace(courses.distribution, domains=(domain,)))
+    header = Trainer((), small_settings(), 'aqmix', 0, courses=within).snapshot().header
+    assert header.domains == (domain,)
+    assert (header.n_uavs_min, header.n_uavs_max) == (1, 16)
+    assert (header.cells_per_side_min, header.cells_per_side_max) == (1, MAX_CELLS_PER_SIDE)
+
+
 def test_fleets_that_the_observation_has_no_room_for_are_refused_before_training() -> None:
     courses, config = small_courses(), small_settings()
     fleet = replace(courses.distribution.fleet, n_uavs=(2, 17))
@@ -199,10 +223,36 @@ def test_fleets_that_the_observation_has_no_room_for_are_refused_before_training
     wrong = r'courses small: fleet.n_uavs is \[2, 17\]: must end at 16 at most'
     with pytest.raises(ConfigError, match=wrong):
         CourseTasks(large, config, Algorithm.AQMIX, 0, 'cpu')
-    condition = Condition(name='many', scenario=tiny(*[uav()] * 17))
-    panel = Panel(name='mine', conditions=(condition,))
-    with pytest.raises(ConfigError, match='panel mine: many has 17 UAVs: must be 16 at most'):
-        PanelValidator(panel, 1, config.layout)
+
+
+@pytest.mark.parametrize(
+    ('uavs', 'values', 'wrong'),
+    [
+        (9, {}, 'it has 9 UAVs: must have 1 to 8, as the courses have'),
+        (
+            2,
+            {'area.rows': 10, 'area.columns': 19},
+            'it has 19 columns: must have 3 to 18, as the courses have',
+        ),
+        (
+            2,
+            {'area.rows': 2, 'area.columns': 10},
+            'it has 2 rows: must have 3 to 18, as the courses have',
+        ),
+    ],
+)
+def test_a_panel_that_policies_of_these_courses_may_not_fly_is_refused_before_training(
+    uavs: int, values: dict[str, object], wrong: str
+) -> None:
+    spans = {'area.cells_per_side': [3, 18], 'fleet.n_uavs': [1, 8]}
+    fleet = {'fleet.uavs': [{'speed_mps': 5.0}] * uavs}
+    condition = Condition(name='it', scenario=load('paper_10x10', {**values, **fleet}))
+    courses = Courses(
+        distribution=load_distribution('anywhere', spans),
+        panel=Panel(name='mine', conditions=(condition,)),
+    )
+    with pytest.raises(ConfigError, match=f'panel mine: {wrong}'):
+        Trainer([], small_settings(), 'aqmix', 0, courses=courses)
 
 
 def test_a_scenario_that_cannot_hold_a_batch_is_refused_before_training() -> None:

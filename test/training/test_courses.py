@@ -199,9 +199,7 @@ def test_a_wrong_panel_is_refused_with_the_line(tmp_path: Path, text: str, wrong
     assert 'mine.yaml:' in str(error.value)
 
 
-def test_taught_courses_have_fleets_that_teachers_know_over_fields_of_all_kinds() -> (
-    None
-):
+def test_taught_courses_have_fleets_that_teachers_know_over_fields_of_all_kinds() -> None:
     distribution = load_distribution('taught')
     courses = [draw_course(distribution, 0, number) for number in range(N_COURSES)]
     fleets = {it.speeds_mps for it in distribution.taught_fleets}

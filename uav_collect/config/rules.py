@@ -112,6 +112,32 @@ def truth() -> Rule:
     return Rule('true or false', parse)
 
 
+def span(rule: Rule, allowed: str) -> Rule:
+    """A list of two values under one rule, of which the second is not the smaller one."""
+
+    def parse(value: object) -> object:
+        if not isinstance(value, list | tuple) or len(value) != 2:
+            raise ValueError
+        low, high = rule.parse(value[0]), rule.parse(value[1])
+        if low > high:
+            raise ValueError
+        return low, high
+
+    return Rule(f'a list [low, high], low <= high, of {allowed}', parse)
+
+
+def number_span(low: float, high: float, unit: str = '') -> Rule:
+    """Two numbers in a range, the smaller one first."""
+    unit_text = f' {unit}' if unit else ''
+    allowed = f'numbers from {low:.10g} to {high:.10g}{unit_text}'
+    return span(number(low, high, unit), allowed)
+
+
+def whole_span(low: int, high: int) -> Rule:
+    """Two whole numbers in a range, the smaller one first."""
+    return span(whole(low, high), f'whole numbers from {low} to {high}')
+
+
 def text(max_length: int) -> Rule:
     """Printable text, not empty."""
 

@@ -22,6 +22,7 @@ from uav_collect.scenario.site import build_site
 from uav_collect.training.config import CourseSettings, TrainingConfig
 from uav_collect.training.course_draw import draw_course
 from uav_collect.training.courses import CourseDistribution
+from uav_collect.uav.action_codes import NONE
 from uav_collect.uav.observation import Layout
 
 _TURNS_KEY = 3  # of the run's seed: whose turn it is
@@ -210,6 +211,11 @@ def check_settings(
         raise ConfigError(
             f'observation is {config.observation!r}: must be one that no area changes, to learn on'
             ' courses'
+        )
+    if distribution.domains and config.layout.adviser == NONE:
+        raise ConfigError(
+            f'observation is {config.observation!r}: must be relative for courses with domains,'
+            ' outside of which the adviser decides'
         )
     if algorithm.mixes and not config.mixer.is_of_sets:
         kind = config.mixer.kind or 'fleet'

@@ -5,12 +5,14 @@ from dataclasses import dataclass
 
 from uav_collect.analysis.statistics import MEASURES
 from uav_collect.errors import PolicyMismatchError
+from uav_collect.limits import MAX_CELLS_PER_SIDE, RELATIVE_MAX_UAVS
 from uav_collect.scenario.load import fingerprint
 from uav_collect.scenario.model import Scenario
 from uav_collect.training.courses import CourseDistribution
 from uav_collect.training.progress import ValidationResult
 from uav_collect.uav import policy_header
 from uav_collect.uav.learned_on import learned_on, LearnedOn, LearnedWithin
+from uav_collect.uav.operating_domain import OperatingDomain
 from uav_collect.uav.policy_header import PolicyHeader
 from uav_collect.uav.policy_network import FrozenPolicy
 
@@ -26,6 +28,7 @@ class Learned:
     n_uavs: tuple[int, int]
     learned_on: tuple[LearnedOn, ...] = ()
     learned_within: tuple[LearnedWithin, ...] = ()
+    domains: tuple[OperatingDomain, ...] = ()
 
 
 def learned_in_scenarios(scenarios: Sequence[Scenario]) -> Learned:
@@ -44,14 +47,19 @@ def learned_in_scenarios(scenarios: Sequence[Scenario]) -> Learned:
 
 
 def learned_on_courses(distribution: CourseDistribution) -> Learned:
-    """What a policy learns on that learns on drawn courses."""
+    """What a policy learns on that learns on drawn courses.
+
+    One with domains may fly anything: outside of them it is its adviser who does.
+    """
+    domains, area, fleet = distribution.domains or (), distribution.area, distribution.fleet
     return Learned(
         run=distribution.name,
         scenario=distribution.name,
         fingerprint=distribution.fingerprint,
-        cells_per_side=distribution.area.cells_per_side,
-        n_uavs=distribution.fleet.n_uavs,
+        cells_per_side=(1, MAX_CELLS_PER_SIDE) if domains else area.cells_per_side,
+        n_uavs=(1, RELATIVE_MAX_UAVS) if domains else fleet.n_uavs,
         learned_within=(distribution.learned_within,),
+        domains=domains,
     )
 
 

@@ -102,9 +102,9 @@ class Trainer:
             self._learned = learned_in_scenarios(scenarios)
         else:
             distribution = courses.distribution
-            self._rota = CourseTasks(distribution, config, self.algorithm, seed, device)
-            self._validator = PanelValidator(courses.panel, n_missions, config.layout)
             self._learned = learned_on_courses(distribution)
+            self._validator = PanelValidator(courses.panel, n_missions, self._learned)
+            self._rota = CourseTasks(distribution, config, self.algorithm, seed, device)
         briefings = [task.briefing for task in self._tasks]
         self._learner = Learner(config, briefings, self.algorithm, seed, device, self._own)
         self._rng = np.random.Generator(np.random.Philox(key=[seed, _REPLAY_KEY]))
@@ -403,6 +403,7 @@ class Trainer:
             validation=header_validation(validation, self._validator.n_missions),
             learned_on=learned.learned_on,
             learned_within=learned.learned_within,
+            domains=learned.domains,
             advice_bonus=self._learner.advice_bonus,
             network=self._agent.text,
             code=' '.join(code_of_training(config, algorithm)),

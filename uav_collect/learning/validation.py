@@ -9,15 +9,15 @@ import numpy as np
 from uav_collect.analysis.metrics import mission_metrics, MissionMetrics
 from uav_collect.analysis.statistics import MEASURES, mission_seeds
 from uav_collect.errors import ConfigError
+from uav_collect.learning.headers import Learned
 from uav_collect.learning.saved import SavedPart
 from uav_collect.learning.task import Task
 from uav_collect.missions.rollout import fly
 from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.site import build_site
-from uav_collect.training.panel import Panel
+from uav_collect.training.panel import Condition, Panel
 from uav_collect.training.progress import ConditionResult, ValidationResult
 from uav_collect.training.seeds import VALIDATION_SEED
-from uav_collect.uav.observation import AnyLayout
 from uav_collect.uav.policy_network import LearnedPolicy
 
 
@@ -69,19 +69,17 @@ class ScenarioValidator:
 class PanelValidator:
     """Flies missions in each condition of a panel, and compares with the sweep's in the same."""
 
-    def __init__(self, panel: Panel, n_missions: int, layout: AnyLayout) -> None:
+    def __init__(self, panel: Panel, n_missions: int, learned: Learned) -> None:
         """Lay out the conditions; so many missions are flown in each.
 
         Raises:
-            ConfigError: the layout of the policies has no room for a fleet.
+            ConfigError: the policies may not fly all of them.
         """
         for condition in panel.conditions:
-            if condition.scenario.n_uavs > layout.max_uavs:
-                raise ConfigError(
-                    f'panel {panel.name}: {condition.name} has {condition.scenario.n_uavs} UAVs:'
-                    f' must be {layout.max_uavs} at most, for which observations {layout.label}'
-                    ' have room'
-                )
+            area, n_uavs = condition.scenario.area, condition.scenario.n_uavs
+            _check_span(panel, condition, 'rows', area.n_rows, learned.cells_per_side)
+            _check_span(panel, condition, 'columns', area.n_columns, learned.cells_per_side)
+            _check_span(panel, condition, 'UAVs', n_uavs, learned.n_uavs)
         self._names = [condition.name for condition in panel.conditions]
         self._sites = [build_site(condition.scenario) for condition in panel.conditions]
         self._seeds = mission_seeds(VALIDATION_SEED, n_missions)
@@ -117,6 +115,16 @@ class PanelValidator:
             [*map(mission_metrics, fly(site, self._seeds, 'sweep', 'equal'))]
             for site in self._sites
         ]
+
+
+def _check_span(
+    panel: Panel, condition: Condition, what: str, value: int, span: tuple[int, int]
+) -> None:
+    if not span[0] <= value <= span[1]:
+        raise ConfigError(
+            f'panel {panel.name}: {condition.name} has {value} {what}: must have {span[0]} to'
+            f' {span[1]}, as the courses have'
+        )
 
 
 def _compared(

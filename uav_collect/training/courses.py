@@ -19,17 +19,19 @@ from uav_collect.config.rules import (
     Entries,
     name,
     number,
-    Rule,
+    number_span,
     Section,
     text,
     validated,
     whole,
+    whole_span,
 )
 from uav_collect.limits import MAX_CELLS_PER_SIDE, MAX_DATA_MBIT, MAX_UAVS
 from uav_collect.scenario.model import Scenario
 from uav_collect.training.panel import load_panel, Panel
 from uav_collect.training.resolved import resolved_scenario, with_value
 from uav_collect.uav.learned_on import LearnedWithin
+from uav_collect.uav.operating_domain import OperatingDomain
 
 JITTER = 0.5  # of messages that are late, as a share of the mean delay
 LEAST_DATA = 0.1  # of a sensor that has any, as a share of the most
@@ -38,76 +40,44 @@ Span = tuple[float, float]
 _Share = Annotated[float, number(0, 1)]
 
 
-def _span(low: float, high: float, unit: str = '') -> Rule:
-    """A list of two numbers in a range, of which the second is not the smaller one."""
-    one = number(low, high, unit)
-
-    def parse(value: object) -> Span:
-        if not isinstance(value, list | tuple) or len(value) != 2:
-            raise ValueError
-        first, last = one.parse(value[0]), one.parse(value[1])
-        if first > last:
-            raise ValueError
-        return first, last
-
-    unit = f' {unit}' if unit else ''
-    allowed = f'a list [low, high], low <= high, of numbers from {low:.10g} to {high:.10g}{unit}'
-    return Rule(allowed, parse)
-
-
-def _whole_span(low: int, high: int) -> Rule:
-    one = whole(low, high)
-    allowed = f'a list [low, high], low <= high, of whole numbers from {low} to {high}'
-
-    def parse(value: object) -> tuple[int, int]:
-        if not isinstance(value, list | tuple) or len(value) != 2:
-            raise ValueError
-        first, last = one.parse(value[0]), one.parse(value[1])
-        if first > last:
-            raise ValueError
-        return first, last
-
-    return Rule(allowed, parse)
-
-
 class AreaCourses(Section):
     """Areas: how large, and what of them is closed."""
 
-    cells_per_side: Annotated[tuple[int, int], _whole_span(2, MAX_CELLS_PER_SIDE)]
+    cells_per_side: Annotated[tuple[int, int], whole_span(2, MAX_CELLS_PER_SIDE)]
     square_share: _Share
-    cell_size_m: Annotated[Span, _span(1, 10_000, 'm')]
+    cell_size_m: Annotated[Span, number_span(1, 10_000, 'm')]
     no_fly_share: _Share
-    no_fly_cells: Annotated[Span, _span(0, 0.5)]
+    no_fly_cells: Annotated[Span, number_span(0, 0.5)]
 
 
 class SensorCourses(Section):
     """Sensors, drawn as in the paper."""
 
-    dense_cell_share: Annotated[Span, _span(0, 1)]
-    dense_mean: Annotated[Span, _span(0.01, 100, 'sensors per cell')]
-    sparse_mean: Annotated[Span, _span(0.01, 100, 'sensors per cell')]
+    dense_cell_share: Annotated[Span, number_span(0, 1)]
+    dense_mean: Annotated[Span, number_span(0.01, 100, 'sensors per cell')]
+    sparse_mean: Annotated[Span, number_span(0.01, 100, 'sensors per cell')]
 
 
 class DemandCourses(Section):
     """How much data waits where."""
 
-    cell_share: Annotated[Span, _span(1e-3, 1)]
+    cell_share: Annotated[Span, number_span(1e-3, 1)]
     all_share: _Share
     known_empty_share: _Share
-    most_mbit: Annotated[Span, _span(1e-3, MAX_DATA_MBIT, 'Mbit')]
+    most_mbit: Annotated[Span, number_span(1e-3, MAX_DATA_MBIT, 'Mbit')]
 
 
 class FleetCourses(Section):
     """Fleets: how many, how fast, from where, and with how much energy."""
 
-    n_uavs: Annotated[tuple[int, int], _whole_span(1, MAX_UAVS)]
-    speed_mps: Annotated[Span, _span(0.1, 100, 'm/s')]
+    n_uavs: Annotated[tuple[int, int], whole_span(1, MAX_UAVS)]
+    speed_mps: Annotated[Span, number_span(0.1, 100, 'm/s')]
     alike_share: _Share
     corner_share: _Share
     edge_share: _Share
     apart_share: _Share
-    ample: Annotated[Span, _span(0.1, 1000)]
-    tight: Annotated[Span, _span(0.1, 1000)]
+    ample: Annotated[Span, number_span(0.1, 1000)]
+    tight: Annotated[Span, number_span(0.1, 1000)]
     tight_share: _Share
 
 
@@ -116,10 +86,10 @@ class RadioCourses(Section):
 
     none_share: _Share
     unlimited_share: _Share
-    contact_range_cells: Annotated[Span, _span(0.1, 1000, 'cells')]
+    contact_range_cells: Annotated[Span, number_span(0.1, 1000, 'cells')]
     rough_share: _Share
-    loss_share: Annotated[Span, _span(0, 0.99)]
-    delay_s: Annotated[Span, _span(0.01, 1000, 's')]
+    loss_share: Annotated[Span, number_span(0, 0.99)]
+    delay_s: Annotated[Span, number_span(0.01, 1000, 's')]
 
 
 class FaultCourses(Section):
@@ -127,7 +97,7 @@ class FaultCourses(Section):
 
     share: _Share
     kinds: Annotated[tuple[Literal['gone', 'silent', 'slow'], ...], Entries(1, 3)]
-    at_share: Annotated[Span, _span(0, 10)]
+    at_share: Annotated[Span, number_span(0, 10)]
     mission_share: _Share
 
 
@@ -147,7 +117,7 @@ class TaughtCourses(Section):
     fleets: Annotated[tuple[TaughtFleet, ...], Entries(1, 64)]
     own_budget_share: _Share  # the others have budgets as all fleets
     own_field_share: _Share  # the others have cells, sensors and demand as all fields
-    cell_share: Annotated[Span, _span(1e-3, 1)]
+    cell_share: Annotated[Span, number_span(1e-3, 1)]
 
 
 class CourseDistribution(Section):
@@ -163,6 +133,8 @@ class CourseDistribution(Section):
     radio: RadioCourses
     faults: FaultCourses
     taught: TaughtCourses | None = None  # absent: there are none
+    # Where policies that learn here decide by themselves; absent: everywhere.
+    domains: Annotated[tuple[OperatingDomain, ...] | None, Entries(1, 16)] = None
 
     @property
     def learned_within(self) -> LearnedWithin:

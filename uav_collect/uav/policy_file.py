@@ -117,8 +117,13 @@ def _text(value: _Value) -> str:
     if isinstance(value, AnyLayout):
         return value.label
     if isinstance(value, tuple):
-        return json.dumps([asdict(each) for each in value])
+        return json.dumps([_known(each) for each in value])
     return json.dumps(asdict(value)) if isinstance(value, Validation) else str(value)
+
+
+def _known(record: LearnedOn | LearnedWithin | OperatingDomain) -> dict[str, Any]:
+    """The fields of a record that say something."""
+    return asdict(record, dict_factory=lambda its: {key: it for key, it in its if it is not None})
 
 
 def _header(texts: Mapping[str, str]) -> PolicyHeader:
