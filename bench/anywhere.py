@@ -1,6 +1,7 @@
 """Measures policies in conditions of all kinds, each beside the better of sweep and HERT.
 
 python bench/anywhere.py [--missions N] [--rows PATTERN] [--policies NAME ...] [--csv FILE]
+python bench/anywhere.py --courses anywhere [--drawn N] ...
 
 Every policy flies the same missions of a row, with optimal bandwidth. What it is held against is,
 in each row, the better of sweep and HERT: the one that collects everything in more missions, and
@@ -43,6 +44,8 @@ from uav_collect.planning.bound import bound_of
 from uav_collect.scenario.load import fingerprint, load, with_uavs
 from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site, Site
+from uav_collect.training.course_draw import draw_course
+from uav_collect.training.courses import load_distribution
 from uav_collect.uav.policy import policy_for, policy_named, shipped_policies, STRONG
 
 HERE = Path(__file__).parent
@@ -50,7 +53,9 @@ BASE = 'paper_10x10'
 PAPER = 'paper'  # the kind of rows that fly more missions
 ANYWHERE = 'anywhere'
 FIRST_SEED = 777_000
+DRAWN_SEED = 2**61  # of drawn conditions
 N_MISSIONS, N_PAPER_MISSIONS, N_PLANS = 300, 1000, 50
+N_DRAWN = 100
 MOST_COLUMNS = 200  # of the table
 
 
@@ -141,6 +146,20 @@ def rows_of(path: Path, list_folders: Sequence[Path], pattern: str = '*') -> Ite
         except ConfigError as error:
             raise ConfigError(f'{path}: row {row.name}: {error}') from error
         yield Row(name=row.name, kind=row.kind, scenario=scenario)
+
+
+def drawn_rows(courses: str, number: int) -> Iterator[Row]:
+    """Rows that are drawn as courses of trainings are, by a seed that none has.
+
+    Raises:
+        ConfigError: there are no such courses, or they cannot be flown.
+    """
+    distribution = load_distribution(courses)
+    for index in range(number):
+        scenario = draw_course(distribution, DRAWN_SEED, index)
+        area, n_uavs = scenario.area, scenario.n_uavs
+        name = f'{scenario.name}: {n_uavs} over {area.n_rows} x {area.n_columns}'
+        yield Row(name=name, kind=distribution.name, scenario=scenario)
 
 
 def _fits(name: str, pattern: str) -> bool:
@@ -354,6 +373,14 @@ def arguments_of(words: Sequence[str] | None = None) -> argparse.Namespace:
         help='the conditions (default: anywhere.yaml; anywhere_held_out.yaml has others)',
     )  # fmt: skip
     parser.add_argument(
+        '--courses', metavar='NAME|FILE',
+        help='conditions drawn as these courses of trainings are, in place of a file of them',
+    )  # fmt: skip
+    parser.add_argument(
+        '--drawn', type=options.whole_number(1, 100_000), default=N_DRAWN, metavar='N',
+        help='how many of these (%(default)s)',
+    )  # fmt: skip
+    parser.add_argument(
         '--policies', nargs='*', default=default, metavar='NAME|FILE',
         help='what flies beside sweep and HERT (default: anywhere, if shipped, and strong)',
     )  # fmt: skip
@@ -414,7 +441,11 @@ def main(words: Sequence[str] | None = None) -> int:
     try:
         for name in {*arguments.policies} - {STRONG}:
             policy_named(name)
-        rows = [*rows_of(arguments.conditions, arguments.lists, arguments.rows)]
+        rows = (
+            [*rows_of(arguments.conditions, arguments.lists, arguments.rows)]
+            if arguments.courses is None
+            else [*drawn_rows(arguments.courses, arguments.drawn)]
+        )
         if not rows:
             raise ConfigError(f'{arguments.conditions}: no row fits {arguments.rows}')
     except (ConfigError, PolicyMismatchError) as error:

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+from small_courses import small_courses
 from uav_collect.errors import ConfigError
 from uav_collect.scenario.load import fingerprint, load
 
@@ -82,6 +83,22 @@ def test_the_table_says_how_each_policy_stands(
     lines = [line.split(',')[0] for line in table.read_text().splitlines()]
     assert lines == ['condition', *['tiny'] * 3, *['another'] * 3]
     assert 'hert-equal: flew 2 of 2 rows, 6 missions' in said
+
+
+def test_conditions_may_be_drawn_as_courses_are(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    drawn = [*anywhere.drawn_rows('anywhere', 3)]
+    assert [it.name for it in drawn] == [it.name for it in anywhere.drawn_rows('anywhere', 3)]
+    assert len({fingerprint(it.scenario) for it in drawn}) == 3
+    small = tmp_path / 'small.yaml'
+    small.write_text(small_courses().distribution.to_yaml())
+    words = ['--courses', str(small), '--missions', '3', '--plans', '0', '--policies']
+    assert anywhere.main([*words, '--drawn', '2']) == 0
+    said = capsys.readouterr().out
+    assert 'small-0: ' in said
+    assert 'small-1: ' in said
+    assert anywhere.main(['--courses', 'nowhere']) == 2
 
 
 def test_an_interruption_keeps_the_rows_that_are_done(

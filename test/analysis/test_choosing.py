@@ -58,7 +58,7 @@ def names_of(scenario: Scenario, *given: str) -> list[str]:
 
 def test_candidates_are_those_that_are_shipped_the_rules_and_those_that_a_user_names() -> None:
     scenario = load('paper_10x10')
-    assert names_of(scenario) == ['paper_10x10_n2_aqmix', 'anywhere', 'taught', 'sweep', 'hert']
+    assert names_of(scenario) == ['paper_10x10_n2_aqmix', 'anywhere', 'sweep', 'hert']
     given = ['hert', 'user_policies:nearest', 'paper_10x10_n2_aiql', 'paper_10x10_n2_aqmix']
     assert names_of(scenario, *given) == [*names_of(scenario), *given[1:3]]
 
@@ -70,7 +70,7 @@ def test_what_learned_on_many_fields_is_a_candidate_where_it_is_shipped(shipped:
     assert names_of(scenario) == ['anywhere', 'sweep', 'hert']
     saved(shipped, 'paper_10x10_n2_aqmix', header())
     saved(shipped, 'taught', header())
-    assert names_of(scenario) == ['paper_10x10_n2_aqmix', 'anywhere', 'taught', 'sweep', 'hert']
+    assert names_of(scenario) == ['paper_10x10_n2_aqmix', 'anywhere', 'sweep', 'hert']
 
 
 def test_a_specialist_that_does_not_fit_is_left_out_with_a_line(shipped: Path) -> None:

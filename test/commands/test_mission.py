@@ -136,7 +136,7 @@ def test_the_best_policy_flies_unless_another_is_named_and_the_folder_says_why(
     choice = read_choice(run)
     assert choice is not None
     tried = [it.policy for it in choice.tried]
-    assert tried == ['paper_10x10_n2_aqmix', 'anywhere', 'taught', 'sweep', 'hert']
+    assert tried == ['paper_10x10_n2_aqmix', 'anywhere', 'sweep', 'hert']
     assert (choice.policy, choice.fingerprint) == ('paper_10x10_n2_aqmix', fingerprint(scenario))
     assert str(choice) in flown.output
     assert (run / f'mission_{SEED}.jsonl').read_bytes() == text(scenario, choice.policy)
@@ -161,7 +161,7 @@ def test_what_lies_beside_the_scenario_flies_if_it_is_best(
     assert flown.wait_for_exit() == 0
     choice = read_choice(run)
     assert choice is not None
-    others = ['anywhere', 'taught', 'sweep', 'hert', 'random']
+    others = ['anywhere', 'sweep', 'hert', 'random']
     assert [it.policy for it in choice.tried] == [str(own), *others]
     assert choice.policy == str(own)
     assert read(run / 'mission_0.jsonl').header.uavs[1].policy == 'small'

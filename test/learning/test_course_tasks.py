@@ -127,7 +127,8 @@ def test_an_update_learns_from_several_courses_each_once() -> None:
 
 
 def test_who_imitates_the_sweep_learns_from_it_unless_it_is_surpassed() -> None:
-    tasks = tasks_of(small_settings('imitation'), Algorithm.IMITATION)
+    settings = small_settings('imitation', imitation__teachers=['sweep'])
+    tasks = tasks_of(settings, Algorithm.IMITATION)
     assert [tasks.teaches(place) for place in range(3)] == [True] * 3  # nothing is known yet
     for course, share in zip(tasks._courses, (1.2, 1.01, 0.0), strict=True):
         assert course.is_swept

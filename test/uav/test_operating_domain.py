@@ -26,6 +26,8 @@ PAPER = OperatingDomain(
     speed_ratio=(1.0, 2.0),
     known_share=(0.0, 0.2),
     data_share=(0.1, 0.5),
+    budget_crossings=(0.5, math.inf),
+    corner_cells=(0.0, 2.0),
 )
 ELSEWHERE = replace(PAPER, n_uavs=(9, 12))
 FIELD = load('paper_10x10', {'fleet.default.energy_budget_kj': 60.0})
@@ -62,12 +64,19 @@ OUTSIDE = {
     '10 to 18 rows and columns (within: 6 to 12)': {'area.rows': 18, 'area.columns': 10},
     '1 cells of contact range (within: 2 to inf)': {'radio.contact_range_m': 50.0},
     '3 of the fastest to the slowest (within: 1 to 2)': {'fleet.uavs.0.speed_mps': 30.0},
+    "0.251 crossings of each cell in the fleet's budgets (within: 0.5 to inf)": {
+        'fleet.default.energy_budget_kj': 12.0
+    },
+    '4.5 cells from start and home to a corner (within: 0 to 2)': {
+        'fleet.default.start': {'cell': [5, 4]},
+        'fleet.default.home': {'cell': [4, 5]},
+    },
     '0.05 of cells with data (within: 0.1 to 0.5)': {'demand.cell_share': 0.05},
 }
 
 
 @pytest.mark.parametrize('why', OUTSIDE)
-def test_whoever_flies_it_outside_is_told_why(why: str) -> None:
+def test_outside_a_line_says_why(why: str) -> None:
     policy, scenario = LearnedPolicy('mine', frozen_with(PAPER)), load('paper_10x10', OUTSIDE[why])
     assert remarks(policy, scenario) == [f'policy mine flies as the sweep here: {why}']
     assert not is_covered((PAPER,), brief(scenario))

@@ -29,11 +29,11 @@ from uav_collect.uav.lookahead import decision_us, LookaheadPolicy
 from uav_collect.uav.observation import Layout
 from uav_collect.uav.policy import (
     ANYWHERE,
+    is_advised,
     NamedPolicy,
     policy_for,
     shipped_policies,
     specialist_name,
-    TAUGHT,
 )
 from uav_collect.uav.policy_network import LearnedPolicy
 
@@ -96,10 +96,11 @@ def _made_for(scenario: Scenario, own: Iterable[str]) -> tuple[list[Candidate], 
             found.append(Candidate(name=name, policy=policy_for(name, scenario)))
         except PolicyMismatchError as error:
             left_out.append(f'{name} cannot be chosen: {error}')
-    for name in (ANYWHERE, TAUGHT):
-        if name in shipped_policies():
-            with suppress(PolicyMismatchError):  # it was not made for this one
-                found.append(Candidate(name=name, policy=policy_for(name, scenario)))
+    if ANYWHERE in shipped_policies():
+        with suppress(PolicyMismatchError):  # it was not made for this one
+            policy = policy_for(ANYWHERE, scenario)
+            if not is_advised(policy, scenario):  # it would fly as a rule does
+                found.append(Candidate(name=ANYWHERE, policy=policy))
     return found, left_out
 
 

@@ -20,7 +20,9 @@ from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import Site
 from uav_collect.training.progress import Budget, Progress
 from uav_collect.training.seeds import VALIDATION_SEED
+from uav_collect.uav.briefing import brief
 from uav_collect.uav.observation import Layout, observation_size
+from uav_collect.uav.operating_domain import is_covered
 from uav_collect.uav.policy_network import FrozenPolicy, LearnedPolicy
 
 # Apart from each other, and from the missions that trainings validate by.
@@ -97,9 +99,14 @@ def compute_as_trainings_do() -> None:
 
 
 def start_for(policy: FrozenPolicy, scenario: Scenario) -> FrozenPolicy | None:
-    """A policy as one that flies a scenario, whatever it learned on; None: its network cannot."""
+    """A policy as one that flies a scenario, whatever it learned on; None: its network cannot.
+
+    Outside of its domains a network knows nothing to go on from.
+    """
     header, area = policy.header, scenario.area
     if header.layout not in PRESETS or header.network:
+        return None
+    if not is_covered(header.domains, brief(scenario)):
         return None
     try:
         size = observation_size(header.layout, area.n_cells, scenario.n_uavs)
@@ -114,6 +121,7 @@ def start_for(policy: FrozenPolicy, scenario: Scenario) -> FrozenPolicy | None:
         cells_per_side_max=max(sides),
         n_uavs_min=scenario.n_uavs,
         n_uavs_max=scenario.n_uavs,
+        domains=(),
     )
     return FrozenPolicy(widened, policy.weights)
 

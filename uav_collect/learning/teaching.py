@@ -64,7 +64,7 @@ def teaching(
 
 def _for_any_area(policy: NamedPolicy) -> NamedPolicy:
     """A teacher that may be tried over any area where it sees as much as over its own."""
-    if not isinstance(policy, LearnedPolicy) or policy.frozen.header.layout == Layout.PAPER:
+    if not isinstance(policy, LearnedPolicy) or policy.frozen.header.layout.base == Layout.PAPER:
         return policy
     header = replace(
         policy.frozen.header, cells_per_side_min=1, cells_per_side_max=MAX_CELLS_PER_SIDE

@@ -26,6 +26,10 @@ class OperatingDomain(Section):
     speed_ratio: Annotated[_Span | None, number_span(1, 1e6)] = None  # fastest UAV to slowest one
     known_share: Annotated[_Span | None, number_span(0, 1)] = None  # cells known to be complete
     data_share: Annotated[_Span | None, number_span(0, 1)] = None  # of the others, with data
+    # What the fleet may spend, in crossings of each cell that is not known to be complete.
+    budget_crossings: Annotated[_Span | None, number_span(0, math.inf)] = None
+    # How far UAVs start and land from the nearest corner, along the area's sides.
+    corner_cells: Annotated[_Span | None, number_span(0, MAX_CELLS_PER_SIDE)] = None
 
     def misfits(self, briefing: Briefing) -> Iterator[str]:
         """By what a fleet over a field lies outside, for people."""
@@ -40,11 +44,41 @@ class OperatingDomain(Section):
             yield from _outside('of the fastest to the slowest', self.speed_ratio, (ratio,))
         yield from _outside('of cells known to be empty', self.known_share, (known,))
         yield from _outside('of cells with data', self.data_share, (briefing.data_chance,))
+        budget = (_budget_crossings(briefing),)
+        yield from _outside(
+            "crossings of each cell in the fleet's budgets", self.budget_crossings, budget
+        )
+        away = [*_corner_cells(briefing)]
+        yield from _outside('cells from start and home to a corner', self.corner_cells, away)
 
 
 def is_covered(domains: Sequence[OperatingDomain], briefing: Briefing) -> bool:
     """Whether a fleet over a field lies within one of them; without any, everything does."""
     return not domains or any(not [*it.misfits(briefing)] for it in domains)
+
+
+def _budget_crossings(briefing: Briefing) -> float:
+    n_crossings = sum(
+        (briefing.energy_budget_j[uav] - briefing.energy_margin_j[uav])
+        / (briefing.flight_power_w[uav] * briefing.cell_size_m / briefing.speed_mps[uav])
+        for uav in range(briefing.n_uavs)
+    )
+    return max(n_crossings, 0.0) / max(
+        len(briefing.known_complete) - sum(briefing.known_complete), 1
+    )
+
+
+def _corner_cells(briefing: Briefing) -> Iterator[float]:
+    wide_m = briefing.n_columns * briefing.cell_size_m
+    high_m = briefing.n_rows * briefing.cell_size_m
+    places = (
+        (briefing.start_x_m, briefing.start_y_m),
+        (briefing.home_x_m, briefing.home_y_m),
+    )
+    for x_row, y_row in places:
+        for x_m, y_m in zip(x_row, y_row, strict=True):
+            along, across = min(x_m, wide_m - x_m), min(y_m, high_m - y_m)
+            yield max(along, across, 0.0) / briefing.cell_size_m
 
 
 def _outside(name: str, span: _Span | None, flown: Sequence[float]) -> Iterator[str]:

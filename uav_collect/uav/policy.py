@@ -17,6 +17,7 @@ from uav_collect.uav.heuristics import Heuristic, RulePolicy
 from uav_collect.uav.learned_on import strangeness, strangeness_within
 from uav_collect.uav.lookahead import lookahead_named, LookaheadPolicy, slowness
 from uav_collect.uav.named_code import named_code
+from uav_collect.uav.operating_domain import is_covered
 from uav_collect.uav.policy_file import FORMAT, load_policy, SUFFIX, WEIGHTS_FORMAT
 from uav_collect.uav.policy_header import PolicyHeader
 from uav_collect.uav.policy_network import FrozenPolicy, LearnedPolicy
@@ -24,9 +25,7 @@ from uav_collect.uav.user_policy import user_policy, UserPolicy
 from uav_collect.uav.view import LocalView
 
 STRONG = 'strong'  # stands for the learned policy that is shipped for the scenario at hand
-ANYWHERE = 'anywhere'  # the shipped policy that learned on many fields, where there is one
-# The shipped one that learned of specialists on as many: much better on some, worse on others.
-TAUGHT = 'taught'
+ANYWHERE = 'anywhere'  # the shipped policy that flies any field, where there is one
 TOPIC = 'topic'  # stands for what a trainer publishes, for agents over ROS
 
 
@@ -152,6 +151,13 @@ def unfamiliar(policy: Policy, scenario: Scenario) -> str | None:
         strange += strangeness_within(within, scenario)
     what = f'policy {policy.name} flies outside what it learned on'
     return f'{what}: {"; ".join(strange)}' if strange else None
+
+
+def is_advised(policy: Policy, scenario: Scenario) -> bool:
+    """Whether a policy flies as its adviser does: a scenario lies outside of all its domains."""
+    if not isinstance(policy, LearnedPolicy) or not policy.frozen.header.domains:
+        return False
+    return not is_covered(policy.frozen.header.domains, brief(scenario))
 
 
 def _advised(name: str, header: PolicyHeader, scenario: Scenario) -> str | None:
