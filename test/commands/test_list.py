@@ -19,15 +19,15 @@ def test_it_shows_all_there_is_with_a_line_each_of_80_columns(
     assert main(['list']) == 0
     printed = capsys.readouterr().out
     assert [line for line in printed.splitlines() if len(line) > 80] == []
-    parts = re.split(r'^(\w+):\n', printed, flags=re.MULTILINE)
+    parts = re.split(r'^(\w.*):\n', printed, flags=re.MULTILINE)
     tables = dict(zip(parts[1::2], parts[2::2], strict=True))
     rules = ('best', 'strong', *(heuristic.label for heuristic in Heuristic))
     own = ('lookahead:RULE', 'module:name', 'FILE.safetensors')
     names = {
-        'scenarios': scenario_names(),
-        'policies': (*rules, *shipped_policies(), *own),
-        'presets': preset_names(),
-        'scales': scale_names(),
+        'scenarios (--scenario)': scenario_names(),
+        'policies (--policy)': (*rules, *shipped_policies(), *own),
+        'presets of trainings (--preset)': preset_names(),
+        'scales of the figures (--scale)': scale_names(),
     }
     assert tables.keys() == names.keys()
     for kind, table in tables.items():

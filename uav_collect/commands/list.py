@@ -37,10 +37,10 @@ def run(arguments: argparse.Namespace) -> int:
     from uav_collect.config.layers import titles_in
 
     tables: dict[str, Mapping[str, str]] = {
-        'scenarios': titles_in(shared_folders('scenarios')),
-        'policies': {**_RULES, **dict(_learned()), **_OWN},
-        'presets': titles_in(shared_folders('training')),
-        'scales': titles_in(shared_folders('studies')),
+        'scenarios (--scenario)': titles_in(shared_folders('scenarios')),
+        'policies (--policy)': {**_RULES, **dict(_learned()), **_OWN},
+        'presets of trainings (--preset)': titles_in(shared_folders('training')),
+        'scales of the figures (--scale)': titles_in(shared_folders('studies')),
     }
     for kind, table in tables.items():
         width = max(map(len, table), default=0)
