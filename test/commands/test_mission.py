@@ -258,7 +258,7 @@ def test_a_policy_that_flies_outside_what_it_learned_on_is_said_to(
 
 
 def test_a_policy_that_is_named_flies_or_nothing(tmp_path: Path) -> None:
-    words = ['--set', 'area.cells_per_side=4', '--policy', 'strong']  # too small for any shipped
+    words = ['--set', 'area.cells_per_side=4', '--policy', 'paper_10x10_n2_aqmix']
     assert main(['mission', *words, '--output', str(tmp_path / 'run')]) == 2
     assert not (tmp_path / 'run').exists()
 

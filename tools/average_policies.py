@@ -1,0 +1,96 @@
+"""Averages the weights of policies that learned one from another, into one policy of some courses.
+
+python tools/average_policies.py OUTPUT FILE[=WEIGHT] FILE[=WEIGHT] ... [--courses NAME|FILE]
+
+What trainings that go on from each other forget and learn anew cancels out in their mean (Wortsman
+et al., Model soups, 2022). The policy has the domains of the courses and is validated in their
+panel; all else in its header is the last file's.
+"""
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+import sys
+
+import numpy as np
+from uav_collect.commands import terminal
+from uav_collect.errors import ConfigError, PolicyMismatchError
+from uav_collect.learning.headers import check_same_network, header_validation, learned_on_courses
+from uav_collect.learning.validation import PanelValidator
+from uav_collect.limits import UNUSABLE
+from uav_collect.training.courses import Courses, load_courses
+from uav_collect.training.progress import ValidationResult
+from uav_collect.uav.policy_file import load_policy, save_policy
+from uav_collect.uav.policy_network import FrozenPolicy, LearnedPolicy, weights_digest
+
+_N_MISSIONS = 16  # in each condition of the panel
+
+
+def averaged(policies: Sequence[FrozenPolicy], shares: Sequence[float]) -> FrozenPolicy:
+    """The policy of mean weights, with the last one's header.
+
+    Args:
+        shares: of each policy in the mean, up to a factor.
+
+    Raises:
+        PolicyMismatchError: their networks differ.
+    """
+    last, parts = policies[-1], np.array(shares) / sum(shares)
+    for policy in policies:
+        check_same_network(policy, last.header)
+    weights = {
+        name: np.einsum('p,p...->...', parts, [it.weights[name] for it in policies])
+        for name in last.weights
+    }
+    return FrozenPolicy(last.header, {key: it.astype(np.float32) for key, it in weights.items()})
+
+
+def of_courses(policy: FrozenPolicy, courses: Courses, n_missions: int) -> FrozenPolicy:
+    """A policy as one that learned on courses: with their domains, validated in their panel."""
+    learned = learned_on_courses(courses.distribution)
+    digest = weights_digest(policy.weights)[:8]
+    header = replace(
+        policy.header,
+        scenario=learned.scenario,
+        fingerprint=learned.fingerprint,
+        cells_per_side_min=learned.cells_per_side[0],
+        cells_per_side_max=learned.cells_per_side[1],
+        n_uavs_min=learned.n_uavs[0],
+        n_uavs_max=learned.n_uavs[1],
+        learned_within=learned.learned_within,
+        domains=learned.domains,
+        version=f'{learned.run}_mean-{digest}',
+    )
+    validator = PanelValidator(courses.panel, n_missions, learned)
+    pilot = LearnedPolicy('mean', FrozenPolicy(header, policy.weights))
+    result = ValidationResult(
+        n_decisions=header.decisions, n_updates=header.updates, wall_s=0.0,
+        **validator.measured(pilot, None),
+    )  # fmt: skip
+    validation = header_validation(result, validator.n_missions)
+    return FrozenPolicy(replace(header, validation=validation), policy.weights)
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Write the mean; returns the exit status."""
+    parser = argparse.ArgumentParser(description='Averages the weights of policies.')
+    parser.add_argument('output', type=Path)
+    parser.add_argument('files', nargs='+', metavar='FILE[=WEIGHT]')
+    parser.add_argument('--courses', default='taught', metavar='NAME|FILE')
+    arguments = parser.parse_args(words)
+    pairs = [name.rpartition('=') if '=' in name else (name, '', '1') for name in arguments.files]
+    try:
+        policies = [load_policy(Path(name)) for name, _, _ in pairs]
+        mean = averaged(policies, [float(share) for _, _, share in pairs])
+        policy = of_courses(mean, load_courses(arguments.courses), _N_MISSIONS)
+    except (ConfigError, PolicyMismatchError, ValueError) as error:
+        terminal.say_error(error)
+        return UNUSABLE
+    save_policy(arguments.output, policy)
+    print(f'{policy.header.version}: {policy.header.validation}')
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
