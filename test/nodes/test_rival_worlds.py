@@ -54,10 +54,10 @@ class Doubter(ProcessNode):
                 pass
             self.said = str(len(self.heard))
             self.world.publish(Scenario(world_instance=self.said, vouch_service='/world/vouch'))
-            self.choice.tick()  # looks anew while what was just said waits to be heard
         elif self.choice.instance == self.said:
             self.destroy_publisher(self.world)
             self.world = None
+        self.choice.tick()  # may look anew while what was just said waits to be heard
         if len(self.heard) == 10:
             self.end()
 
