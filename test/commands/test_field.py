@@ -327,8 +327,8 @@ def test_a_bad_place_and_a_bad_outline_of_one_map_are_said_at_once(
     [
         ('--speed 10 LIST', [10, 10]),
         ('--speed 10 15 LIST', [10, 15]),
-        ('--speed 10,15 LIST', [10, 15]),
-        ('--speed=10,15 LIST', [10, 15]),
+        ('--speed 10 15 -- LIST', [10, 15]),
+        ('--speed=10 LIST', [10, 10]),
         ('LIST --speed 10 15', [10, 15]),
         ('--speed 10 --uavs 1 LIST', [10]),
     ],

@@ -369,6 +369,6 @@ def test_a_policy_file_of_before_is_taken_and_said_to_be_one(
 ) -> None:
     file = of_before(saved(tmp_path, 'mine', header(side=8)))
     folder = keep(tmp_path / 'run', small, *fly(site, [SEED], str(file)))
-    assert main(['verify', str(folder), '--policy', str(file)]) == 0
+    assert main(['verify', '--policy', str(file), str(folder)]) == 0
     said = capsys.readouterr().err.splitlines()
     assert said[0].startswith('policy mine is of uav_collect.policy/1: ')

@@ -22,6 +22,36 @@ def test_a_wrong_argument_ends_the_program_with_one_line(
     assert capsys.readouterr() == ('', said)
 
 
+@pytest.mark.parametrize(
+    ('line', 'path', 'speeds'),
+    [
+        ('--speed 10 PATH', 'PATH', [10.0]),
+        ('--speed 10 15 PATH', 'PATH', [10.0, 15.0]),
+        ('PATH --speed 10 15', 'PATH', [10.0, 15.0]),
+        ('--speed 10 --title x PATH', 'PATH', [10.0]),
+        ('--speed 10 15 -- 20', '20', [10.0, 15.0]),
+    ],
+)
+def test_an_option_of_several_values_ends_where_a_word_can_be_none(
+    line: str, path: str, speeds: list[float]
+) -> None:
+    parser = Parser(prog='fly')
+    parser.add_argument('path')
+    parser.add_argument('--speed', type=float, nargs='+')
+    parser.add_argument('--title')
+    found = parser.parse_args(line.split())
+    assert (found.path, found.speed) == (path, speeds)
+
+
+def test_a_first_value_that_can_be_none_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+    parser = Parser(prog='fly')
+    parser.add_argument('path')
+    parser.add_argument('--speed', type=float, nargs='+')
+    with pytest.raises(SystemExit):
+        parser.parse_args(['--speed', 'fast', 'PATH'])
+    assert "invalid float value: 'fast'" in capsys.readouterr().err
+
+
 def test_each_problem_has_a_line_that_is_not_too_long() -> None:
     first, second = error_lines(ConfigError('one', 'two' * 1000)).splitlines()
     assert first == 'error: one'

@@ -74,9 +74,10 @@ class Pilots:
         self.simulation = Simulation(build_site(scenario), seed)
         briefing, allocator = self.simulation.briefing, allocator_named('exact')
         policies = [policy_for(policy, scenario) for _ in range(scenario.n_uavs)]
+        guards = [guard_for(each, GUARD_AFTER, briefing) for each in policies]
         self.agents = [
-            Agent(briefing, uav, each, allocator, guard_after=guard_for(each, GUARD_AFTER))
-            for uav, each in enumerate(policies)
+            Agent(briefing, uav, each, allocator, guard_after=guard)
+            for uav, (each, guard) in enumerate(zip(policies, guards, strict=True))
         ]
         self.radio: list[list[RadioMessage]] = [[] for _ in self.agents]  # heard, by UAV
 

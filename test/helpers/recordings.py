@@ -15,6 +15,7 @@ from uav_collect.recording.mission_messages import MessagePlace
 from uav_collect.scenario.load import fingerprint
 from uav_collect.scenario.site import Site
 from uav_collect.uav.agent import Agent, allocator_named
+from uav_collect.uav.briefing import briefing_of
 from uav_collect.uav.observation import Layout
 from uav_collect.uav.policy import guard_for, policy_named
 
@@ -40,7 +41,7 @@ def messages_of(site: Site, log: MissionLog) -> dict[MessagePlace, Values]:
     crew = []
     for uav in log.header.uavs:
         policy = policy_named(uav.policy)
-        guard_after = guard_for(policy, uav.guard_after)
+        guard_after = guard_for(policy, uav.guard_after, briefing_of(site))
         crew.append(FlownBy(policy=policy, allocator=uav.allocator, guard_after=guard_after))
     flown = fly_again(site, log.header, crew, layouts=[LAYOUT])
     assert flown.log.to_jsonl() == log.to_jsonl()

@@ -240,7 +240,7 @@ def test_the_command_writes_picture_and_table(
     runs = [str(run) for run in two_seeds]
     references = ['--reference', 'hert=0.79', 'sweep=1.19']
     files = ['--output', str(picture), '--csv', str(table)]
-    assert main(['curves', *runs, *files, *references]) == 0
+    assert main(['curves', *references, *runs, *files]) == 0
     assert picture.read_bytes().startswith(b'\x89PNG')
     with table.open(newline='') as file:
         rows = list(csv.DictReader(file))

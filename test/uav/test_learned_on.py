@@ -157,5 +157,5 @@ def test_the_policy_for_any_field_flies_anything_and_says_where_it_flies_as_the_
     for name in ('paper_8x8', 'paper_10x10'):
         assert unfamiliar(policy, load(name)) is None
     for name in ('paper_15x15', 'paper_20x20', 'lillgrund'):
-        assert 'flies as the sweep here' in (unfamiliar(policy, load(name)) or '')
+        assert 'flies as sweep here' in (unfamiliar(policy, load(name)) or '')
     assert unfamiliar(policy, paper(area__cells_per_side=40)) is not None

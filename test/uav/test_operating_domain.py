@@ -1,20 +1,21 @@
-"""Outside of its domains a policy flies as its adviser would, in batches and agent by agent."""
+"""Outside of its domains a policy flies as its adviser does, in batches and agent by agent."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 import math
 
 import pytest
-from random_policies import Behind, header, random_policy
+from random_policies import header, random_policy
 from uav_collect.errors import PolicyMismatchError
 from uav_collect.missions.rollout import fly
+from uav_collect.missions.simulation import fly_by_agents
 from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.load import load
 from uav_collect.scenario.site import build_site
 from uav_collect.uav.briefing import brief
 from uav_collect.uav.observation import Layout
-from uav_collect.uav.operating_domain import is_covered, OperatingDomain
+from uav_collect.uav.operating_domain import OperatingDomain
 from uav_collect.uav.policy import remarks
 from uav_collect.uav.policy_file import policy_bytes, policy_from_bytes
 from uav_collect.uav.policy_network import FrozenPolicy, LearnedPolicy
@@ -30,6 +31,9 @@ PAPER = OperatingDomain(
     corner_cells=(0.0, 2.0),
 )
 ELSEWHERE = replace(PAPER, n_uavs=(9, 12))
+GUARD_AFTER = 3  # it decides before long
+
+Ways = Callable[..., Sequence[MissionLog]]
 FIELD = load('paper_10x10', {'fleet.default.energy_budget_kj': 60.0})
 
 
@@ -39,24 +43,29 @@ def frozen_with(*domains: OperatingDomain) -> FrozenPolicy:
     return random_policy(of, seed=2)
 
 
-def flown(*domains: OperatingDomain, is_behind: bool = False) -> Sequence[MissionLog]:
-    makes = partial(LearnedPolicy, 'mine', frozen_with(*domains))
-    policy = (lambda: Behind(makes())) if is_behind else makes
-    return fly(build_site(FIELD), [5, 8], policy, 'exact', 0)
+def flown(*domains: OperatingDomain) -> Sequence[MissionLog]:
+    policy = partial(LearnedPolicy, 'mine', frozen_with(*domains))
+    return fly(build_site(FIELD), [5, 8], policy, 'exact', GUARD_AFTER)
 
 
-@pytest.mark.parametrize('is_behind', [False, True])
-def test_outside_it_flies_as_the_adviser_would(is_behind: bool) -> None:
+def flown_alone(*domains: OperatingDomain) -> Sequence[MissionLog]:
+    policy = partial(LearnedPolicy, 'mine', frozen_with(*domains))
+    site = build_site(FIELD)
+    return [fly_by_agents(site, seed, policy, 'exact', GUARD_AFTER) for seed in (5, 8)]
+
+
+@pytest.mark.parametrize('ways', [flown, flown_alone])
+def test_outside_its_adviser_flies_without_a_guard(ways: Ways) -> None:
     swept = fly(build_site(FIELD), [5, 8], 'sweep', 'exact')
-    for mine, sweeps in zip(flown(ELSEWHERE, is_behind=is_behind), swept, strict=True):
+    for mine, sweeps in zip(ways(ELSEWHERE), swept, strict=True):
         assert (mine.events == sweeps.events).all()
 
 
-@pytest.mark.parametrize('is_behind', [False, True])
-def test_within_any_of_them_it_decides_by_itself(is_behind: bool) -> None:
+@pytest.mark.parametrize('ways', [flown, flown_alone])
+def test_within_any_of_them_it_decides_by_itself(ways: Ways) -> None:
     own = [it.to_jsonl() for it in flown()]
-    assert [it.to_jsonl() for it in flown(ELSEWHERE, PAPER, is_behind=is_behind)] == own
-    assert [it.to_jsonl() for it in flown(ELSEWHERE, is_behind=is_behind)] != own
+    assert [it.to_jsonl() for it in ways(ELSEWHERE, PAPER)] == own
+    assert [it.to_jsonl() for it in ways(ELSEWHERE)] != own
 
 
 OUTSIDE = {
@@ -78,8 +87,8 @@ OUTSIDE = {
 @pytest.mark.parametrize('why', OUTSIDE)
 def test_outside_a_line_says_why(why: str) -> None:
     policy, scenario = LearnedPolicy('mine', frozen_with(PAPER)), load('paper_10x10', OUTSIDE[why])
-    assert remarks(policy, scenario) == [f'policy mine flies as the sweep here: {why}']
-    assert not is_covered((PAPER,), brief(scenario))
+    assert remarks(policy, scenario) == [f'policy mine flies as sweep here: {why}']
+    assert not PAPER.covers(brief(scenario))
     assert remarks(policy, FIELD) == []
 
 
@@ -90,11 +99,7 @@ def test_known_cells_and_one_uav_without_a_peer() -> None:
         'known to be empty' in it for it in PAPER.misfits(brief(load('paper_10x10', sparse)))
     )
     alone = {'fleet.uavs': [{'speed_mps': 5.0}], 'radio.contact_range_m': 0.0}
-    assert is_covered((PAPER,), brief(load('paper_10x10', alone)))
-
-
-def test_without_domains_it_decides_everywhere() -> None:
-    assert is_covered((), brief(FIELD))
+    assert PAPER.covers(brief(load('paper_10x10', alone)))
 
 
 def test_a_files_header_keeps_the_domains() -> None:

@@ -24,14 +24,15 @@ from uav_collect.missions.rollout import fly_for_metrics
 from uav_collect.scenario.load import fingerprint
 from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import Site
+from uav_collect.uav.briefing import brief
 from uav_collect.uav.heuristics import RulePolicy
 from uav_collect.uav.lookahead import decision_us, LookaheadPolicy
 from uav_collect.uav.observation import Layout
 from uav_collect.uav.policy import (
     ANYWHERE,
-    is_advised,
     NamedPolicy,
     policy_for,
+    rule_of,
     shipped_policies,
     specialist_name,
 )
@@ -99,7 +100,7 @@ def _made_for(scenario: Scenario, own: Iterable[str]) -> tuple[list[Candidate], 
     if ANYWHERE in shipped_policies():
         with suppress(PolicyMismatchError):  # it was not made for this one
             policy = policy_for(ANYWHERE, scenario)
-            if not is_advised(policy, scenario):  # it would fly as a rule does
+            if rule_of(policy, brief(scenario)) is None:  # it would fly as a rule does
                 found.append(Candidate(name=ANYWHERE, policy=policy))
     return found, left_out
 

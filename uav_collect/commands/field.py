@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from uav_collect import files
 from uav_collect.commands import options
-from uav_collect.config.arguments import NumberList, program_name
+from uav_collect.config.arguments import program_name
 from uav_collect.errors import ConfigError
 from uav_collect.kernels.compile import interpret_kernels
 from uav_collect.kernels.patience import waiting_for
@@ -128,9 +128,10 @@ def _add_proposed(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         '--speed',
-        type=NumberList(options.number_from(0.1, 100.0, 'm/s')),
-        metavar='MPS,...',
-        help='one speed of all UAVs, or one of each in turn, as 10,15 [m/s]',
+        nargs='+',
+        type=options.number_from(0.1, 100.0, 'm/s'),
+        metavar='MPS',
+        help='one speed of all UAVs, or one of each in turn, as 10 15 [m/s]',
     )
     parser.add_argument('--cell-size', type=_LENGTH, metavar='M', help='side of a cell [m]')
     parser.add_argument(
@@ -224,10 +225,10 @@ def _check(arguments: argparse.Namespace) -> None:
 
 def _speeds_mps(arguments: argparse.Namespace) -> tuple[float, ...] | None:
     """The speed of each UAV [m/s]; None: none was given."""
-    given: tuple[float, ...] | None = arguments.speed
+    given: list[float] | None = arguments.speed
     if given is None:
         return None
-    return given if len(given) == arguments.uavs else (given[0],) * arguments.uavs
+    return tuple(given) if len(given) == arguments.uavs else (given[0],) * arguments.uavs
 
 
 def _outputs(arguments: argparse.Namespace) -> _Outputs:

@@ -10,7 +10,7 @@ from typing import Any, TYPE_CHECKING
 from uav_collect import files
 from uav_collect.commands import options
 from uav_collect.kernels.compile import interpret_kernels
-from uav_collect.limits import FAILED, UNUSABLE
+from uav_collect.limits import FAILED, is_code_name, UNUSABLE
 
 if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
     from uav_collect.analysis.proof import Proof
@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         '--policy',
-        type=Path,
+        type=_policy,
         nargs='+',
         default=[],
         metavar='POLICY',
@@ -50,6 +50,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--json', type=options.output, metavar='FILE', help='write all that was found'
     )
+
+
+def _policy(text: str) -> Path:
+    """A type for argparse: a policy's file, or a function."""
+    from uav_collect.uav.policy_file import SUFFIX
+
+    if not text.endswith(SUFFIX) and not is_code_name(text):
+        what = f'must be a {SUFFIX} file or module:function'
+        raise argparse.ArgumentTypeError(f'{text!r} {what}')
+    return Path(text)
 
 
 def run(arguments: argparse.Namespace) -> int:

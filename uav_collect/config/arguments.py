@@ -1,8 +1,8 @@
 """What is typed: arguments that are wrong, and whatever else is, are said in lines for people."""
 
 import argparse
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from functools import partial
 from itertools import takewhile
 from pathlib import Path
 import sys
@@ -20,48 +20,37 @@ def program_name() -> str:
     return _PROGRAM if Path(sys.argv[0]).stem == _PROGRAM else 'python -m uav_collect'
 
 
-@dataclass(frozen=True)
-class NumberList:
-    """A type for argparse: numbers with commas between them, or, of a `Parser`, with blanks."""
-
-    number: Callable[[str], float]  # reads one
-
-    def __call__(self, text: str) -> tuple[float, ...]:
-        """The numbers of a text."""
-        return tuple(map(self.number, text.split(',')))
-
-
 class Parser(argparse.ArgumentParser):
     """An ArgumentParser that says what is wrong in one line.
 
-    An option of a `NumberList` ends at the first word that is no number: with `nargs='+'` it would
-    take what stands behind it, too.
+    An option of several values ends at the first word that cannot be one of them: argparse would
+    take what stands behind it, too, as RUN in `--reference sweep=1.19 RUN`.
     """
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:  # noqa: ANN401
         """As of argparse."""
         words = sys.argv[1:] if args is None else [*args]
-        return super().parse_known_args(self._with_commas(words), namespace)
+        if any(not action.option_strings for action in self._actions):
+            words = self._with_lists_last(words)
+        return super().parse_known_args(words, namespace)
 
-    def _with_commas(self, words: Sequence[str]) -> list[str]:
-        """`--speed 10 15 LIST` as `--speed=10,15 LIST`."""
-        lists = {
-            option
-            for action in self._actions
-            if isinstance(action.type, NumberList)
-            for option in action.option_strings
-        }
-        joined: list[str] = []
+    def _with_lists_last(self, words: Sequence[str]) -> list[str]:
+        """The words with options of several values behind all others."""
+        n_options = words.index('--') if '--' in words else len(words)
+        others: list[str] = []
+        lists: list[str] = []
         place = 0
-        while place < len(words):
+        while place < n_options:
             word = words[place]
             place += 1
-            if word in lists:
-                numbers = [*takewhile(_is_number, words[place:])]
-                place += len(numbers)
-                word = f'{word}={",".join(numbers)}' if numbers else word
-            joined.append(word)
-        return joined
+            action = self._option_string_actions.get(word)
+            if action is None or action.nargs != '+':
+                others.append(word)
+                continue
+            n_values = _n_values(action, words[place:n_options])
+            lists += [word, *words[place : place + n_values]]
+            place += n_values
+        return [*others, *lists, *words[n_options:]]
 
     def error(self, message: str) -> NoReturn:
         """End the process with the status of misuse."""
@@ -69,12 +58,20 @@ class Parser(argparse.ArgumentParser):
         self.exit(UNUSABLE, f'error: {said}\n')
 
 
-def _is_number(text: str) -> bool:
+def _n_values(action: argparse.Action, words: Sequence[str]) -> int:
+    """How many of the words behind an option are its values: the first, and all like these."""
+    given = [*takewhile(lambda word: not word.startswith('-'), words)]
+    like = takewhile(partial(_may_be_of, action), given[1:])
+    return min(len(given), 1) + sum(1 for _ in like)
+
+
+def _may_be_of(action: argparse.Action, word: str) -> bool:
+    """Whether a word may be a value of an option."""
     try:
-        float(text)
-    except ValueError:
+        value = action.type(word) if callable(action.type) else word
+    except (argparse.ArgumentTypeError, TypeError, ValueError):
         return False
-    return True
+    return action.choices is None or value in action.choices
 
 
 def error_lines(error: Exception) -> str:

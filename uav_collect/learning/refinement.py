@@ -22,7 +22,6 @@ from uav_collect.training.progress import Budget, Progress
 from uav_collect.training.seeds import VALIDATION_SEED
 from uav_collect.uav.briefing import brief
 from uav_collect.uav.observation import Layout, observation_size
-from uav_collect.uav.operating_domain import is_covered
 from uav_collect.uav.policy_network import FrozenPolicy, LearnedPolicy
 
 # Apart from each other, and from the missions that trainings validate by.
@@ -106,7 +105,7 @@ def start_for(policy: FrozenPolicy, scenario: Scenario) -> FrozenPolicy | None:
     header, area = policy.header, scenario.area
     if header.layout not in PRESETS or header.network:
         return None
-    if not is_covered(header.domains, brief(scenario)):
+    if header.rule_for(brief(scenario)) is not None:
         return None
     try:
         size = observation_size(header.layout, area.n_cells, scenario.n_uavs)

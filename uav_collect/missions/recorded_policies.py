@@ -13,7 +13,7 @@ from uav_collect.recording.mission_log import MissionHeader, NO_AGENT, UavHeader
 from uav_collect.scenario.load import fingerprint
 from uav_collect.scenario.site import Site
 from uav_collect.uav.action_codes import NONE
-from uav_collect.uav.briefing import briefing_of
+from uav_collect.uav.briefing import Briefing, briefing_of
 from uav_collect.uav.policy import guard_for, NamedPolicy, policy_named
 from uav_collect.uav.policy_file import load_policy, SUFFIX
 from uav_collect.uav.policy_network import flown_version, LearnedPolicy
@@ -71,7 +71,7 @@ class RecordedPolicies:
             try:
                 member = self._published_one(uav, header.mission_seed, site, key)
                 if member is None:
-                    member, change = self._named_one(uav, versions.get(uav.id))
+                    member, change = self._named_one(uav, versions.get(uav.id), briefing_of(site))
                     changes.update({change: None} if change else {})
             except PolicyMismatchError as error:
                 raise PolicyMismatchError(f'UAV {uav.id}: {error}') from error
@@ -96,7 +96,9 @@ class RecordedPolicies:
         # A learner is to see what its own policy does: nobody guards it.
         return FlownBy(policy=policy, allocator=uav.allocator, guard_after=NONE)
 
-    def _named_one(self, uav: UavHeader, version: str | None) -> tuple[FlownBy, str | None]:
+    def _named_one(
+        self, uav: UavHeader, version: str | None, briefing: Briefing
+    ) -> tuple[FlownBy, str | None]:
         if uav.policy not in self._named:
             self._named[uav.policy] = self._versions_of(uav.policy)
         found = self._named[uav.policy]
@@ -104,7 +106,7 @@ class RecordedPolicies:
         change = None
         if version is not None and policy.version != version:
             change = f'policy {uav.policy} is of version {policy.version} now, of {version} then'
-        guard_after = guard_for(policy, uav.guard_after)
+        guard_after = guard_for(policy, uav.guard_after, briefing)
         return FlownBy(
             policy=replace(policy), allocator=uav.allocator, guard_after=guard_after
         ), change

@@ -15,8 +15,8 @@ from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import Site
 from uav_collect.uav.agent import allocator_named
-from uav_collect.uav.heuristics import RulePolicy
-from uav_collect.uav.policy import guard_for, Policy, policy_for
+from uav_collect.uav.briefing import briefing_of
+from uav_collect.uav.policy import guard_for, Policy, policy_for, rule_of
 from uav_collect.uav.policy_network import LearnedPolicy
 
 
@@ -51,10 +51,9 @@ def fly(
             fly_by_agents(site, seed, make_policy, allocator, guard_after)
             for seed in mission_seeds
         ]
-    pilot = make_policy()
-    config = _config(pilot, allocator, guard_after, is_logged=True)
-    env = _flown(site, mission_seeds, make_policy, pilot, config, between_decisions)
-    return env.mission_logs(pilot.name)
+    config = _config(allocator, guard_after, is_logged=True)
+    env = _flown(site, mission_seeds, make_policy, config, between_decisions)
+    return env.mission_logs(make_policy().name)
 
 
 def fly_for_metrics(
@@ -73,20 +72,17 @@ def fly_for_metrics(
         PolicyMismatchError, AllocationError, ConfigError: as `fly`.
     """
     make_policy = _maker(policy, site.scenario)
-    pilot = make_policy()
-    config = _config(pilot, allocator, guard_after, is_logged=False)
-    return _flown(site, mission_seeds, make_policy, pilot, config, None).metrics()
+    config = _config(allocator, guard_after, is_logged=False)
+    return _flown(site, mission_seeds, make_policy, config).metrics()
 
 
-def _config(
-    pilot: Policy, allocator: str, guard_after: int, *, is_logged: bool
-) -> VectorEnvConfig:
+def _config(allocator: str, guard_after: int, *, is_logged: bool) -> VectorEnvConfig:
     return VectorEnvConfig(
         layout=None,
         allocator=allocator,
         reward=None,
         is_logged=is_logged,
-        guard_after=guard_for(pilot, guard_after),
+        guard_after=guard_after,
     )
 
 
@@ -94,24 +90,29 @@ def _flown(
     site: Site,
     mission_seeds: Sequence[int],
     make_policy: Callable[[], Policy],
-    pilot: Policy,
     config: VectorEnvConfig,
-    between_decisions: Callable[[], None] | None,
+    between_decisions: Callable[[], None] | None = None,
 ) -> VectorEnv:
-    """Missions flown to their end; `pilot` is one of those that fly them."""
-    match pilot:
-        case RulePolicy(heuristic=rule):
-            return VectorEnv(site, mission_seeds, replace(config, rule=rule))
-        case LearnedPolicy(frozen=network):
-            layout = network.header.layout
-            env = VectorEnv(site, mission_seeds, replace(config, layout=layout))
-            pilot.begin(env.briefing, 0)  # raises if it does not fit
-            env.fly_by_network(network, between_decisions)
-            return env
-        case _:
-            env = VectorEnv(site, mission_seeds, config)
-            env.fly_by_policies(make_policy)
-            return env
+    """Missions flown to their end.
+
+    Args:
+        config: without layout and rule; its guard is one for policies that need one.
+    """
+    pilot, briefing = make_policy(), briefing_of(site)
+    if isinstance(pilot, LearnedPolicy):
+        pilot.begin(briefing, 0)  # raises if it does not fit
+    config = replace(config, guard_after=guard_for(pilot, config.guard_after, briefing))
+    rule = rule_of(pilot, briefing)
+    if rule is not None:
+        return VectorEnv(site, mission_seeds, replace(config, rule=rule))
+    if isinstance(pilot, LearnedPolicy):
+        layout = pilot.frozen.header.layout
+        env = VectorEnv(site, mission_seeds, replace(config, layout=layout))
+        env.fly_by_network(pilot.frozen, between_decisions)
+        return env
+    env = VectorEnv(site, mission_seeds, config)
+    env.fly_by_policies(make_policy)
+    return env
 
 
 def _maker(policy: str | Callable[[], Policy], scenario: Scenario) -> Callable[[], Policy]:

@@ -359,7 +359,7 @@ def fly_by_agents(
     """
     simulation, n_uavs = Simulation(site, mission_seed), site.scenario.n_uavs
     policies = [make_policy() for _ in range(n_uavs)]
-    guards = [guard_for(policy, guard_after) for policy in policies]
+    guards = [guard_for(policy, guard_after, simulation.briefing) for policy in policies]
     agents = [
         Agent(simulation.briefing, uav, policy, allocator_named(allocator), guard_after=guard)
         for uav, (policy, guard) in enumerate(zip(policies, guards, strict=True))

@@ -17,7 +17,7 @@ from uav_collect.missions.batch_kernels import Batch
 from uav_collect.uav.action_codes import HOME, N_ACTIONS, NONE
 from uav_collect.uav.belief import belief_of
 from uav_collect.uav.observation import encode, frames
-from uav_collect.uav.policy import NamedPolicy
+from uav_collect.uav.policy import NamedPolicy, rule_of
 from uav_collect.uav.policy_network import FrozenPolicy, LearnedPolicy
 from uav_collect.world.dynamics import GONE, look, mission_of, SILENT
 
@@ -35,7 +35,7 @@ class Teacher:
         n_worlds = len(batch.n_events)
         self._pilots: _Network | _Copies = (
             _Network(policy.frozen, batch)
-            if isinstance(policy, LearnedPolicy)
+            if isinstance(policy, LearnedPolicy) and rule_of(policy, batch.briefing) is None
             else _Copies(policy, batch)
         )
         self._actions = np.full(n_worlds, NONE)
@@ -85,7 +85,6 @@ class _Network:
         size = policy.header.observation_size
         self._layout = int(policy.header.layout.base)
         self._frames = frames(policy.header.layout, batch.briefing)
-        self._bonus = policy.header.bonus_for(batch.briefing)
         self._observation: Row[Row[float]] = new_table(n_worlds, size, 0.0)
         # As it remembers after each UAV's latest decision, by mission, then UAV.
         self._hidden: Floats = policy.new_hidden(n_worlds * n_uavs)
@@ -101,7 +100,7 @@ class _Network:
         seen = np.asarray(self._observation)[worlds]
         values, self._hidden[rows] = self._policy.step(seen, before)
         legal, advice = np.asarray(waiting.legal)[worlds] == 1, np.asarray(waiting.advice)[worlds]
-        return self._policy.actions(values, legal, self._frames[uav], advice, self._bonus)
+        return self._policy.actions(values, legal, self._frames[uav], advice)
 
 
 class _Copies:

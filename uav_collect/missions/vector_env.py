@@ -213,7 +213,6 @@ class VectorEnv:
         n_worlds, n_uavs = len(self.decisions.uav), self._scenario.n_uavs
         hidden = policy.new_hidden(n_worlds * n_uavs)  # by mission, then UAV
         chosen = np.zeros(n_worlds, dtype=np.int64)
-        bonus = policy.header.bonus_for(self.briefing)
         decisions = self.decisions
         while len(waiting := np.flatnonzero(decisions.uav != NONE)):
             rows = waiting * n_uavs + decisions.uav[waiting]
@@ -221,7 +220,7 @@ class VectorEnv:
                 between_decisions()
             values, hidden[rows] = policy.step(decisions.observation[waiting], hidden[rows])
             of = decisions.legal[waiting], decisions.frame[waiting], decisions.advice[waiting]
-            chosen[waiting] = policy.actions(values, *of, bonus)
+            chosen[waiting] = policy.actions(values, *of)
             self._answer(chosen)
             decisions = self.decisions
 

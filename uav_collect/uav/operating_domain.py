@@ -1,7 +1,7 @@
 """Where a policy decides by itself: the fields and fleets on which it was found to do well.
 
-Elsewhere it does what its adviser would. The word is that of automated driving: the conditions
-that a system is designed to work in are its operational design domain (SAE J3016).
+Elsewhere its adviser flies. The word is that of automated driving: the conditions that a system is
+designed to work in are its operational design domain (SAE J3016).
 """
 
 from collections.abc import Iterator, Sequence
@@ -51,10 +51,9 @@ class OperatingDomain(Section):
         away = [*_corner_cells(briefing)]
         yield from _outside('cells from start and home to a corner', self.corner_cells, away)
 
-
-def is_covered(domains: Sequence[OperatingDomain], briefing: Briefing) -> bool:
-    """Whether a fleet over a field lies within one of them; without any, everything does."""
-    return not domains or any(not [*it.misfits(briefing)] for it in domains)
+    def covers(self, briefing: Briefing) -> bool:
+        """Whether a fleet over a field lies within."""
+        return not any(self.misfits(briefing))
 
 
 def _budget_crossings(briefing: Briefing) -> float:

@@ -17,7 +17,6 @@ from uav_collect.uav.heuristics import Heuristic, RulePolicy
 from uav_collect.uav.learned_on import strangeness, strangeness_within
 from uav_collect.uav.lookahead import lookahead_named, LookaheadPolicy, slowness
 from uav_collect.uav.named_code import named_code
-from uav_collect.uav.operating_domain import is_covered
 from uav_collect.uav.policy_file import FORMAT, load_policy, SUFFIX, WEIGHTS_FORMAT
 from uav_collect.uav.policy_header import PolicyHeader
 from uav_collect.uav.policy_network import FrozenPolicy, LearnedPolicy
@@ -145,7 +144,7 @@ def unfamiliar(policy: Policy, scenario: Scenario) -> str | None:
         return None
     header = policy.frozen.header
     if header.domains:
-        return _advised(policy.name, header, scenario)
+        return _flown_by_adviser(policy.name, header, scenario)
     strange = strangeness(header.learned_on, scenario)
     for within in header.learned_within:
         strange += strangeness_within(within, scenario)
@@ -153,19 +152,24 @@ def unfamiliar(policy: Policy, scenario: Scenario) -> str | None:
     return f'{what}: {"; ".join(strange)}' if strange else None
 
 
-def is_advised(policy: Policy, scenario: Scenario) -> bool:
-    """Whether a policy flies as its adviser does: a scenario lies outside of all its domains."""
-    if not isinstance(policy, LearnedPolicy) or not policy.frozen.header.domains:
-        return False
-    return not is_covered(policy.frozen.header.domains, brief(scenario))
+def rule_of(policy: Policy, briefing: Briefing) -> Heuristic | None:
+    """The rule by which a policy flies a fleet: its own, or that of a learned one's domains."""
+    match policy:
+        case RulePolicy(heuristic=rule):
+            return rule
+        case LearnedPolicy(frozen=network):
+            return network.header.rule_for(briefing)
+    return None
 
 
-def _advised(name: str, header: PolicyHeader, scenario: Scenario) -> str | None:
-    """In one line, by what a scenario lies outside all of a policy's domains; None within one."""
+def _flown_by_adviser(name: str, header: PolicyHeader, scenario: Scenario) -> str | None:
+    """In one line, that a rule flies outside a policy's domains and why; None within one."""
     briefing = brief(scenario)
+    rule = header.rule_for(briefing)
+    if rule is None:
+        return None
     misfits = min(([*it.misfits(briefing)] for it in header.domains), key=len)
-    adviser = Heuristic(header.layout.adviser).label
-    return f'policy {name} flies as the {adviser} here: {", ".join(misfits)}' if misfits else None
+    return f'policy {name} flies as {rule.label} here: {", ".join(misfits)}'
 
 
 def changed(policy: LearnedPolicy) -> str | None:
@@ -182,9 +186,10 @@ def changed(policy: LearnedPolicy) -> str | None:
     return f'policy {policy.name} learned with {" and ".join(differing)}, which has changed since'
 
 
-def guard_for(policy: Policy, guard_after: int) -> int:
+def guard_for(policy: Policy, guard_after: int, briefing: Briefing) -> int:
     """After how many decisions without news a policy's guard decides; NONE: a rule has none."""
-    return NONE if isinstance(policy, RulePolicy | LookaheadPolicy) else guard_after
+    is_rule = isinstance(policy, LookaheadPolicy) or rule_of(policy, briefing) is not None
+    return NONE if is_rule else guard_after
 
 
 def frozen_policy(name: str) -> FrozenPolicy:

@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from itertools import product
-import math
 from typing import Annotated
 
 from uav_collect.config.rules import number, text, whole
@@ -12,9 +11,10 @@ from uav_collect.errors import PolicyMismatchError
 from uav_collect.limits import is_code_name, MAX_CELLS_PER_SIDE, MAX_LAYER_SIZE, MAX_SEED
 from uav_collect.uav.action_codes import N_ACTIONS, NONE
 from uav_collect.uav.briefing import Briefing
+from uav_collect.uav.heuristics import Heuristic
 from uav_collect.uav.learned_on import LearnedOn, LearnedWithin
 from uav_collect.uav.observation import AnyLayout, Layout, observation_size
-from uav_collect.uav.operating_domain import is_covered, OperatingDomain
+from uav_collect.uav.operating_domain import OperatingDomain
 
 ACTIVATIONS = ('relu', 'tanh')  # of the layers of a network
 
@@ -100,9 +100,10 @@ class PolicyHeader:
             return f'n_uavs is {n_uavs}: must be {_span(self.n_uavs_min, self.n_uavs_max)}'
         return None
 
-    def bonus_for(self, briefing: Briefing) -> float:
-        """What is added to the value of advice; outside of its domains nothing outweighs that."""
-        return self.advice_bonus if is_covered(self.domains, briefing) else math.inf
+    def rule_for(self, briefing: Briefing) -> Heuristic | None:
+        """The rule by which the policy flies a fleet over a field; None: its network decides."""
+        is_own = not self.domains or any(it.covers(briefing) for it in self.domains)
+        return None if is_own else Heuristic(self.layout.adviser)
 
 
 def check_shapes(header: PolicyHeader, shapes: Mapping[str, tuple[int, ...]]) -> None:

@@ -16,13 +16,14 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 from uav_collect.errors import PolicyMismatchError
-from uav_collect.kernels.arrays import Bools, Floats, Ints, Row, row_of
+from uav_collect.kernels.arrays import Bools, Floats, Ints, Row
 from uav_collect.limits import is_code_name
 from uav_collect.uav.action_codes import HOME, N_ACTIONS, NONE
 from uav_collect.uav.belief import Belief
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.exploration import explore
 from uav_collect.uav.frames import COMPASS_ACTIONS
+from uav_collect.uav.heuristics import RulePolicy
 from uav_collect.uav.named_code import named_code, NamedCode
 from uav_collect.uav.observation import Observer
 from uav_collect.uav.policy_header import ACTIVATIONS, check_shapes, PolicyHeader
@@ -77,9 +78,7 @@ class FrozenPolicy:
         """
         return self._network.step(observation, hidden)
 
-    def actions(
-        self, values: Floats, legal: Bools, frame: Ints, advice: Ints, bonus: float
-    ) -> Ints:
+    def actions(self, values: Floats, legal: Bools, frame: Ints, advice: Ints) -> Ints:
         """The legal action of the highest value in each row, the lowest of the frame's that tie.
 
         Args:
@@ -87,12 +86,11 @@ class FrozenPolicy:
             legal: by the compass, shape (N, A); a row without any gives any action.
             frame: of the UAVs, shape (N,).
             advice: by the compass, shape (N,); NONE: there is none.
-            bonus: by which its value is raised, see `PolicyHeader.bonus_for`.
 
         Returns:
             Actions by the compass, shape (N,).
         """
-        turned = COMPASS_ACTIONS[frame]
+        turned, bonus = COMPASS_ACTIONS[frame], self.header.advice_bonus
         if bonus > 0.0:
             values = np.where(turned == advice[:, None], values + bonus, values)
         best = best_actions(values, np.take_along_axis(legal, turned, axis=1))
@@ -112,7 +110,7 @@ class LearnedPolicy:
     _observer: Observer | None = field(default=None, init=False)
     _hidden: Floats = field(default_factory=lambda: np.zeros((1, 0)), init=False)  # (1, H)
     _advice: int = field(default=NONE, init=False)
-    _bonus: float = field(default=0.0, init=False)
+    _rule: RulePolicy | None = field(default=None, init=False)  # which flies instead
 
     @property
     def version(self) -> str:
@@ -120,9 +118,9 @@ class LearnedPolicy:
         return self.frozen.header.version
 
     @property
-    def observation(self) -> Row[float]:
-        """What it chose from last, encoded; not to be written."""
-        return row_of([]) if self._observer is None else self._observer.observation
+    def observation(self) -> Row[float] | None:
+        """What it chose from last, encoded, not to be written; None where a rule flies instead."""
+        return None if self._observer is None else self._observer.observation
 
     @property
     def advice(self) -> int:
@@ -138,13 +136,20 @@ class LearnedPolicy:
         misfit = self.frozen.header.misfit(briefing)
         if misfit is not None:
             raise PolicyMismatchError(f'policy {self.name}: {misfit}')
-        self._observer = Observer(self.frozen.header.layout, briefing, uav)
-        self._hidden = self.frozen.new_hidden(1)
         self._advice = NONE
-        self._bonus = self.frozen.header.bonus_for(briefing)
+        rule = self.frozen.header.rule_for(briefing)
+        if rule is not None:
+            self._observer, self._rule = None, RulePolicy(rule)
+            self._rule.begin(briefing, uav)
+            return
+        self._observer = Observer(self.frozen.header.layout, briefing, uav)
+        self._rule, self._hidden = None, self.frozen.new_hidden(1)
 
     def choose(self, belief: Belief, view: LocalView, legal: Row[int]) -> int:
         """The legal action of the highest value, or HOME where its adviser would fly home."""
+        if self._rule is not None:
+            self._advice = self._rule.choose(belief, view, legal)
+            return self._advice
         observer = self._observer
         if observer is None:
             raise RuntimeError('a policy must begin a mission before it chooses')
@@ -155,7 +160,7 @@ class LearnedPolicy:
         values, self._hidden = self.frozen.step(observed, self._hidden)
         frame, advice = np.array([observer.frame]), np.array([self._advice])
         is_legal = np.array([legal]) == 1
-        return int(self.frozen.actions(values, is_legal, frame, advice, self._bonus)[0])
+        return int(self.frozen.actions(values, is_legal, frame, advice)[0])
 
 
 @dataclass

@@ -168,7 +168,7 @@ class AgentNode(ProcessNode):
             self.get_logger().warning(line)
         topic_policy = policy if isinstance(policy, TopicPolicy) else None
         # A learner is to see what its own policy does.
-        self._guard = NONE if topic_policy else guard_for(policy, self._guard_after)
+        self._guard = NONE if topic_policy else guard_for(policy, self._guard_after, briefing)
         allocator = allocator_named(self._allocator)
         agent = Agent(briefing, uav, policy, allocator, guard_after=self._guard)
         self._inbox = Inbox(
