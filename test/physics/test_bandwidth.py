@@ -1,6 +1,7 @@
 from collections.abc import Callable
 from decimal import Decimal, localcontext
 import math
+from typing import Any
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -10,15 +11,21 @@ import pytest
 from uav_collect.errors import AllocationError
 from uav_collect.kernels.arrays import Floats, new_row, row_of
 from uav_collect.limits import ALLOCATOR_NAMES
-from uav_collect.physics import bandwidth, bandwidth_convex
+from uav_collect.physics import bandwidth
 from uav_collect.physics.allocation import allocate_equal, allocate_exact, Allocation
-from uav_collect.physics.bandwidth_convex import allocate_cvxpy
 
 # Signal, error, demand of one hover, and B and N_0.
 Hover = tuple[Floats, Floats, Floats, float, float]
 Draw = Callable[[np.random.Generator], Hover]
 
 by_the_same_cases = settings(deadline=None, derandomize=True, database=None)
+
+
+def allocate_cvxpy(*hovers: Any, **link: float) -> Allocation:  # noqa: ANN401
+    """Imported late: cvxpy takes seconds, and each worker collects this module."""
+    from uav_collect.physics import bandwidth_convex
+
+    return bandwidth_convex.allocate_cvxpy(*hovers, **link)
 
 
 def link(rng: np.random.Generator, *, csi_error: float) -> Hover:
@@ -88,6 +95,8 @@ def check_feasible(hover: Hover, share_hz: Floats) -> None:
 
 @pytest.mark.parametrize('draw', [perfect_csi, imperfect_csi, wild, wild_with_error])
 def test_exact_hover_times_equal_those_that_clarabel_finds(draw: Draw) -> None:
+    from uav_collect.physics import bandwidth_convex
+
     rng = np.random.default_rng(17)
     for _ in range(500):
         hover = draw(rng)
