@@ -79,7 +79,7 @@ def test_a_row_of_missions_over_ros_equals_the_same_missions_in_one_process(
         (2, 'hert-equal', 'exact', {'fleet__default__energy_budget_kj': 60.0}),
         (4, 'sweep', 'exact', {'radio__contact_range_m': float('inf')}),
         (3, 'random', 'exact', {'fleet__default__energy_budget_kj': 200.0}),
-        (2, 'lookahead:sweep:2', 'exact', {'area__cells_per_side': 4}),
+        (2, 'lookahead:sweep:2', 'exact', {'area__cells_per_side': 3}),
         (4, 'sweep', 'exact', ROUGH),
         (2, 'sweep', 'exact', FIELD),
     ],
