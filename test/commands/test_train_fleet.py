@@ -24,7 +24,7 @@ pytestmark = pytest.mark.long
 pytest.importorskip('torch', reason='training needs torch')
 
 TRAINED_S = DEADLINE_S  # for what takes ten seconds where nothing else runs
-PACE = 300  # simulated over wall-clock time: a trainer that starts meanwhile needs the processor
+PACE = 100  # simulated over wall-clock time: a trainer that starts meanwhile needs the processor
 
 # Every 20 decisions an update; a mission of the tiny world has some 30.
 PRESET = """extends: strong
