@@ -21,7 +21,7 @@ from uav_collect.nodes import topics
 pytestmark = [pytest.mark.ros, pytest.mark.long]
 
 SEED = 3
-ENERGY_KJ = 220.0
+ENERGY_KJ = 120.0
 FAST = 0.0  # real-time factor: as fast as the fleet decides
 HARDLY = 0.001  # the next event would take hours
 LEISURELY = 20.0  # a mission takes a minute
@@ -29,7 +29,7 @@ LEISURELY = 20.0  # a mission takes a minute
 
 @pytest.fixture
 def fleet(processes: Processes, tmp_path: Path) -> Fleet:
-    """Two UAVs that fly at random for some five hundred events."""
+    """Two UAVs that fly at random for some three hundred events."""
     scenario = scenario_of(fleet__default__energy_budget_kj=ENERGY_KJ)
     return Fleet(processes=processes, scenario=scenario, folder=tmp_path / 'run')
 
@@ -60,7 +60,7 @@ def test_agents_killed_at_any_event_and_started_again_change_nothing(
     victims: list[int | tuple[int, ...]], fleet: Fleet, steered: SteeredWorld
 ) -> None:
     (expected,) = logs(fleet.scenario, [SEED], 'random')
-    kill_at = np.random.default_rng(len(victims)).integers(1, 300, size=len(victims))
+    kill_at = np.random.default_rng(len(victims)).integers(1, 200, size=len(victims))
     world, agents = start_paused(fleet, steered)
     for n_events, uavs in zip(np.diff(np.sort(kill_at), prepend=0), victims, strict=True):
         killed = uavs if isinstance(uavs, tuple) else (uavs,)
