@@ -15,7 +15,7 @@ from uav_collect.scenario.load import load
 from uav_collect.scenario.site import build_site
 from uav_collect.uav.briefing import brief
 from uav_collect.uav.observation import Layout
-from uav_collect.uav.operating_domain import OperatingDomain
+from uav_collect.uav.operating_domain import MAX_DOMAINS, OperatingDomain
 from uav_collect.uav.policy import remarks
 from uav_collect.uav.policy_file import policy_bytes, policy_from_bytes
 from uav_collect.uav.policy_network import FrozenPolicy, LearnedPolicy
@@ -106,6 +106,13 @@ def test_a_files_header_keeps_the_domains() -> None:
     policy = frozen_with(PAPER, ELSEWHERE)
     assert policy_from_bytes(policy_bytes(policy)).header == policy.header
     assert b'domains' not in policy_bytes(frozen_with())
+
+
+def test_a_header_has_no_more_domains_than_can_be_looked_through_at_once() -> None:
+    policy = frozen_with(*[PAPER] * MAX_DOMAINS)
+    assert policy_from_bytes(policy_bytes(policy)).header == policy.header
+    with pytest.raises(PolicyMismatchError, match='domains are 17: must be at most 16'):
+        frozen_with(*[PAPER] * 17)
 
 
 def test_a_layout_without_an_adviser_has_no_domain() -> None:

@@ -31,7 +31,7 @@ from uav_collect.scenario.model import Scenario
 from uav_collect.training.panel import load_panel, Panel
 from uav_collect.training.resolved import resolved_scenario, with_value
 from uav_collect.uav.learned_on import LearnedWithin
-from uav_collect.uav.operating_domain import OperatingDomain
+from uav_collect.uav.operating_domain import MAX_DOMAINS, OperatingDomain
 
 JITTER = 0.5  # of messages that are late, as a share of the mean delay
 LEAST_DATA = 0.1  # of a sensor that has any, as a share of the most
@@ -134,7 +134,7 @@ class CourseDistribution(Section):
     faults: FaultCourses
     taught: TaughtCourses | None = None  # absent: there are none
     # Where policies that learn here decide by themselves; absent: everywhere.
-    domains: Annotated[tuple[OperatingDomain, ...] | None, Entries(1, 16)] = None
+    domains: Annotated[tuple[OperatingDomain, ...] | None, Entries(1, MAX_DOMAINS)] = None
 
     @property
     def learned_within(self) -> LearnedWithin:

@@ -12,6 +12,7 @@ from uav_collect.config.rules import number_span, Section, whole_span
 from uav_collect.limits import MAX_CELLS_PER_SIDE, MAX_UAVS
 from uav_collect.uav.briefing import Briefing
 
+MAX_DOMAINS = 16  # of a policy: they are looked through at every take-off
 _TOLERANCE = 1e-9  # relative; what floating point rounds away
 
 _Span = tuple[float, float]

@@ -14,7 +14,7 @@ from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.heuristics import Heuristic
 from uav_collect.uav.learned_on import LearnedOn, LearnedWithin
 from uav_collect.uav.observation import AnyLayout, Layout, observation_size
-from uav_collect.uav.operating_domain import OperatingDomain
+from uav_collect.uav.operating_domain import MAX_DOMAINS, OperatingDomain
 
 ACTIVATIONS = ('relu', 'tanh')  # of the layers of a network
 
@@ -153,6 +153,10 @@ def _check_numbers(header: PolicyHeader) -> None:
     if header.domains and header.layout.adviser == NONE:
         raise PolicyMismatchError(
             f'domains are given: must be none for {header.layout.label}, which has no adviser'
+        )
+    if len(header.domains) > MAX_DOMAINS:
+        raise PolicyMismatchError(
+            f'domains are {len(header.domains)}: must be at most {MAX_DOMAINS}'
         )
     squares = {(side, side) for side in (header.cells_per_side_min, header.cells_per_side_max)}
     areas = sorted(_areas_of_paper(header) or squares)
