@@ -23,6 +23,7 @@ from uav_collect.studies import catalogue
 from uav_collect.studies.claims.claims import CLAIMS
 from uav_collect.studies.claims.judging import ClaimStatus
 from uav_collect.studies.findings import Findings
+from uav_collect.studies.jobs import learning
 from uav_collect.studies.jobs.store import Store
 from uav_collect.studies.jobs.worker_messages import Finished, JobReport, WorkItem
 from uav_collect.studies.pictures.draw import draw
@@ -313,6 +314,17 @@ def test_what_it_takes_is_said_beforehand(
     assert re.search(r'scale smoke: (\d+) jobs.* \1 missing: 32 of training', shown)
     assert re.search(r'disk: \d+ MB of results, up to \d+ MB of checkpoints', shown)
     assert not (tmp_path / 'o').exists()
+
+
+def test_a_dry_run_measures_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(learning, 'measure_rates', None)
+    options = ['--scale', 'paper', '--dry-run', '--output', str(tmp_path / 'o')]
+    assert main(['figures', *options]) == 0
+    shown = capsys.readouterr()
+    assert 'missing: ' in shown.out
+    assert 'measuring' not in shown.err
 
 
 def test_the_list_names_every_study_and_does_nothing(

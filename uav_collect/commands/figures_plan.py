@@ -160,7 +160,7 @@ def plan_figures(arguments: argparse.Namespace) -> FiguresPlan:
     does_work = not (arguments.list or arguments.dry_run)
     if does_work and arguments.engine == 'local':
         _check_torch(requests.jobs[digest] for digest in missing)
-    rates = _rates(scale, requests.jobs, store, missing, measures=not arguments.list)
+    rates = _rates(scale, requests.jobs, store, missing, measures=does_work)
     return FiguresPlan(
         scale=scale,
         studies=studies,
