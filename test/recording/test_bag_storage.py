@@ -103,6 +103,21 @@ def test_a_file_that_metadata_names_and_that_is_gone_is_missing(tmp_path: Path, 
     assert not recording.missions[0].is_complete
 
 
+@pytest.mark.parametrize('stays', [True, False])
+def test_a_file_that_somebody_packed_afterwards_is_there(
+    tmp_path: Path, bag: Path, log: MissionLog, stays: bool
+) -> None:
+    folder = tmp_path / 'bag'
+    shutil.copytree(bag, folder)
+    file = only_file(folder)
+    file.with_name(f'{file.name}.zstd').write_bytes(zstd.compress(file.read_bytes()))
+    if not stays:
+        file.unlink()
+    [mission] = read_missions(folder)
+    assert mission.log.to_jsonl() == log.to_jsonl()
+    assert mission.is_complete
+
+
 @pytest.mark.parametrize('content', [b'\xff\xfe', b'a: [', b'[1]', b'a: &a [*a]'])
 def test_metadata_that_is_none_costs_nothing_but_a_line(
     tmp_path: Path, bag: Path, log: MissionLog, content: bytes

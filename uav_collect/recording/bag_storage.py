@@ -271,7 +271,8 @@ def _listed_files(folder: Path, metadata: dict[str, Any]) -> tuple[list[Path], l
     """
     there = bag_files(folder)
     listed = metadata.get('relative_file_paths')
-    names = [PurePath(str(it)).name for it in listed] if isinstance(listed, list) else []
+    listed_names = [PurePath(str(it)).name for it in listed] if isinstance(listed, list) else []
+    names = [_name_there(folder, name) for name in listed_names]
     missing = [name for name in names if not (folder / name).exists()]
     found = [folder / name for name in names if name and name not in missing] or there
     if found:
@@ -281,6 +282,12 @@ def _listed_files(folder: Path, metadata: dict[str, Any]) -> tuple[list[Path], l
     has_metadata = (folder / METADATA_FILE).exists()
     has = f'it has {METADATA_FILE}, but none' if has_metadata else 'it has none'
     raise BagError(f'{folder}: not a bag, {has} of the files {", ".join(BAG_SUFFIXES)}')
+
+
+def _name_there(folder: Path, name: str) -> str:
+    """What a file of a bag is called now: it may have been packed since its bag was recorded."""
+    packed = f'{name}.zstd'
+    return packed if not (folder / name).exists() and (folder / packed).exists() else name
 
 
 def _metadata_of(folder: Path, remarks: list[str]) -> tuple[str, dict[str, Any]]:
