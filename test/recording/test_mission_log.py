@@ -89,7 +89,10 @@ def test_heard_names_uavs_by_id_up_to_the_sixty_fourth() -> None:
         (b'\n', 'line 1: no header'),
         (b'[]\n', 'line 1: no header'),
         (b'{"format": "other", "version": 1}\n', 'must be of format uav_collect mission log'),
-        (HEADER_LINE.replace('"version": 1', '"version": 2').encode(), 'version 1'),
+        *(
+            (HEADER_LINE.replace('"version": 1', f'"version": {it}').encode(), 'version 1')
+            for it in ('2', 'true', '1.0')
+        ),
         (HEADER_LINE.replace('"mission_seed": 3, ', '').encode(), 'mission_seed'),
         (HEADER_LINE.replace('"mission_seed"', '"seed"').encode(), 'seed'),
         (HEADER_LINE.replace('[{', '{').replace('}]', '}').encode(), 'line 1: no header'),

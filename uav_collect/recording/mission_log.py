@@ -287,7 +287,9 @@ def _lines(text: bytes) -> list[str]:
 
 
 def _header_of(values: dict[str, Any]) -> MissionHeader:
-    if values.pop('format', None) != FORMAT or values.pop('version', None) != FORMAT_VERSION:
+    version = values.pop('version', None)
+    is_version = type(version) is int and version == FORMAT_VERSION  # true equals 1, too
+    if values.pop('format', None) != FORMAT or not is_version:
         raise ValueError(f'must be of format {FORMAT}, version {FORMAT_VERSION}')
     uavs = values.get('uavs')
     area, wanted = area_keys(values), [*_HEADER_FIELDS]
