@@ -1,8 +1,10 @@
 """Chaos and soak, as users run them, tell what they tried and what was lost."""
 
+from collections.abc import Callable
 import importlib.util
 from pathlib import Path
 import sys
+from types import ModuleType
 
 from processes import Processes
 import pytest
@@ -27,11 +29,16 @@ def test_a_fault_that_is_none_is_refused_with_those_there_are(processes: Process
     assert 'faults are world: kill -9, ' in chaos.output
 
 
-def test_what_grows_after_a_warm_up_shows_in_its_slope() -> None:
+@pytest.fixture
+def soak() -> ModuleType:
     spec = importlib.util.spec_from_file_location('soak', TOOLS / 'soak.py')
     assert spec is not None and spec.loader is not None
-    soak = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(soak)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_what_grows_after_a_warm_up_shows_in_its_slope(soak: ModuleType) -> None:
     warming = [(0.0, 90e3), (10.0, 99e3)]  # what happens first does not count
     growing = [(10.0 * number, 100e3 + 3.0 * number) for number in range(5, 11)]
     taken = [
@@ -41,6 +48,25 @@ def test_what_grows_after_a_warm_up_shows_in_its_slope() -> None:
     memory_kb, n_files = soak.slopes(taken)
     assert memory_kb == pytest.approx(30.0)  # 3 kB in 10 missions
     assert n_files == pytest.approx(0.0)
+
+
+def test_a_step_is_no_leak_once_it_is_flown_as_long_again(soak: ModuleType) -> None:
+    def grown(kb: Callable[[int], float], until: int) -> list[str]:
+        taken = [
+            soak.Sample(at_s=number, n_missions=number, resident_kb=kb(number), n_files=20)
+            for number in range(until + 1)
+        ]
+        return soak.growing({'recorder': taken})
+
+    def step(number: int) -> float:
+        return 100e3 if number < 80 else 120e3
+
+    def leak(number: int) -> float:
+        return 100e3 + 0.3 * number  # 30 kB in 100 missions
+
+    assert grown(step, 100) == ['recorder']
+    assert grown(step, 200) == []
+    assert grown(leak, 100) == grown(leak, 200) == ['recorder']
 
 
 def test_a_soak_says_of_every_node_by_how_much_it_grows(processes: Processes) -> None:
