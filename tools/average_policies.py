@@ -52,15 +52,8 @@ def of_courses(policy: FrozenPolicy, courses: Courses, n_missions: int) -> Froze
     digest = weights_digest(policy.weights)[:8]
     header = replace(
         policy.header,
-        scenario=learned.scenario,
-        fingerprint=learned.fingerprint,
-        cells_per_side_min=learned.cells_per_side[0],
-        cells_per_side_max=learned.cells_per_side[1],
-        n_uavs_min=learned.n_uavs[0],
-        n_uavs_max=learned.n_uavs[1],
-        learned_within=learned.learned_within,
-        domains=learned.domains,
         version=f'{learned.run}_mean-{digest}',
+        **learned.header_fields,
     )
     validator = PanelValidator(courses.panel, n_missions, learned)
     pilot = LearnedPolicy('mean', FrozenPolicy(header, policy.weights))

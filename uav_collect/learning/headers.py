@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from uav_collect.analysis.statistics import MEASURES
 from uav_collect.errors import PolicyMismatchError
@@ -29,6 +30,21 @@ class Learned:
     learned_on: tuple[LearnedOn, ...] = ()
     learned_within: tuple[LearnedWithin, ...] = ()
     domains: tuple[OperatingDomain, ...] = ()
+
+    @property
+    def header_fields(self) -> dict[str, Any]:
+        """What of it stands in headers, by field."""
+        return {
+            'cells_per_side_min': self.cells_per_side[0],
+            'cells_per_side_max': self.cells_per_side[1],
+            'n_uavs_min': self.n_uavs[0],
+            'n_uavs_max': self.n_uavs[1],
+            'scenario': self.scenario,
+            'fingerprint': self.fingerprint,
+            'learned_on': self.learned_on,
+            'learned_within': self.learned_within,
+            'domains': self.domains,
+        }
 
 
 def learned_in_scenarios(scenarios: Sequence[Scenario]) -> Learned:

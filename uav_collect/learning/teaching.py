@@ -51,7 +51,7 @@ def teaching(
     best = Teaching(None, float(by_sweep.mean()))
     for _, teacher in teachers_of(config, algorithm.value):
         policy = _for_any_area(teacher)
-        if not _is_fitting(policy, site, config):
+        if not _is_fitting(policy, site, config.imitation.most_decision_ms):
             continue
         makes = partial(replace, policy)
         flown = fly_for_metrics(site, seeds, makes, 'equal').efficiency_kbit_per_j
@@ -72,12 +72,11 @@ def _for_any_area(policy: NamedPolicy) -> NamedPolicy:
     return LearnedPolicy(policy.name, FrozenPolicy(header, policy.frozen.weights))
 
 
-def _is_fitting(policy: NamedPolicy, site: Site, config: TrainingConfig) -> bool:
+def _is_fitting(policy: NamedPolicy, site: Site, most_decision_ms: float) -> bool:
     """Whether a teacher can fly a site's fleet over its area, and is not too slow there."""
-    settings = config.imitation
-    if isinstance(policy, LookaheadPolicy) and settings is not None:
+    if isinstance(policy, LookaheadPolicy):
         decision_ms = decision_us(policy, site.scenario.n_cells, is_compiled=True) / 1e3
-        return decision_ms <= settings.most_decision_ms
+        return decision_ms <= most_decision_ms
     if not isinstance(policy, LearnedPolicy):
         return True
     if not isinstance(policy.frozen.header.layout, Layout):

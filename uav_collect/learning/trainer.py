@@ -387,12 +387,6 @@ class Trainer:
             layout=config.layout,
             observation_size=observation_size(config.layout, len(first.is_open), first.n_uavs),
             hidden_size=config.memory_size,
-            cells_per_side_min=learned.cells_per_side[0],
-            cells_per_side_max=learned.cells_per_side[1],
-            n_uavs_min=learned.n_uavs[0],
-            n_uavs_max=learned.n_uavs[1],
-            scenario=learned.scenario,
-            fingerprint=learned.fingerprint,
             preset=config.name,
             algorithm=algorithm,
             seed=self.seed,
@@ -401,12 +395,10 @@ class Trainer:
             version=f'{run}@{n_updates}-{weights_digest(weights)[:8]}',
             git_revision=git_revision(),
             validation=header_validation(validation, self._validator.n_missions),
-            learned_on=learned.learned_on,
-            learned_within=learned.learned_within,
-            domains=learned.domains,
             advice_bonus=self._learner.advice_bonus,
             network=self._agent.text,
             code=' '.join(code_of_training(config, algorithm)),
+            **learned.header_fields,
         )
 
     def _progress(
