@@ -7,8 +7,9 @@ import os
 from pathlib import Path
 
 from hypothesis import HealthCheck, settings
-from processes import executable, own_domain, Processes, ros_environment
+from processes import executable, Processes, ros_environment
 import pytest
+from ros_domains import own_domain
 
 # How long an example takes depends on what else the machine does.
 settings.register_profile('unhurried', deadline=None, suppress_health_check=[HealthCheck.too_slow])

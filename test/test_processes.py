@@ -3,8 +3,9 @@
 import signal
 import sys
 
-from processes import own_domain, Processes
+from processes import Processes
 import pytest
+from ros_domains import own_domain
 
 _SLEEPER = 'import time; print("up", flush=True); time.sleep(600)'
 _PARENT = f"""

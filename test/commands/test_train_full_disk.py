@@ -71,7 +71,7 @@ def test_a_disk_that_is_full_in_any_later_phase_costs_no_more_than_what_is_said(
         run = tmp_path / f'run_{limit}'
         shutil.copytree(begun, run)
         with no_file_beyond(limit):
-            status, lines = trained(capsys, '--resume', run, '--checkpoint-minutes', '1e-9')
+            status, lines = trained(capsys, '--resume', run, '--checkpoint-minutes', '1e6')
         assert status == 2
         named.append(full(run, lines))
         if named[-1] == 'checkpoint/state.pt':

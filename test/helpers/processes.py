@@ -9,15 +9,13 @@ Use it through the fixture `processes`:
     assert processes.survivors() == []
 """
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
-import itertools
+from collections.abc import Mapping
+from contextlib import suppress
 import os
 from pathlib import Path
 import re
 import select
 import signal
-import socket
 import subprocess
 import time
 import uuid
@@ -26,26 +24,7 @@ import uuid
 DEADLINE_S = 600.0
 _POLL_S = 0.02
 _TAIL_CHARACTERS = 4000
-_DOMAINS = range(1, 102)  # ids whose ports lie below the ephemeral ones
 _MARK = 'UAV_COLLECT_TEST'  # inherited by every process of a test, however far down
-_turns = itertools.count()
-
-
-@contextmanager
-def own_domain() -> Iterator[int]:
-    """Hold a ROS domain id that no other test on this machine holds, in any run of the tests."""
-    first = os.getpid() + next(_turns)
-    for turn in range(len(_DOMAINS)):
-        domain = _DOMAINS[(first + turn) % len(_DOMAINS)]
-        # A socket name without a file: one holder in a network namespace, freed when it exits.
-        with socket.socket(socket.AF_UNIX) as claim:
-            try:
-                claim.bind(f'\0uav_collect_domain_{domain}')
-            except OSError:
-                continue
-            yield domain
-            return
-    raise RuntimeError('every ROS domain id is held by a test')
 
 
 def complaints(output: str) -> list[str]:

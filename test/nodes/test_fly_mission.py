@@ -17,8 +17,9 @@ for needed in ('rclpy', 'uav_collect_msgs'):
 
 from action_msgs.msg import GoalStatus
 from fleets import Fleet, Listener, listener, logs, scenario_of
-from processes import own_domain, Processes, ros_environment, RunningProcess
+from processes import Processes, ros_environment, RunningProcess
 from rclpy.action import ActionClient
+from ros_domains import own_domain
 from steered_world import SteeredWorld
 from uav_collect.analysis.proof import Verdict
 from uav_collect.analysis.recording_proof import Given, prove_recording

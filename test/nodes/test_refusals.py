@@ -17,7 +17,8 @@ for needed in ('rclpy', 'uav_collect_msgs'):
     pytest.importorskip(needed)
 
 from fleets import Fleet, logs, scenario_of
-from processes import own_domain, Processes, ros_environment, RunningProcess
+from processes import Processes, ros_environment, RunningProcess
+from ros_domains import own_domain
 from scripted_agent_node import scripted_agents, ScriptedAgents, Turn
 from uav_collect.nodes import topics
 from uav_collect.uav import action_codes

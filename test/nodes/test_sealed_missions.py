@@ -19,7 +19,6 @@ from fleets import Fleet, Listener, listener, logs, scenario_of
 from processes import (
     complaints,
     DEADLINE_S,
-    own_domain,
     Processes,
     ros_environment,
     RunningProcess,
@@ -29,6 +28,7 @@ from rclpy.duration import Duration
 from rclpy.node import NodeNameNonExistentError
 from rclpy.parameter import Parameter
 from rclpy.serialization import deserialize_message
+from ros_domains import own_domain
 from uav_collect.limits import FAILED
 from uav_collect.lockstep.seals import KEY_FILE, read_secret
 from uav_collect.nodes import topics

@@ -14,8 +14,9 @@ for needed in ('rclpy', 'uav_collect_msgs'):
 
 from fleets import Fleet, scenario_of
 from mcap.reader import make_reader
-from processes import own_domain, Processes, ros_environment
+from processes import Processes, ros_environment
 from rclpy.serialization import deserialize_message
+from ros_domains import own_domain
 from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import NavSatStatus
 from uav_collect.nodes import topics

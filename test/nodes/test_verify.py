@@ -9,9 +9,10 @@ from bag_damage import changed_byte, copied_without_checksums
 from fleets import Fleet, scenario_of, wait_until
 from growing_bag import n_kept
 from policy_publisher import policy_publisher
-from processes import DEADLINE_S, own_domain, Processes, ros_environment, RunningProcess
+from processes import DEADLINE_S, Processes, ros_environment, RunningProcess
 import pytest
 from random_policies import header, random_policy
+from ros_domains import own_domain
 from steered_world import SteeredWorld
 from uav_collect.__main__ import main
 

@@ -11,7 +11,8 @@ for needed in ('rclpy', 'uav_collect_msgs'):
     pytest.importorskip(needed)
 
 from fleets import Fleet, logs, scenario_of
-from processes import own_domain, Processes, ros_environment
+from processes import Processes, ros_environment
+from ros_domains import own_domain
 from scripted_agent_node import scripted_agents, ScriptedAgents
 from uav_collect.analysis.metrics import mission_metrics
 from uav_collect.nodes import topics

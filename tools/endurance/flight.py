@@ -17,6 +17,7 @@ import tempfile
 import time
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))  # whether or not it is installed
+from ros_domains import own_domain
 from uav_collect.commands.ros_processes import ros_parameters
 from uav_collect.errors import BagError
 from uav_collect.missions.rollout import fly
@@ -226,12 +227,12 @@ class Flight:
 @contextmanager
 def flight_of(scenario: Scenario, *, pace: float) -> Iterator[Flight]:
     """A fleet in a folder and ROS domain of its own, both gone afterwards."""
-    os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     # Where processes are killed, shared memory stays behind, and no packet could get lost.
     os.environ.setdefault('FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4')
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    with tempfile.TemporaryDirectory(prefix='endurance-') as folder:
+    with own_domain() as domain, tempfile.TemporaryDirectory(prefix='endurance-') as folder:
+        os.environ.setdefault('ROS_DOMAIN_ID', str(domain))
         flight = Flight(Path(folder), scenario, pace=pace)
         try:
             yield flight
