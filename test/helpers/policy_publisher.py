@@ -37,7 +37,7 @@ def explored_logs(
         rows = waiting * n_uavs + decisions.uav[waiting]
         values, hidden[rows] = frozen.step(decisions.observation[waiting], hidden[rows])
         of = decisions.legal[waiting], decisions.frame[waiting], decisions.advice[waiting]
-        chosen[waiting] = frozen.actions(values, *of, frozen.header.advice_bonus)
+        chosen[waiting] = frozen.actions(values, *of)
         explored = env.explore(epsilon, HOVER_SHARE, advice_share)
         decisions = env.step(np.where(explored == NONE, chosen, explored))
     name = flown_version(frozen.header.version, epsilon)

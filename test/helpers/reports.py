@@ -104,7 +104,7 @@ class MissionSetup:
             values, hidden[rows] = policy.step(decisions.observation[flying], hidden[rows])
             chosen = np.zeros(len(seeds), dtype=np.int64)
             of = decisions.legal[flying], decisions.frame[flying], decisions.advice[flying]
-            chosen[flying] = policy.actions(values, *of, policy.header.advice_bonus)
+            chosen[flying] = policy.actions(values, *of)
             explored = env.explore(self.epsilon, self.hover_share)
             decisions = env.step(np.where(explored == NONE, chosen, explored))
             is_over = (decisions.uav == NONE) | (env.n_recorded > self.max_decisions)

@@ -163,8 +163,7 @@ def test_a_mirrored_mission_is_flown_as_in_the_mirror(symmetry: int) -> None:
             values, _ = frozen.step(it.numbers[None], frozen.new_hidden(1))
             is_legal = legal[:, COMPASS_ACTIONS[turned]]
             frame = np.array([frame_of(it.briefing, 0)])
-            advice, bonus = np.array([it.advice]), of.advice_bonus
-            actions.append(frozen.actions(values, is_legal, frame, advice, bonus)[0])
+            actions.append(frozen.actions(values, is_legal, frame, np.array([it.advice]))[0])
         assert actions[1] == FRAME_ACTIONS[symmetry, actions[0]]
         chosen.append(actions[0])
     assert len({*chosen}) > 2
