@@ -38,6 +38,20 @@ NODES = {
     **{'control': 'control', 'viewer': 'viewer'},
 }
 
+CPP_KEYWORDS = {
+    *re.findall(
+        r'\w+',
+        'alignas alignof and and_eq asm auto bitand bitor bool break case catch char class '
+        'compl concept const const_cast constexpr continue decltype default delete do double '
+        'dynamic_cast else enum explicit export extern false float for friend goto if inline '
+        'int long mutable namespace new noexcept not not_eq nullptr operator or or_eq private '
+        'protected public register reinterpret_cast requires return short signed sizeof static '
+        'static_assert static_cast struct switch template this thread_local throw true try '
+        'typedef typeid typename union unsigned using virtual void volatile wchar_t while xor '
+        'xor_eq',
+    )
+}
+
 UNITS = {
     **{'_bit_per_j': 'bit/J', '_bit': 'bit', '_hz': 'Hz', '_j': 'J', '_mps': 'm/s'},
     **{'_m': 'm', '_s': 's'},
@@ -334,6 +348,14 @@ def test_the_manifest_of_the_messages_names_the_packages_whose_types_they_hold()
     manifest = parse_package(str(ROOT / 'msg_defs'))
     assert used == {it.name for it in manifest.build_depends}
     assert used <= {it.name for it in manifest.exec_depends}
+
+
+def test_no_field_of_a_message_is_a_keyword_of_cpp() -> None:
+    # Nothing here compiles the C++ code of messages; a distribution of ROS does.
+    fields = '\n'.join(path.read_text() for path in INTERFACES)
+    names = {*re.findall(r'^[\w/]+(?:\[[\d<=]*\])? +([a-z]\w*)', fields, re.MULTILINE)}
+    assert 'energy_left_j' in names
+    assert names & CPP_KEYWORDS == set()
 
 
 @pytest.mark.parametrize('folder', ['Größe', 'two words', 'two\nlines'])
