@@ -1,5 +1,6 @@
 """The command figures at the smallest scale, whole: from the first job to the claims."""
 
+from argparse import Namespace
 from collections.abc import Collection, Iterator, Sequence
 import csv
 from dataclasses import dataclass
@@ -11,13 +12,16 @@ from pathlib import Path
 import re
 import subprocess
 import sys
+from threading import Event
+from types import ModuleType
 
 from episodes import single_threaded_torch
 from matplotlib.axes import Axes
 from matplotlib.image import imread
-from processes import complaints
+from processes import complaints, DEADLINE_S
 import pytest
 from uav_collect.__main__ import main
+from uav_collect.commands.figures import _engine
 from uav_collect.limits import INTERRUPTED
 from uav_collect.studies import catalogue
 from uav_collect.studies.claims.claims import CLAIMS
@@ -314,6 +318,27 @@ def test_what_it_takes_is_said_beforehand(
     assert re.search(r'scale smoke: (\d+) jobs.* \1 missing: 32 of training', shown)
     assert re.search(r'disk: \d+ MB of results, up to \d+ MB of checkpoints', shown)
     assert not (tmp_path / 'o').exists()
+
+
+def test_it_is_said_that_ray_takes_long_to_load(monkeypatch: pytest.MonkeyPatch) -> None:
+    heard = Event()
+
+    class Listener(io.StringIO):
+        def write(self, text: str) -> int:
+            if 'waiting for Ray to load' in text:
+                heard.set()
+            return super().write(text)
+
+    class SlowModule(ModuleType):
+        def __getattr__(self, name: str) -> object:
+            assert heard.wait(DEADLINE_S)
+            return lambda *_: name
+
+    name = 'uav_collect.studies.jobs.cluster'
+    monkeypatch.setitem(sys.modules, name, SlowModule(name))
+    monkeypatch.setattr(sys, 'stderr', Listener())
+    arguments = Namespace(engine='ray', address=None, workers=None)
+    assert _engine(arguments) == 'RayEngine'  # type: ignore[comparison-overlap]
 
 
 def test_a_dry_run_measures_nothing(

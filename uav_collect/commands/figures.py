@@ -156,7 +156,8 @@ def _engine(arguments: argparse.Namespace) -> 'JobEngine':
                 raise TrainingRunError(
                     '--engine ray needs ray: ' + extra_remedy('cluster', 'make figures ENGINE=ray')
                 )
-            from uav_collect.studies.jobs.cluster import RayEngine
+            with waiting_for('Ray to load'):
+                from uav_collect.studies.jobs.cluster import RayEngine
 
             return RayEngine(arguments.address, arguments.workers)
         case _:
