@@ -70,7 +70,7 @@ def test_a_step_is_no_leak_once_it_is_flown_as_long_again(soak: ModuleType) -> N
 
 
 def test_a_soak_says_of_every_node_by_how_much_it_grows(processes: Processes) -> None:
-    soak = processes.run('soak', sys.executable, str(TOOLS / 'soak.py'), '--minutes', '0.2')
+    soak = processes.run('soak', sys.executable, str(TOOLS / 'soak.py'), '--minutes', '0.1')
     assert soak.wait_for_exit() in (0, 1), soak.output  # so soon anything may still grow
     for node in ('recorder', 'trainer', 'uav_1', 'world'):
         soak.wait_for(rf'{node} │ +[0-9.]+ │ +[0-9.]+ │ +-?[0-9.]+ │ +-?[0-9.]+ │')

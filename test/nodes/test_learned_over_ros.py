@@ -65,7 +65,7 @@ def test_a_uav_flies_home_where_its_policys_adviser_would(
 def test_a_restarted_agent_remembers_what_its_policy_did_before_it_died(
     guard_after: int, processes: Processes, tmp_path: Path
 ) -> None:
-    scenario = scenario_of(2, fleet__default__energy_budget_kj=240.0)  # some 550 events
+    scenario = scenario_of(2, fleet__default__energy_budget_kj=150.0)  # some 340 events
     policy = str(saved(tmp_path, 'mine', header(), seed=1))
     (expected,) = logs(scenario, SEEDS[:1], policy, guard_after=guard_after)
     n_guarded = expected.count(b'"reason": "guard"')

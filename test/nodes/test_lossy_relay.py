@@ -28,7 +28,7 @@ from uav_collect.training.progress import Budget
 pytestmark = [pytest.mark.ros, pytest.mark.long]
 
 HELPERS = Path(__file__).parents[1] / 'helpers'
-N_MISSIONS = int(os.environ.get('UAV_COLLECT_RELAYED', '60'))
+N_MISSIONS = int(os.environ.get('UAV_COLLECT_RELAYED', '40'))
 WHOLE_SHARE = 0.25  # of the missions arrive whole, about; each has some ten decisions
 SEED = 100
 

@@ -440,7 +440,7 @@ def test_a_killed_recorder_loses_only_what_it_had_not_flushed(
 def test_of_a_mission_a_killed_recorder_keeps_the_start_and_a_late_one_records_it_all(
     processes: Processes, tmp_path: Path
 ) -> None:
-    scenario = scenario_of(fleet__default__energy_budget_kj=300.0)  # some seven hundred events
+    scenario = scenario_of(fleet__default__energy_budget_kj=200.0)  # some five hundred events
     fleet = Fleet(processes=processes, scenario=scenario, folder=tmp_path / 'run')
     killed = fleet.start_recorder(flush_period_s=0.05)
     world = fleet.start_world(recorders=1)
