@@ -12,9 +12,11 @@ import re
 import subprocess
 import sys
 
+from bags import HandMadeBag
 from documents import all_blocks, blocks, DOCUMENTS, name_of, page, ROOT
 from interpreted import interpreted
 import pytest
+from uav_collect.missions.rollout import fly
 from uav_collect.scenario.load import load, scenario_names
 from uav_collect.scenario.site import build_site
 import yaml
@@ -269,6 +271,21 @@ def test_the_ten_lines_of_the_tutorial_fly_and_draw_a_mission(tmp_path: Path) ->
     assert 'paper_10x10, mission seed 7: nearest, exact bandwidth' in printed
     assert '2 missions from seed 0' in printed
     assert (tmp_path / 'mission.png').stat().st_size > 10_000
+
+
+def test_the_program_of_the_tutorial_reads_a_bag(tmp_path: Path) -> None:
+    [program] = blocks(page('tutorials/bags.md'), 'python')
+    scenario = load('paper_8x8')
+    [log] = fly(build_site(scenario), [7], 'sweep')
+    bag = HandMadeBag(tmp_path / 'bag')
+    bag.add_scenario(build_site(scenario))
+    bag.add_mission(log, 'flown-0')
+    bag.writer.close()
+    done = subprocess.run(
+        [sys.executable, '-c', program, str(tmp_path / 'bag')],
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert done.stdout.count("mission_id='flown-0'") == 2
 
 
 def learned() -> str:

@@ -8,6 +8,8 @@ import os
 from pathlib import Path
 import re
 import shutil
+import subprocess
+import sys
 
 from bags import HandMadeBag
 import numpy as np
@@ -79,6 +81,16 @@ def test_report_of_a_folder_or_a_log_prints_and_draws(
         assert words in shown
     assert 'warning' not in shown
     assert (report_folder / 'mission.png').read_bytes().startswith(b'\x89PNG')
+
+
+def test_report_waits_for_no_compiler(report_folder: Path, tmp_path: Path) -> None:
+    kernels = {'XDG_CACHE_HOME': str(tmp_path / 'cache'), 'UAV_COLLECT_KERNELS': ''}
+    done = subprocess.run(
+        [sys.executable, '-m', 'uav_collect', 'report', str(report_folder)],
+        env={**os.environ, **kernels}, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert '% of the clairvoyant plan' in done.stdout
+    assert not list((tmp_path / 'cache').rglob('*.nbi'))
 
 
 def test_report_draws_where_it_is_asked_to(

@@ -71,6 +71,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Report the missions at the path, and who was chosen to fly them; returns the exit status."""
+    if 'numba' not in sys.modules:  # all that a mission takes is less than kernels take to load
+        interpret_kernels()
     from uav_collect.analysis.choice_file import read_choice
     from uav_collect.analysis.console import plain_console
 
@@ -84,9 +86,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 def show_missions(arguments: argparse.Namespace) -> int:
     """Report the missions at the path; returns the exit status."""
-    is_read = arguments.html or arguments.readings or arguments.csv is not None
-    if is_read and 'numba' not in sys.modules:
-        interpret_kernels()  # a mission is flown again in less time than kernels take to load
     from uav_collect.analysis.console import plain_console
     from uav_collect.analysis.reading_table import reading_table
     from uav_collect.analysis.readings import readings_csv

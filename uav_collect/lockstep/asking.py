@@ -17,6 +17,7 @@ class Asking:
 
     is_repeatable: bool
     begun_s: float
+    place: str  # where a world is looked for, for people
     patience_s: float = PATIENCE_S
     refusal: str = ''  # why the latest answer does not count
     _world: str = ''  # instance of the one that was asked last
@@ -40,4 +41,5 @@ class Asking:
         within = f'within {self.patience_s:g} s'
         if self._world:
             return f'a world was asked and has not answered {within}; it may have done it'
-        return f'no world was found {within}'
+        why = 'is one started there, with the same key (UAV_COLLECT_KEY_FILE)?'
+        return f'no world was found {within} in {self.place}: {why}'

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 import math
+import os
 from typing import Any
 
 from uav_collect.errors import in_one_line
@@ -69,6 +70,12 @@ def silent_world(msg: Any) -> str:
     )
 
 
+def place_of(namespace: str) -> str:
+    """Where a world of a namespace, '' or such as '/a', is looked for, for people."""
+    domain = os.environ.get('ROS_DOMAIN_ID', '0')
+    return f'ROS domain {domain}{f", namespace {namespace}" if namespace else ""}'
+
+
 def other_world(msg: Any) -> str:
     """What to log when a scenario is not of the only world that counts."""
     return (
@@ -80,7 +87,7 @@ def rival_warning(msg: Any, *, gives_way: bool) -> str:
     """What to log when another world publishes its scenario."""
     text = f'another world_sim flies scenario {_name_in(msg)} in this ROS domain'
     if gives_way:
-        return f'{text}: this one gives way; set another ROS_DOMAIN_ID'
+        return f'{text}: this one gives way; set another ROS_DOMAIN_ID, or name it (--world a)'
     return f'{text}; it came later and has to give way'
 
 

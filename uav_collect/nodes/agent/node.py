@@ -21,6 +21,7 @@ from uav_collect.nodes.agent.policy_choice import check_choices, PolicyChoice
 from uav_collect.nodes.agent.settings import argument_parser, PARAMETERS
 from uav_collect.nodes.agent.transitions import TransitionBuilder
 from uav_collect.nodes.agent.world_choice import WorldChoice
+from uav_collect.nodes.identity import place_of
 from uav_collect.nodes.parameters import declare
 from uav_collect.nodes.process import parse_arguments, ProcessNode, run_node
 from uav_collect.nodes.sealing import SealedClient
@@ -318,10 +319,8 @@ class AgentNode(ProcessNode):
             self.get_logger().info(f'UAV {self._uav}: waiting for {what or self._any_world()}')
 
     def _any_world(self) -> str:
-        """Where a world is looked for, for people."""
-        domain = os.environ.get('ROS_DOMAIN_ID', '0')
-        name = self._names.namespace
-        return f'a world_sim in ROS domain {domain}{f", namespace {name}" if name else ""}'
+        """What of all worlds it waits for, for people."""
+        return f'a world_sim in {place_of(self._names.namespace)}'
 
     def _give_up(self, why: str) -> None:
         self.get_logger().error(why)

@@ -12,6 +12,7 @@ from uav_collect.errors import ConfigError
 from uav_collect.limits import FAILED, MAX_SEED, MAX_UAVS
 from uav_collect.lockstep.asking import Asking, PATIENCE_S
 from uav_collect.nodes.agent.world_choice import WorldChoice
+from uav_collect.nodes.identity import place_of
 from uav_collect.nodes.parameters import add_world_option
 from uav_collect.nodes.process import parse_arguments, ProcessNode, run_node
 from uav_collect.nodes.sealing import SealedClient
@@ -55,7 +56,10 @@ class ControlNode(ProcessNode):
         self._choice = WorldChoice(self, names.scenario, lambda _: None)
         is_repeatable = not is_fault and request.command in _REPEATABLE
         self._asking = Asking(
-            is_repeatable=is_repeatable, begun_s=time.monotonic(), patience_s=patience_s
+            is_repeatable=is_repeatable,
+            begun_s=time.monotonic(),
+            place=place_of(names.namespace),
+            patience_s=patience_s,
         )
         self.create_timer(_TICK_S, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
