@@ -1,4 +1,4 @@
-"""What a job goes on from is what was saved of it, or nothing goes on."""
+"""What a job goes on from is what was saved of it, or nothing goes on; what ends one is said."""
 
 from collections.abc import Callable
 import os
@@ -8,7 +8,7 @@ import pickle
 from checkpoints import forged
 import pytest
 from study_jobs import training
-from uav_collect.errors import CheckpointError
+from uav_collect.errors import CheckpointError, TrainingRunError
 from uav_collect.learning.checkpoint import checkpoint_bytes
 from uav_collect.studies.jobs.jobs import digest_of
 from uav_collect.studies.jobs.work import run_job
@@ -49,3 +49,11 @@ def test_a_state_that_was_changed_or_runs_code_is_refused(
         with pytest.raises(CheckpointError, match=words):
             saved_by(state)
     assert not (tmp_path / 'trapped').exists()
+
+
+def test_a_training_that_ends_before_its_first_update_says_what_that_takes() -> None:
+    job = training(decisions=1)
+    work = WorkItem(digest=digest_of(job), job=job, inputs={}, state=None, checkpoint_s=60.0)
+    words = r'^aqmix, seed 0: nothing was learned: .* too few for an update: it takes '
+    with pytest.raises(TrainingRunError, match=words):
+        list(run_job(work))

@@ -54,12 +54,15 @@ def open_trainer(run: PlannedRun, sources: Sequence[EpisodeSource] | None = None
     return trainer
 
 
-def _first_update(config: TrainingConfig) -> str:
-    """What there must be before the first update."""
+def nothing_learned(trainer: Trainer, config: TrainingConfig) -> str:
+    """That a training ended before its first update, and what that would have taken."""
     settings = config.replay
     n_missions = 1 if settings.excerpt_decisions else config.missions_per_batch(0.0)
     least = max(config.rollout.decisions_per_update, settings.decisions_before_updates or 0)
-    return f'{n_missions} missions and {least:,} decisions'
+    return (
+        f'nothing was learned: {trainer.n_decisions:,} decisions came, too few for an update: it'
+        f' takes {n_missions} missions and {least:,} decisions'
+    )
 
 
 @contextmanager
@@ -125,10 +128,7 @@ def train(
             raise InterruptedRunError(f'interrupted after {what}; saved{lacks}')
     _save(trainer, folder)
     if trainer.n_updates == 0 and run.initial is None:  # random weights are no policy
-        raise TrainingRunError(
-            f'{run.folder}: nothing was learned: {trainer.n_decisions:,} decisions came, too few'
-            f' for an update: it takes {_first_update(run.config)}'
-        )
+        raise TrainingRunError(f'{run.folder}: {nothing_learned(trainer, run.config)}')
     folder.save(trainer.policy(), LAST_POLICY)
     folder.mark_done()
     return progress

@@ -8,8 +8,9 @@ from typing import Any
 
 import torch
 from uav_collect import files
-from uav_collect.errors import DivergedError, PolicyMismatchError
+from uav_collect.errors import DivergedError, PolicyMismatchError, TrainingRunError
 from uav_collect.learning.learner import keep_freed_memory
+from uav_collect.learning.loop import nothing_learned
 from uav_collect.learning.saved import SavedPart
 from uav_collect.learning.trainer import Trainer
 from uav_collect.revision import UNKNOWN
@@ -46,6 +47,7 @@ def run_training(
         CheckpointError: nothing can go on from the state.
         ConfigError: the scenario cannot be trained with these settings.
         DivergedError: it diverged at once.
+        TrainingRunError: its decisions were too few for an update.
     """
     torch.set_num_threads(1)  # others run beside; and the number decides the last bits of sums
     keep_freed_memory()
@@ -69,7 +71,10 @@ def run_training(
         diverged = str(error)
     policy = trainer.best_policy()
     if policy is None:
-        raise DivergedError(f'{job.algorithm}, seed {job.seed}: diverged: {diverged}')
+        which = f'{job.algorithm}, seed {job.seed}'
+        if diverged:
+            raise DivergedError(f'{which}: diverged: {diverged}')
+        raise TrainingRunError(f'{which}: {nothing_learned(trainer, trainer.config)}')
     yield _results(job, policy, rows, trainer, diverged)
 
 
