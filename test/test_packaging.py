@@ -331,7 +331,8 @@ def test_the_manifest_names_every_package_that_is_imported_or_says_that_pip_has_
         *of_system,
     }
     assert set().union(*of_pip) == {it.name for it in PACKAGES.values() if not it.apt}
-    own = {Path(path).stem for path in TESTS} | {'bench', 'examples', 'tools'}
+    endurance = structure.read(ROOT / 'tools' / 'endurance')
+    own = {Path(path).stem for path in (*TESTS, *endurance)} | {'bench', 'examples', 'tools'}
     modules = {it.top_module for it in PACKAGES.values()}
     tested = imports_of(TESTS) - own - ROS_MODULES - modules - imports_of(LAUNCH_FILES)
     keys = {'action_msgs': 'action_msgs', 'catkin_pkg': 'python3-catkin-pkg-modules'}

@@ -33,6 +33,7 @@ from policy_changes import (
 )
 from tiny_world import tiny
 from uav_collect.errors import PolicyMismatchError
+from uav_collect.kernels.arrays import new_row, row_of
 from uav_collect.uav.action_codes import HOME, NONE
 from uav_collect.uav.belief import belief_of, new_beliefs
 from uav_collect.uav.briefing import brief
@@ -47,12 +48,13 @@ from uav_collect.uav.user_policy import policy_of
 from uav_collect.uav.view import LocalView
 
 BRIEFING = brief(SCENARIO)
+NO_SENSOR, NOTHING = new_row(0, 0), new_row(0, 0.0)
 VIEW = LocalView(
     time_s=0.0, x_m=25.0, y_m=25.0, cell=0, energy_left_j=1e6, previous_action=NONE,
-    region_bit=[0.0] * 9, n_sensors=0, sensor=[], sensor_bit=[], sensor_gain=[],
-    sensor_error_gain=[],
+    region_bit=new_row(9, 0.0), n_sensors=0, sensor=NO_SENSOR, sensor_bit=NOTHING,
+    sensor_gain=NOTHING, sensor_error_gain=NOTHING,
 )  # fmt: skip
-LEGAL = [1, 1, 1, 0, 0]
+LEGAL = row_of([1, 1, 1, 0, 0])
 FIELD = tiny(fleet__default__energy_budget_kj=5.0, name='field').to_yaml()
 # What files of before do not say.
 SAID_SINCE = {'learned_on', 'learned_within', 'advice_bonus', 'network', 'code', 'domains'}
