@@ -100,7 +100,7 @@ def _made_for(scenario: Scenario, own: Iterable[str]) -> tuple[list[Candidate], 
     if ANYWHERE in shipped_policies():
         with suppress(PolicyMismatchError):  # it was not made for this one
             policy = policy_for(ANYWHERE, scenario)
-            if rule_of(policy, brief(scenario)) is None:  # it would fly as a rule does
+            if rule_of(policy, brief(scenario)) is None:  # else it is a rule's equal
                 found.append(Candidate(name=ANYWHERE, policy=policy))
     return found, left_out
 
