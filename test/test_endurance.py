@@ -3,6 +3,7 @@
 from collections.abc import Callable
 import importlib.util
 from pathlib import Path
+import signal
 import sys
 from types import ModuleType
 
@@ -20,6 +21,16 @@ def test_chaos_loses_no_mission_of_an_agent_whose_packets_are_lost(processes: Pr
     assert chaos.wait_for_exit() == 0, chaos.output
     assert 'agent │ network │ 1' in chaos.output
     chaos.wait_for(r'1 faults, \d+ missions, 0 lost, 0 other complaints')
+    assert processes.survivors() == []
+
+
+def test_a_soak_that_is_interrupted_says_what_it_saw(processes: Processes) -> None:
+    soak = processes.run('soak', sys.executable, str(TOOLS / 'soak.py'), '--minutes', '2')
+    soak.wait_for('the first mission has ended')
+    soak.send(signal.SIGINT)
+    soak.wait_for('interrupted: what was seen follows')
+    assert soak.wait_for_exit() in (1, 130), soak.output  # 1: too few missions to tell
+    soak.wait_for('missions lost: 0 of|too few missions were flown')
     assert processes.survivors() == []
 
 

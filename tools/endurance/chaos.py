@@ -17,7 +17,7 @@ import subprocess
 import sys
 import time
 
-from flight import Flight, flight_of, STOP_S
+from flight import Flight, flight_of, STOP_S, STOPPED, STOPPING
 from rich.console import Console
 from rich.table import Table
 from uav_collect.errors import BagError
@@ -165,12 +165,20 @@ def main(argv: Sequence[str] | None = None) -> int:
     draw, tried, begun_s = random.Random(arguments.seed), Counter[str](), time.monotonic()  # nosec B311 # no secret
     with flight_of(with_uavs(load('paper_8x8'), N_UAVS), pace=PACE) as flight:
         chaos = Chaos(flight, built_shim(flight.folder), arguments.seed)
-        flight.wait_until(lambda: flight.n_ended >= 1, 'the first mission')
-        for _ in range(arguments.rounds):
-            for fault in draw.sample(chosen, len(chosen)):
-                chaos.suffer(fault)
-                tried[str(fault)] += 1
-                console.print(f'{sum(tried.values())}/{arguments.rounds * len(chosen)} {fault}')
+        is_stopped = False
+        try:
+            console.print(f'{len(flight.nodes)} nodes are starting')
+            flight.wait_until(lambda: flight.n_ended >= 1, 'the first mission')
+            for _ in range(arguments.rounds):
+                for fault in draw.sample(chosen, len(chosen)):
+                    chaos.suffer(fault)
+                    tried[str(fault)] += 1
+                    console.print(
+                        f'{sum(tried.values())}/{arguments.rounds * len(chosen)} {fault}'
+                    )
+        except KeyboardInterrupt:
+            is_stopped = True
+            console.print(STOPPING)
         flight.close()
         (n_missions, lost), n_updates = flight.lost(), flight.n_updates
         complaints = [*chaos.complaints, *flight.tracebacks()]
@@ -184,10 +192,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         console.print(complaint, markup=False)
     console.print(f'the trainer made {n_updates} updates')
     console.print(
-        f'{sum(tried.values())} faults, {n_missions} missions, {len(lost)} lost'
+        f'{tried.total()} faults, {n_missions} missions, {len(lost)} lost'
         f'{f" (seeds {lost})" if lost else ""}, {len(complaints)} other complaints'
     )
-    return int(bool(lost or complaints))
+    return STOPPED if is_stopped else int(bool(lost or complaints))
 
 
 if __name__ == '__main__':

@@ -28,6 +28,8 @@ from uav_collect.training.run_record import read_columns
 
 DEADLINE_S = 120.0  # without any progress
 STOP_S = 30.0  # how long a node may take to end
+STOPPED = 128 + signal.SIGINT  # the exit status of who was told to stop
+STOPPING = 'interrupted: what was seen follows once the nodes have ended, within a minute'
 _POLL_S = 0.02
 _ENDED = re.compile(r'mission \S+ ended')
 _SEED = re.compile(r'mission \S+ starts, seed (\d+)')
@@ -226,7 +228,7 @@ class Flight:
 
 @contextmanager
 def flight_of(scenario: Scenario, *, pace: float) -> Iterator[Flight]:
-    """A fleet in a folder and ROS domain of its own, both gone afterwards."""
+    """A fleet in a folder and ROS domain of its own, both gone afterwards; SIGTERM is Ctrl-C."""
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     # Where processes are killed, shared memory stays behind, and no packet could get lost.
     os.environ.setdefault('FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4')

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import sys
 import time
 
-from flight import DEADLINE_S, Flight, flight_of
+from flight import DEADLINE_S, Flight, flight_of, STOPPED, STOPPING
 import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
@@ -39,18 +39,19 @@ class Sample:
     n_files: int
 
 
-def soak(flight: Flight, budget_s: float, console: Console) -> dict[str, list[Sample]]:
-    """Fly for a time, twice if a node grows; the samples of the nodes that nobody kills."""
-    samples: dict[str, list[Sample]] = {
-        name: [] for name in flight.nodes if name not in flight.agents[1:]
-    }
+def soak(
+    flight: Flight, samples: dict[str, list[Sample]], budget_s: float, console: Console
+) -> None:
+    """Fly for a time, twice if a node grows; add samples of the nodes that nobody kills."""
+    samples |= {name: [] for name in flight.nodes if name not in flight.agents[1:]}
+    console.print(f'{len(flight.nodes)} nodes are starting')
     flight.wait_until(lambda: flight.n_ended >= 1, 'the first mission')
+    console.print('the first mission has ended; more is said once a minute')
     soaking = _Soaking(flight, samples, budget_s / SAMPLES, console)
     soaking.fly(budget_s)
     if grows := growing(samples):
         console.print(f'{", ".join(grows)}: still grows; flying as long again')
         soaking.fly(2.0 * budget_s)
-    return samples
 
 
 class _Soaking:
@@ -111,7 +112,7 @@ def sampled(flight: Flight, name: str, at_s: float, n_missions: int) -> Sample:
 def slopes(taken: Sequence[Sample]) -> tuple[float, float]:
     """By how many kB and open files a node grows in 100 missions, once it is warm."""
     warm, n_missions = _warm(taken), _n_missions(taken)
-    if np.ptp(n_missions) == 0.0:
+    if not taken or np.ptp(n_missions) == 0.0:
         raise SystemExit('too few missions were flown to tell: soak for longer')
     held = ([each.resident_kb for each in warm], [each.n_files for each in warm])
     memory, files = (float(np.polyfit(n_missions, values, 1)[0]) * 100.0 for values in held)
@@ -136,17 +137,23 @@ def main(argv: Sequence[str] | None = None) -> int:
     if not 0.0 < arguments.minutes < 1e5:
         parser.error('minutes must be > 0 and < 100000')
     console = Console(width=None if sys.stdout.isatty() else 100)
+    samples: dict[str, list[Sample]] = {}
     with flight_of(with_uavs(load('paper_8x8'), N_UAVS), pace=0.0) as flight:
-        samples = soak(flight, 60.0 * arguments.minutes, console)
+        is_stopped = False
+        try:
+            soak(flight, samples, 60.0 * arguments.minutes, console)
+        except KeyboardInterrupt:
+            is_stopped = True
+            console.print(STOPPING)
         flight.close()
         n_missions, lost = flight.lost()
         complaints = flight.tracebacks()
+    grows = growing(samples)
     last_s = max(taken[-1].at_s for taken in samples.values())
     table = Table(title=f'{n_missions} missions in {last_s / 60:.1f} min')
     for heading in ('node', 'MB first', 'MB last', f'kB/100 missions (<= {GROWTH_KB:g})'):
         table.add_column(heading, justify='right')
     table.add_column(f'files/100 missions (<= {FILES:g})', justify='right')
-    grows = growing(samples)
     for name, taken in samples.items():
         memory_kb, n_files = slopes(taken)
         ends = (f'{each.resident_kb / 1e3:.1f}' for each in (taken[0], taken[-1]))
@@ -163,7 +170,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if is_early:
         early = f'all nodes grow until their histories are full, after {WARM_MISSIONS} missions'
         console.print(f'{early}: soak until {WARM_MISSIONS / WARM_SHARE:.0f} are flown')
-    return int(verdict != 'holds')
+    return STOPPED if is_stopped else int(verdict != 'holds')
 
 
 if __name__ == '__main__':
