@@ -29,7 +29,8 @@ export ROS_LOG_DIR := $(CURDIR)/log/ros
 endif
 
 TESTS ?= test
-# Tests with ROS processes wait most of the time: more than there are cores.
+# Tests with ROS processes wait most of the time: more than there are cores. Each takes whole modules,
+# in order: what a module shares is flown or learned once.
 WORKERS ?= $(shell expr $$(nproc) + 2)
 BENCHES ?= $(sort $(filter-out bench/learners.py,$(wildcard bench/*.py)))
 
@@ -166,7 +167,8 @@ figures: $(INSTALLED) $(LEARNS) $(if $(filter ray,$(ENGINE)),$(CLUSTERS))  ## th
 	@$(VENV)/bin/python -m uav_collect figures $(FIGURES_OPTIONS)
 
 test: $(BUILT) $(DEVELOPED) $(LEARNS) $(CLUSTERS)  ## run all tests; TESTS=test/physics runs a part
-	@. install/setup.sh && $(VENV)/bin/python -m pytest -n $(WORKERS) --dist worksteal $(TESTS) $(ARGS)
+	@. install/setup.sh && $(VENV)/bin/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder \
+	  $(TESTS) $(ARGS)
 
 test-ubuntu: $(BUILT) $(DEVELOPED) $(UBUNTU)/.built  ## fly and read settings with the packages of Ubuntu 24.04's apt
 	@. install/setup.sh && . $(UBUNTU)/install/local_setup.sh && \

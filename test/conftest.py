@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 import importlib.util
-from itertools import chain, groupby, islice
 import os
 from pathlib import Path
 
@@ -20,31 +19,9 @@ os.environ.setdefault('UAV_COLLECT_KERNELS', 'compiled')
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Let long modules begin first, and skip what cannot run here."""
-    items[:] = long_ones_first(items, int(os.environ.get('PYTEST_XDIST_WORKER_COUNT', '1')))
+    """Let long modules begin first, so that no worker ends with one; skip what cannot run here."""
+    items.sort(key=lambda item: item.get_closest_marker('long') is None)
     skip_what_needs_ros(items)
-
-
-def long_ones_first(items: list[pytest.Item], n_workers: int) -> list[pytest.Item]:
-    """Order tests so that each worker begins with modules marked `long`, and none ends with one.
-
-    Of the list each worker is handed one part as long as the others', and who is done takes over
-    the end of another's: what is short shall lie there.
-    """
-    long: list[list[pytest.Item]] = []
-    short: list[pytest.Item] = []
-    for _, module in groupby(items, lambda item: item.nodeid.partition('::')[0]):
-        tests = [*module]
-        if tests[0].get_closest_marker('long'):
-            long.append(tests)
-        else:
-            short += tests
-    ordered: list[pytest.Item] = []
-    rest = iter(short)
-    for worker in range(n_workers):
-        ordered += chain.from_iterable(long[worker::n_workers])
-        ordered += islice(rest, max(0, len(items) * (worker + 1) // n_workers - len(ordered)))
-    return [*ordered, *rest]
 
 
 def skip_what_needs_ros(items: list[pytest.Item]) -> None:

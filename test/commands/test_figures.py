@@ -4,10 +4,8 @@ from argparse import Namespace
 from collections.abc import Collection, Iterator, Sequence
 import csv
 from dataclasses import dataclass
-import fcntl
 import io
 import json
-import os
 from pathlib import Path
 import re
 import subprocess
@@ -67,15 +65,11 @@ class Smoke:
 
 @pytest.fixture(scope='module')
 def smoke(tmp_path_factory: pytest.TempPathFactory) -> Smoke:
-    """All studies at the smallest scale, done by two processes, once for all that test at once."""
+    """All studies at the smallest scale, done by two processes."""
     single_threaded_torch()
-    base = tmp_path_factory.getbasetemp()
-    shared = base.parent if 'PYTEST_XDIST_WORKER' in os.environ else base
-    output = shared / 'studies'
-    with (shared / 'studies.lock').open('w') as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        options = ('--scale', 'smoke', '--output', str(output), '--workers', '2')
-        return Smoke(output, figures(*options))
+    output = tmp_path_factory.mktemp('studies')
+    options = ('--scale', 'smoke', '--output', str(output), '--workers', '2')
+    return Smoke(output, figures(*options))
 
 
 @pytest.fixture(scope='module', params=NAMES)
