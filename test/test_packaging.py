@@ -13,7 +13,8 @@ from typing import NamedTuple
 import venv
 
 from catkin_pkg.package import parse_package
-from processes import complaints, Processes
+from node_starts import said_at_start
+from processes import Processes
 import pytest
 import uav_collect
 from uav_collect.__main__ import SUMMARIES
@@ -519,13 +520,21 @@ def test_the_stand_in_is_built_only_where_no_other_prefix_has_the_package(
 
 
 @pytest.mark.ros
-@pytest.mark.parametrize('name', [*NODES, 'uav-collect'])
-def test_an_executable_says_what_it_does_in_80_columns(name: str, processes: Processes) -> None:
-    asked = processes.start(name, '--help', COLUMNS='80')
-    assert asked.wait_for_exit() == 0
-    said = '\n'.join(complaints(asked.output))
+@pytest.mark.parametrize('name', NODES)
+def test_a_node_says_what_it_does_in_80_columns(
+    name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv('COLUMNS', '80')
+    said = said_at_start(NODES[name], ['--help'], capsys, status=0)
     assert re.match(f'usage: {name} .*--', said, re.DOTALL)
     assert [line for line in said.splitlines() if len(line) > 80] == []
+
+
+@pytest.mark.ros
+def test_the_installed_command_says_what_it_does(processes: Processes) -> None:
+    asked = processes.start('uav-collect', '--help')
+    assert asked.wait_for_exit() == 0
+    assert 'usage: uav-collect ' in asked.output
 
 
 @pytest.mark.ros

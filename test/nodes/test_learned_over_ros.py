@@ -3,7 +3,8 @@
 from pathlib import Path
 
 from fleets import Fleet, logs, scenario_of
-from processes import complaints, Processes
+from node_starts import refusal
+from processes import Processes
 import pytest
 from random_policies import header, saved
 from steered_world import steered_world
@@ -104,15 +105,12 @@ def test_an_agent_says_when_its_policy_flies_outside_what_it_learned_on(
 
 
 def test_an_agent_whose_file_is_broken_ends_at_once_with_one_line(
-    processes: Processes, tmp_path: Path
+    ros_domain: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = saved(tmp_path, 'mine', header())
     path.write_bytes(path.read_bytes()[:-10])
-    agent = processes.start('uav_agent', '--id', '1', '--policy', str(path))
-    assert agent.wait_for_exit() == 2
-    assert f'{path}: is not a whole safetensors file' in agent.output
-    assert 'Traceback' not in agent.output
-    assert len(complaints(agent.output)) == 1
+    (line,) = refusal('agent', ['--id', '1', '--policy', str(path)], capsys)
+    assert f'{path}: is not a whole safetensors file' in line
 
 
 def test_an_agent_whose_policy_does_not_fit_the_scenario_ends_before_anything_flies(

@@ -12,7 +12,8 @@ from types import SimpleNamespace
 from typing import Any
 
 from fleets import Fleet, scenario_of, wait_until
-from processes import complaints, DEADLINE_S, Processes, RunningProcess
+from node_starts import refusal, said_at_start
+from processes import DEADLINE_S, Processes, RunningProcess
 import pytest
 from rosbags.highlevel import AnyReader
 from steered_world import steered_world
@@ -493,11 +494,11 @@ def test_a_full_disk_ends_the_recorder_alone_and_leaves_a_readable_bag(
         assert contents == fleet.sent[name][: len(contents)]
 
 
-def test_a_folder_that_exists_is_refused(processes: Processes, tmp_path: Path) -> None:
+def test_a_folder_that_exists_is_refused(
+    ros_domain: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / 'bag').mkdir()
-    recorder = processes.start('recorder', '--output', str(tmp_path / 'bag'))
-    assert recorder.wait_for_exit() == 2
-    assert complaints(recorder.output) == [
+    assert refusal('recorder', ['--output', str(tmp_path / 'bag')], capsys) == [
         f'error: output folder {tmp_path / "bag"} exists already'
     ]
 
@@ -513,12 +514,10 @@ def test_a_folder_that_exists_is_refused(processes: Processes, tmp_path: Path) -
     ],
 )
 def test_wrong_arguments_are_refused_in_one_line(
-    processes: Processes, arguments: list[str], complaint: str
+    ros_domain: int, arguments: list[str], complaint: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    recorder = processes.start('recorder', *arguments)
-    assert recorder.wait_for_exit() == 2
-    assert complaint in recorder.output
-    assert 'Traceback' not in recorder.output
+    *_, line = refusal('recorder', arguments, capsys)
+    assert complaint in line
 
 
 def test_a_bag_that_is_being_recorded_is_not_repaired(
@@ -532,8 +531,7 @@ def test_a_bag_that_is_being_recorded_is_not_repaired(
     assert recorder.wait_for_exit() == 0
 
 
-def test_help_describes_every_parameter(processes: Processes) -> None:
-    recorder = processes.start('recorder', '--help')
-    assert recorder.wait_for_exit() == 0
+def test_help_describes_every_parameter(capsys: pytest.CaptureFixture[str]) -> None:
+    said = said_at_start('recorder', ['--help'], capsys, status=0)
     for name in ('output_dir', 'stop_after_missions', 'flush_period_s', 'chunk_byte', '--repair'):
-        assert name in recorder.output
+        assert name in said

@@ -16,8 +16,8 @@ for needed in ('rclpy', 'uav_collect_msgs'):
     pytest.importorskip(needed)
 
 from fleets import Fleet, Listener, listener, logs, scenario_of
+from node_starts import refusal
 from processes import (
-    complaints,
     DEADLINE_S,
     Processes,
     ros_environment,
@@ -415,15 +415,15 @@ def test_learners_refuse_what_was_recorded_without_the_key(outcome: Outcome) -> 
     assert WRONG_SEAL in refused[0][1]
 
 
-@pytest.mark.parametrize('name', ['world_sim', 'uav_agent', 'recorder', 'control'])
+@pytest.mark.parametrize('room', ['world', 'agent', 'recorder', 'control'])
 def test_a_node_whose_key_cannot_be_read_does_not_start(
-    processes: Processes, tmp_path: Path, name: str
-) -> None:
-    arguments = {'uav_agent': ['--id', '1'], 'control': ['abort']}.get(name, [])
+    room: str, ros_domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    arguments = {'agent': ['--id', '1'], 'control': ['abort']}.get(room, [])
     missing = str(tmp_path / 'missing')
-    node = processes.start(name, *arguments, **{KEY_FILE: missing})
-    assert node.wait_for_exit() == 2
-    assert complaints(node.output) == [
+    monkeypatch.setenv(KEY_FILE, missing)
+    assert refusal(room, arguments, capsys) == [
         f"error: {KEY_FILE}: [Errno 2] No such file or directory: '{missing}'"
     ]
 

@@ -6,6 +6,7 @@ from bag_damage import changed_byte
 from bags import HandMadeBag
 from episodes import single_threaded_torch
 from fleets import parameters
+from node_starts import refusal
 from processes import Processes
 import pytest
 
@@ -92,10 +93,11 @@ def test_a_bag_of_what_is_learned_from_is_enough_to_learn_from(
     assert '20 missions found: 20 missions joined' in trainer.output
 
 
-def test_a_recorder_of_what_nobody_knows_is_refused(processes: Processes) -> None:
-    recorder = processes.start('recorder', *parameters(topics='some'))
-    assert recorder.wait_for_exit() == 2
-    assert "topics is 'some': must be all or learning" in recorder.output
+def test_a_recorder_of_what_nobody_knows_is_refused(
+    ros_domain: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    *_, line = refusal('recorder', parameters(topics='some'), capsys)
+    assert "topics is 'some': must be all or learning" in line
 
 
 def test_a_bag_that_is_too_short_to_learn_from_leaves_no_policy(

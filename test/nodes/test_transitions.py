@@ -3,9 +3,10 @@
 from pathlib import Path
 from typing import Any
 
-from fleets import Fleet, listener, Pilots, scenario_of
+from fleets import Fleet, listener, parameters, Pilots, scenario_of
+from node_starts import refusal
 import numpy as np
-from processes import complaints, Processes
+from processes import Processes
 import pytest
 from uav_collect.scenario.load import fingerprint
 from uav_collect.scenario.model import Scenario
@@ -74,11 +75,11 @@ def test_without_a_layout_nothing_is_reported(processes: Processes, tmp_path: Pa
         assert listening.heard[topics.uav_topics(1).transition.name] == []
 
 
-def test_an_unknown_layout_is_refused_in_one_line(processes: Processes, tmp_path: Path) -> None:
-    fleet = Fleet(processes=processes, scenario=scenario_of(1), folder=tmp_path / 'run')
-    agent = fleet.start_agent(1, observation_layout='square')
-    assert agent.wait_for_exit() == 2
+def test_an_unknown_layout_is_refused_in_one_line(
+    ros_domain: int, capsys: pytest.CaptureFixture[str]
+) -> None:
     known = 'paper, egocentric, relative and module:Name'
-    assert complaints(agent.output) == [
+    unknown = parameters(observation_layout='square')
+    assert refusal('agent', ['--id', '1', *unknown], capsys) == [
         f"error: observation_layout 'square' is unknown; there are {known}"
     ]

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from fleets import Fleet, logs, parameters, scenario_of
+from node_starts import refusal
 from processes import Processes
 import pytest
 from uav_collect.recording.bag_reader import read_missions
@@ -55,10 +56,9 @@ def test_a_namespace_given_to_ros_names_the_world_of_world_and_agent(
 
 
 @pytest.mark.parametrize('name', ['1', 'a b', 'a/', '/a'])
-@pytest.mark.parametrize('executable', ['world_sim', 'uav_agent', 'recorder'])
+@pytest.mark.parametrize('room', ['world', 'agent', 'recorder'])
 def test_a_name_that_is_none_for_ros_is_refused(
-    executable: str, name: str, processes: Processes
+    room: str, name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    process = processes.start(executable, '--world', name)
-    assert process.wait_for_exit() == 2
-    assert f"'{name}' must be a ROS name" in process.output
+    *_, line = refusal(room, ['--world', name], capsys)
+    assert f"'{name}' must be a ROS name" in line

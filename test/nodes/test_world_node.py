@@ -11,6 +11,7 @@ for needed in ('rclpy', 'uav_collect_msgs'):
     pytest.importorskip(needed)
 
 from fleets import Fleet, logs, parameters, scenario_of
+from node_starts import refusal
 from processes import complaints, Processes
 from scripted_agent_node import scripted_agents, ScriptedAgents
 from uav_collect.analysis.metrics import mission_metrics
@@ -56,21 +57,23 @@ def fleet(processes: Processes, tmp_path: Path) -> Fleet:
     ids=lambda value: '_'.join(value) if isinstance(value, dict) else '',
 )
 def test_a_parameter_that_does_not_fit_is_refused_in_one_line(
-    values: dict[str, object], complaint: str, processes: Processes
+    values: dict[str, object],
+    complaint: str,
+    ros_domain: int,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    world = processes.start('world_sim', *parameters(**values))
-    assert world.wait_for_exit() == 2
-    (line,) = complaints(world.output)
+    (line,) = refusal('world', parameters(**values), capsys)
     assert line.startswith('error: ')
     assert complaint in line
 
 
-def test_a_parameter_file_that_is_no_yaml_is_refused(processes: Processes, tmp_path: Path) -> None:
+def test_a_parameter_file_that_is_no_yaml_is_refused(
+    ros_domain: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     file = tmp_path / 'nodes.yaml'
     file.write_text('world_sim: [')
-    world = processes.start('world_sim', '--ros-args', '--params-file', str(file))
-    assert world.wait_for_exit() == 2
-    assert 'Traceback' not in world.output
+    *_, line = refusal('world', ['--ros-args', '--params-file', str(file)], capsys)
+    assert line.startswith('error: ')
 
 
 def test_a_fleet_that_cannot_start_is_refused_before_anybody_waits(
