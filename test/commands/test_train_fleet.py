@@ -11,7 +11,7 @@ from fleets import wait_until
 from growing_bag import n_kept
 from processes import DEADLINE_S, Processes, RunningProcess
 import pytest
-from tiny_world import tiny
+from tiny_world import tiny, uav
 from uav_collect.commands.ros_processes import ros_parameters
 from uav_collect.recording.bag_reader import read_missions
 from uav_collect.recording.bag_repair import repair
@@ -25,6 +25,7 @@ pytest.importorskip('torch', reason='training needs torch')
 
 TRAINED_S = DEADLINE_S  # for what takes ten seconds where nothing else runs
 PACE = 100  # simulated over wall-clock time: a trainer that starts meanwhile needs the processor
+FLEET = uav(5.0), uav(10.0)
 
 # Every 20 decisions an update; a mission of the tiny world has some 30.
 PRESET = """extends: strong
@@ -36,10 +37,12 @@ validation: {missions: 2, every_updates: 50}
 """
 
 
-def started(processes: Processes, folder: Path, *arguments: str) -> RunningProcess:
+def started(
+    processes: Processes, folder: Path, *arguments: str, n_uavs: int = 2
+) -> RunningProcess:
     """A training of a tiny world in a folder `run`; a compiler would take minutes."""
     field, quick = folder / 'field.yaml', folder / 'quick.yaml'
-    field.write_text(tiny(name='field').to_yaml())
+    field.write_text(tiny(*FLEET[:n_uavs], name='field').to_yaml())
     quick.write_text(PRESET)
     words = ['--scenario', str(field), '--preset', str(quick), '--output', str(folder / 'run')]
     words += ['--real-time-factor', str(PACE), *arguments]
@@ -65,7 +68,8 @@ def test_two_worlds_teach_one_trainer_until_its_time_is_up_and_all_ends(
 ) -> None:
     # One fleet may fly hundreds of missions before the other one takes off.
     options, run = ['--worlds', '2', '--record'], tmp_path / 'run'
-    command, said = started(processes, tmp_path, *options, '--minutes', '1000'), run / 'processes'
+    command = started(processes, tmp_path, *options, '--minutes', '1000', n_uavs=1)
+    said = run / 'processes'
     command.wait_for(r'loss \d', TRAINED_S)
     wait_until(lambda: all(n_ended(said / '1' / f'world_sim_{world}.log') > 2 for world in 'ab'))
     command.send(signal.SIGINT)
@@ -74,7 +78,8 @@ def test_two_worlds_teach_one_trainer_until_its_time_is_up_and_all_ends(
     assert processes.survivors() == []
     before = n_decisions(run)
     assert before > 0
-    done = started(processes, tmp_path, *options, '--decisions', str(before + 100))
+    more = ['--decisions', str(before + 100)]
+    done = started(processes, tmp_path, *options, *more, n_uavs=1)
     assert done.wait_for_exit(TRAINED_S) == 0
     assert n_decisions(run) >= before + 100
     assert processes.survivors() == []
@@ -86,10 +91,7 @@ def test_two_worlds_teach_one_trainer_until_its_time_is_up_and_all_ends(
         missions = read_missions(said / f'bag_{world}')
         assert len(missions) > 2
         seeds += [mission.log.header.mission_seed for mission in missions]
-        for uav in (1, 2):
-            assert (
-                f'UAV {uav} flies, policy topic' in (said / f'uav_{uav}_{world}.log').read_text()
-            )
+        assert 'UAV 1 flies, policy topic' in (said / f'uav_1_{world}.log').read_text()
     assert len({*seeds}) == len(seeds)
 
 

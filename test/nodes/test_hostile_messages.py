@@ -36,7 +36,7 @@ pytestmark = [pytest.mark.ros, pytest.mark.long]
 
 SEED = 6
 # Simulated over wall-clock time: the mission takes longer than to send all that.
-PACE = 10.0 * min(1.0, 2_000 / N_TRIES)
+PACE = 5.0 * min(1.0, 2_000 / N_TRIES)
 N_KINDS = 8  # of incidents in a node, each of which may fill 50 lines in ten seconds
 _HEADER = 4  # bytes that every message begins with; the middleware drops what is shorter
 FAR = 1_000_000  # decisions or deliveries ahead: what is changed at random must not fit by chance
@@ -72,8 +72,8 @@ class Flight:
 
 @pytest.fixture
 def flight(processes: Processes, tmp_path: Path) -> Iterator[Flight]:
-    """A mission of ten minutes, unless it is hurried."""
-    scenario = scenario_of(fleet__default__energy_budget_kj=1000.0)
+    """A mission of eight minutes, unless it is hurried."""
+    scenario = scenario_of(fleet__default__energy_budget_kj=400.0)
     fleet = Fleet(processes=processes, scenario=scenario, folder=tmp_path / 'run')
     (expected,) = logs(scenario, [SEED], 'random')
     own = [each for uav in (1, 2) for each in topics.topics_of_uav(uav)]

@@ -15,7 +15,7 @@ from uav_collect.uav.observation import Layout
 
 pytestmark = [pytest.mark.ros, pytest.mark.long]
 
-SEEDS = [3, 4, 5]
+SEEDS = [3, 4]
 
 
 @pytest.mark.parametrize(

@@ -28,8 +28,6 @@ SIGNALS = {
     'SIGHUP': [signal.SIGHUP],
 }
 every_signal = pytest.mark.parametrize('signals', SIGNALS.values(), ids=SIGNALS)
-# Where whole fleets fly: a second Ctrl-C comes while the first one is obeyed.
-each_way = pytest.mark.parametrize('signals', [*SIGNALS.values()][1:], ids=[*SIGNALS][1:])
 
 
 @pytest.fixture
@@ -91,21 +89,18 @@ def test_a_node_that_is_still_loading_stops_when_asked(
     stop(node, SIGNALS[kind])
 
 
-@each_way
-def test_a_mission_in_flight_stops_node_by_node_and_what_was_flown_is_kept(
-    signals: list[signal.Signals], fleet: Fleet
-) -> None:
+def test_a_mission_in_flight_stops_node_by_node_and_what_was_flown_is_kept(fleet: Fleet) -> None:
     recorder = fleet.start_recorder()
     flying, waiting = fleet.start_agents('random')
     world = fleet.start_world(seed=SEED, real_time_factor=PACED)
     fleet.wait_for_events(SEED, 10)
-    stop(flying, signals)
+    stop(flying, SIGNALS['SIGTERM'])
     assert 'ended' not in world.output
-    stop(world, signals)
+    stop(world, SIGNALS['Ctrl-C twice'])
     world.wait_for('was aborted, the world was stopped')
     waiting.wait_for('a world is gone')
-    stop(waiting, signals)
-    stop(recorder, signals)
+    stop(waiting, SIGNALS['SIGHUP'])
+    stop(recorder, SIGNALS['Ctrl-C twice'])
     assert fleet.processes.survivors() == []
     (expected,) = logs(fleet.scenario, [SEED], 'random')
     assert expected.startswith(fleet.log(SEED))
@@ -116,7 +111,8 @@ def test_a_mission_in_flight_stops_node_by_node_and_what_was_flown_is_kept(
     assert phases(fleet.bag) == [0, ABORTED]
 
 
-@each_way
+# A second Ctrl-C comes while the first one is obeyed.
+@pytest.mark.parametrize('signals', [*SIGNALS.values()][1:], ids=[*SIGNALS][1:])
 def test_an_interrupted_mission_command_takes_its_processes_along_and_keeps_the_run_folder(
     signals: list[signal.Signals], processes: Processes, tmp_path: Path
 ) -> None:

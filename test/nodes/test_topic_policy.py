@@ -154,7 +154,7 @@ def test_a_policy_that_cannot_be_flown_is_refused_in_one_line_and_the_old_one_st
 def test_an_agent_killed_in_flight_takes_up_the_version_of_its_mission_though_all_else_is_gone(
     processes: Processes, tmp_path: Path
 ) -> None:
-    scenario = scenario_of(2, fleet__default__energy_budget_kj=300.0)  # some 700 events
+    scenario = scenario_of(2, fleet__default__energy_budget_kj=80.0)  # some 180 events
     fleet = Fleet(processes=processes, scenario=scenario, folder=tmp_path / 'run')
     first, second = policy_of(1), policy_of(2)
     [expected] = explored_logs(scenario, [SEED], first, 0.3)

@@ -22,9 +22,9 @@ from uav_collect.nodes.topics import publisher, Topic
 
 pytestmark = [pytest.mark.ros, pytest.mark.long]
 
-N_FLOWN = 30  # missions before the training
+N_FLOWN = 12  # missions before the training
 FIRST_LIVE = 10**6  # mission seed
-N_MUTATED = 1_000  # messages on each topic
+N_MUTATED = 400  # messages on each topic
 WORLD, UAVS = topics.world_topics(), (topics.uav_topics(1), topics.uav_topics(2))
 REPORTING = (WORLD.scenario, WORLD.mission, WORLD.epoch, *(uav.transition for uav in UAVS))
 
