@@ -25,6 +25,7 @@ from uav_collect.uav.policy_network import FrozenPolicy, LearnedPolicy
 torch = single_threaded_torch()
 from uav_collect.learning.learner import Learner
 from uav_collect.learning.minibatch import Algorithm
+from uav_collect.learning.own_modules import PluggedNetwork
 from uav_collect.learning.trainer import Trainer
 from uav_collect.training.progress import Budget
 
@@ -84,6 +85,10 @@ def test_a_policy_says_that_it_needs_a_module_which_is_missing(name: str) -> Non
     content = policy_bytes(policy).replace(name.encode(), moved)
     with pytest.raises(PolicyMismatchError, match=rf'there is no module {"x" * len(module)} in'):
         policy_from_bytes(content)
+
+
+def test_modules_called_layers_are_none_that_a_policy_lists() -> None:
+    assert PluggedNetwork('odd_plug_ins:Nested', 7, 4).text == 'odd_plug_ins:Nested'
 
 
 def test_what_a_network_counts_while_it_learns_flies_with_who_imitates(
@@ -189,6 +194,8 @@ def test_a_fleet_reports_what_makes_the_same_rewards_and_observations_of_a_users
         ({'mixer__kind': 'odd_plug_ins:NUMBER'}, 'NUMBER is a int: must be a class'),
         ({'network__kind': 'vdn:Vdn'}, 'Vdn lacks memory_size and step: must have'),
         ({'observation': 'odd_plug_ins:Blind'}, "base is 'radar': must be paper or egocentric"),
+        ({'observation': 'odd_plug_ins:Listed'}, r"base is \('egocentric',\): must be paper or"),
+        ({'observation': 'odd_plug_ins:Shy'}, r'none of your business \(odd_plug_ins.py, line'),
         ({'reward__goal': 'fastest'}, "is 'fastest': must be 'paper' or 'energy' or module:Name"),
     ],
 )
@@ -212,6 +219,14 @@ def test_settings_that_name_what_is_missing_are_refused(
             "on board: tensor 'three.bias' is missing",
         ),
         ({'observation': 'odd_plug_ins:Short'}, 'aqmix', 'must be 1 finite numbers'),
+        (
+            {'network__kind': 'odd_plug_ins:Spelled'},
+            'aqmix',
+            "layers is 'one two': must be a list of names",
+        ),
+        ({'observation': 'odd_plug_ins:Learning'}, 'aqmix', 'must be 1 finite numbers'),
+        ({'reward__goal': 'odd_plug_ins:learning'}, 'aqmix', 'finite numbers, one for each'),
+        ({}, 'odd_plug_ins:Several', r"like is \('aqmix',\): must be aqmix or"),
         ({}, 'odd_plug_ins:Wild', "like is 'ddpg': must be aqmix or qmix or aiql"),
         (
             {},

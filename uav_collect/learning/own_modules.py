@@ -13,7 +13,7 @@ from uav_collect.uav.action_codes import N_ACTIONS
 from uav_collect.uav.named_code import NamedCode
 from uav_collect.uav.policy_header import check_network
 from uav_collect.uav.policy_network import network_of
-from uav_collect.uav.user_code import kind_text, UserCodeError
+from uav_collect.uav.user_code import kind_text, UserCodeError, value_text
 
 _TOLERANCE = 1e-3  # between torch's float32 and numpy's float64, relative to the largest value
 
@@ -35,8 +35,7 @@ class PluggedNetwork(nn.Module):
             self._what, self._code, target, observation_size, hidden_size
         )
         self.advice_bonus = 0.0  # on the value of what the adviser would do, when one is chosen
-        layers = getattr(self.inner, 'layers', None)
-        self.text = ' '.join(layers) if layers else name  # of a policy's header
+        self.text = self._listed_layers() or name  # of a policy's header
         self._try_out(observation_size)
 
     @property
@@ -56,6 +55,17 @@ class PluggedNetwork(nn.Module):
 
     def _call(self, function: Any, *arguments: object) -> Any:  # noqa: ANN401 - the user's
         return _called(self._what, self._code, function, *arguments)
+
+    def _listed_layers(self) -> str:
+        """What a policy flies by without the user's module; '': it flies by the class's `fly`."""
+        if not hasattr(self._code.target, 'layers'):  # of the object it may be a module of torch's
+            return ''
+        layers = self._call(getattr, self.inner, 'layers')
+        is_list = isinstance(layers, list | tuple) and len(layers) > 0
+        if not is_list or not all(type(it) is str for it in layers):
+            what = f'layers is {value_text(layers)}: must be a list of names of layers'
+            raise ConfigError(f'{self._what}: {what}')
+        return ' '.join(layers)
 
     @torch.no_grad()
     def _try_out(self, observation_size: int) -> None:

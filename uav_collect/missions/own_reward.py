@@ -1,6 +1,6 @@
 """Rewards that users write: what each decision of a mission was worth, once that mission is known.
 
-`reward.goal: module:name` names a function of a `Outcomes`. It is called when a mission is over
+`reward.goal: module:name` names a function of `Outcomes`. It is called when a mission is over
 or cut off, on what a learner keeps of it, so it is the same whether the mission was flown in this
 process or told by a fleet.
 """
@@ -16,7 +16,7 @@ from uav_collect.missions.experience import Episode, N_UAV_SCALARS
 from uav_collect.uav.action_codes import HOVER
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.named_code import named_code
-from uav_collect.uav.user_code import UserCodeError, value_text
+from uav_collect.uav.user_code import numbers_of, UserCodeError, value_text
 from uav_collect.uav.user_policy import arrayed
 
 _ENERGY = 2  # place among a UAV's scalars of the global state
@@ -55,11 +55,8 @@ def own_reward(name: str) -> OwnReward:
             answer = code.call(code.target, mission)
         except UserCodeError as error:
             raise ConfigError(f'reward {name}: {error}') from error
-        try:
-            rewards = np.array(answer, dtype=np.float64)
-        except (TypeError, ValueError):
-            rewards = np.array(np.nan)
-        if rewards.shape != mission.time_s.shape or not np.isfinite(rewards).all():
+        rewards, wanted = numbers_of(answer), mission.time_s.shape
+        if rewards is None or rewards.shape != wanted or not np.isfinite(rewards).all():
             what = f'must be {len(mission.time_s)} finite numbers, one for each decision'
             raise ConfigError(f'reward {name}: gives {value_text(answer)}: {what}')
         return rewards

@@ -21,7 +21,7 @@ from uav_collect.limits import (
     MAX_LAYER_SIZE,
 )
 from uav_collect.uav.named_code import named_code, NamedCode
-from uav_collect.uav.user_code import UserCodeError
+from uav_collect.uav.user_code import UserCodeError, value_text
 
 Tensor = Any  # torch's, which this room does not load
 
@@ -175,7 +175,7 @@ def memory_size(name: str, hidden_size: int) -> int:
     size = code.call(code.target.memory_size, hidden_size)  # type: ignore[attr-defined]
     if type(size) is not int or not 0 <= size <= MAX_LAYER_SIZE:
         allowed = f'a whole number from 0 to {MAX_LAYER_SIZE}'
-        raise UserCodeError(f'memory_size gives {shown(size)}: must be {allowed}')
+        raise UserCodeError(f'memory_size gives {value_text(size)}: must be {allowed}')
     return size
 
 
@@ -198,8 +198,9 @@ def own_algorithm(name: str) -> OwnAlgorithm:
     """
     code = named_code(name, ('like', 'next_values', 'loss'))
     algorithm: OwnAlgorithm = code.call(code.target)
-    if algorithm.like not in _LIKE:
-        raise UserCodeError(f'like is {shown(algorithm.like)}: must be {" or ".join(_LIKE)}')
+    like = code.call(getattr, algorithm, 'like')
+    if type(like) is not str or like not in _LIKE:
+        raise UserCodeError(f'like is {value_text(like)}: must be {" or ".join(_LIKE)}')
     return algorithm
 
 

@@ -16,7 +16,7 @@ from uav_collect.limits import is_code_name, MAX_LAYER_SIZE
 from uav_collect.uav.named_code import named_code
 from uav_collect.uav.observation import AnyLayout, Layout, OwnLayout
 from uav_collect.uav.situation import Situation
-from uav_collect.uav.user_code import UserCodeError, value_text
+from uav_collect.uav.user_code import numbers_of, UserCodeError, value_text
 
 _MEMBERS = ('base', 'size', 'numbers')
 
@@ -71,29 +71,21 @@ def own_layout(name: str) -> OwnLayout:
     code = named_code(name, _MEMBERS)
     observation: Observation = code.call(code.target)
     bases = {layout.name.lower(): layout for layout in Layout}
-    if observation.base not in bases:
-        raise UserCodeError(f'base is {shown(observation.base)}: must be {" or ".join(bases)}')
-    size = observation.size
+    base, size, own = (code.call(getattr, observation, member) for member in _MEMBERS)
+    if type(base) is not str or base not in bases:
+        raise UserCodeError(f'base is {value_text(base)}: must be {" or ".join(bases)}')
     if type(size) is not int or not 1 <= size <= MAX_LAYER_SIZE:
-        raise UserCodeError(f'size is {shown(size)}: must be from 1 to {MAX_LAYER_SIZE}')
+        raise UserCodeError(f'size is {value_text(size)}: must be from 1 to {MAX_LAYER_SIZE}')
 
     def numbers(situation: Situation) -> Floats:
         try:
-            answer = code.call(observation.numbers, situation)
+            answer = code.call(own, situation)
         except UserCodeError as error:
             raise ConfigError(f'observation {name}: {error}') from error
-        row = _row(answer)
+        row = numbers_of(answer)
         if row is None or row.shape != (size,) or not np.isfinite(row).all():
             what = f'numbers gives {value_text(answer)}: must be {size} finite numbers'
             raise ConfigError(f'observation {name}: {what}')
         return row
 
-    return OwnLayout(name, bases[observation.base], size, numbers)
-
-
-def _row(answer: object) -> Floats | None:
-    """What was returned as numbers; None if it is none."""
-    try:
-        return np.array(answer, dtype=np.float64)
-    except (TypeError, ValueError):
-        return None
+    return OwnLayout(name, bases[base], size, numbers)

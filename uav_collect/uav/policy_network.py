@@ -7,11 +7,11 @@ once equal those flown by one agent per UAV. The header's `network` says which o
 - `module:Name`: a user's class, whose module must be there.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 import hashlib
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -286,7 +286,7 @@ class Layers:
     """Layers and activations one after the other; one of them may be a GRU cell."""
 
     def __init__(self, text: str, weights: Weights) -> None:
-        """Lay the weights out; their shapes are those that `check_layers` takes."""
+        """Lay the weights out; their shapes are those that `check_network` takes."""
         self._layers = [
             name if name in ACTIVATIONS else _layer(weights, name) for name in text.split()
         ]
@@ -323,21 +323,25 @@ class _OwnNetwork:
                 code.call(fly, self._weights, observation[row], memory[row])  # type: ignore[arg-type]
                 for row in range(len(observation))  # one by one: a batch might round otherwise
             ]
-            values, memories = (
-                np.array([answer[part] for answer in answers], dtype=np.float64)
-                for part in range(2)
-            )
         except UserCodeError as error:
             raise PolicyMismatchError(f'network {self._name}: {error}') from error
-        except (TypeError, ValueError, IndexError):
+        try:
+            values, memories = (code.call(_stacked, answers, part) for part in range(2))
+        except UserCodeError:
             raise self._unlike(value_text(answers[0]), memory) from None
-        if values.shape != (len(observation), N_ACTIONS) or memories.shape != memory.shape:
+        is_shaped = (values.shape, memories.shape) == ((len(observation), N_ACTIONS), memory.shape)
+        if not (is_shaped and np.isfinite(values).all() and np.isfinite(memories).all()):
             raise self._unlike(value_text(answers[0]), memory)
         return values, memories
 
     def _unlike(self, shown: str, memory: Floats) -> PolicyMismatchError:
-        wanted = f'{N_ACTIONS} values and {memory.shape[1]} numbers of memory'
+        wanted = f'{N_ACTIONS} finite values and {memory.shape[1]} finite numbers of memory'
         return PolicyMismatchError(f'network {self._name}: fly gives {shown}: must be {wanted}')
+
+
+def _stacked(answers: Sequence[Any], part: int) -> Floats:
+    """A part of each answer, one below the other."""
+    return np.array([answer[part] for answer in answers], dtype=np.float64)
 
 
 @cache

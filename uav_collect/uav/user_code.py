@@ -8,6 +8,8 @@ import sys
 from types import CodeType, FunctionType, MethodType
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
 from uav_collect import files
 from uav_collect.errors import in_one_line
 from uav_collect.kernels.stops import interrupts
@@ -64,6 +66,15 @@ def error_text(error: BaseException) -> str:
 def value_text(value: object) -> str:
     """A value in one line."""
     return _text_of(lambda: repr(value), _MAX_SHOWN) or f'a {kind_text(value)} without a repr'
+
+
+def numbers_of(answer: object) -> NDArray[np.float64] | None:
+    """What a user's code gave, as an array of numbers; None if it is none."""
+    try:
+        numbers: NDArray[np.float64] = _answer(np.array, answer, np.float64)
+        return numbers
+    except _RaisedError:
+        return None
 
 
 def kind_text(value: object) -> str:
