@@ -1,14 +1,17 @@
 """The command tune: every combination in a folder of its own, and which did best."""
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from random_policies import header, random_policy, VALIDATION
 from train_command import columns, said
 from uav_collect.__main__ import main
-from uav_collect.commands.tune import variants, varied
+from uav_collect.commands.tune import _compare, variants, varied
 from uav_collect.errors import TrainingRunError
-from uav_collect.training.run_record import read_run
+from uav_collect.training.run_record import read_run, VALIDATION_COLUMNS, VALIDATION_FILE
+from uav_collect.uav.policy_file import load_policy, save_policy
 
 pytest.importorskip('torch', reason='training needs torch')
 
@@ -28,12 +31,12 @@ def test_every_combination_is_trained_once_and_compared(
     assert all(read_run(run).is_done for run in runs.values())
     table = columns(tmp_path / 'tune.csv')
     assert {*table['label']} == {*runs}
-    best = [
-        max(map(float, columns(runs[it] / 'validation.csv')['efficiency_kbit_per_j']))
-        for it in table['label']
+    kept = [load_policy(runs[it] / 'policy.safetensors').header for it in table['label']]
+    assert [float(it) for it in table['efficiency_kbit_per_j']] == [
+        header.validation.efficiency_kbit_per_j for header in kept
     ]
-    assert [float(it) for it in table['efficiency_kbit_per_j']] == best
-    assert best == sorted(best, reverse=True)
+    ranks = [header.validation.rank for header in kept]
+    assert ranks == sorted(ranks, reverse=True)
     assert (tmp_path / 'tune.png').stat().st_size > 5_000
     before = [(run / 'run.json').stat().st_mtime_ns for run in runs.values()]
     assert main(asked) == 0  # there is nothing left to train
@@ -44,6 +47,30 @@ def test_every_combination_is_trained_once_and_compared(
     assert said(capsys).endswith(
         'trace0.5_s0: holds a run with other settings: choose another --output'
     )
+
+
+def test_who_leaves_data_behind_is_not_the_best_and_who_kept_no_policy_is_left_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    drawn: list[list[Path]] = []
+    monkeypatch.setattr(
+        'uav_collect.commands.training_session.draw_curve',
+        lambda folders, *_, **__: drawn.append(folders),
+    )
+    folders = {(label, 0): tmp_path / label for label in ('hasty', 'whole', 'diverged')}
+    for folder in folders.values():
+        folder.mkdir()
+    validation_columns = ','.join(VALIDATION_COLUMNS)
+    (tmp_path / 'diverged' / VALIDATION_FILE).write_text(f'{validation_columns}\n')
+    _compare(tmp_path, {('diverged', 0): tmp_path / 'diverged'})
+    assert 'no run has kept a policy' in capsys.readouterr().err
+    hasty = replace(VALIDATION, efficiency_kbit_per_j=9.0, complete_share=0.1)
+    for label, validation in (('hasty', hasty), ('whole', VALIDATION)):
+        policy = random_policy(header(hidden_size=1, validation=validation))
+        save_policy(tmp_path / label / 'policy.safetensors', policy)
+    _compare(tmp_path, folders)
+    assert columns(tmp_path / 'tune.csv')['label'] == ['whole', 'hasty']
+    assert drawn == [[tmp_path / 'hasty', tmp_path / 'whole']]
 
 
 def test_a_wrong_value_is_refused_before_anything_is_trained(

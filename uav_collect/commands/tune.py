@@ -5,14 +5,19 @@ from collections.abc import Sequence
 import copy
 from itertools import product
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TYPE_CHECKING
 
 from uav_collect import files
 from uav_collect.commands import options, train
+from uav_collect.commands.terminal import say
 from uav_collect.commands.training_plan import OWN_OPTIONS, plan_training
 from uav_collect.errors import TrainingRunError
 from uav_collect.limits import FAILED, is_name, NAME_ALLOWED
-from uav_collect.training.run_record import read_columns, read_run, RUN_FILE, VALIDATION_FILE
+from uav_collect.training.folder import BEST_POLICY
+from uav_collect.training.run_record import read_run, RUN_FILE
+
+if TYPE_CHECKING:  # loaded when training, so that --help answers at once
+    from uav_collect.uav.policy_header import Validation
 
 _DESCRIPTION = """
 Trains a policy with each combination of some values of a preset, each seed in a run folder of its
@@ -22,7 +27,7 @@ Given again, it goes on where it was interrupted.
 _MINUTES = 10.0
 _MAX_RUNS = 1000
 _TABLE, _PICTURE = 'tune.csv', 'tune.png'
-_MEASURES = ('efficiency_kbit_per_j', 'completion_s', 'complete_share')
+_COLUMNS = ('label', 'seed', 'efficiency_kbit_per_j', 'completion_s', 'complete_share')
 
 
 class Variant(NamedTuple):
@@ -33,13 +38,11 @@ class Variant(NamedTuple):
 
 
 class Achieved(NamedTuple):
-    """What a run achieved in its best validation."""
+    """What the policy that a run kept achieved in its validation."""
 
     label: str
     seed: int
-    efficiency_kbit_per_j: float
-    completion_s: float
-    complete_share: float
+    validation: 'Validation'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -161,20 +164,27 @@ def _compare(folder: Path, folders: dict[tuple[str, int], Path]) -> None:
     """Say what each variant achieved, best first, and keep it as a table and as curves."""
     from uav_collect.commands.training_session import draw_curve
 
-    there = {it: path for it, path in folders.items() if (path / VALIDATION_FILE).is_file()}
+    # One that diverged before its first validation has kept none.
+    there = {it: path for it, path in folders.items() if (path / BEST_POLICY).is_file()}
+    if not there:
+        say('no run has kept a policy: there is nothing to compare')
+        return
     achieved = [_achieved(*it, path) for it, path in there.items()]
-    achieved.sort(key=lambda it: -it.efficiency_kbit_per_j)
-    rows = [(each.label, each.seed, *each[2:]) for each in achieved]
-    files.write_result(folder / _TABLE, files.csv_of([Achieved._fields, *rows]))
+    achieved.sort(key=lambda it: it.validation.rank, reverse=True)
+    rows = [
+        (each.label, each.seed, *(getattr(each.validation, name) for name in _COLUMNS[2:]))
+        for each in achieved
+    ]
+    files.write_result(folder / _TABLE, files.csv_of([_COLUMNS, *rows]))
     _show(achieved)
     draw_curve([*there.values()], folder / _PICTURE, title='settings tried')
     print(f'{folder / _TABLE}\n{folder / _PICTURE}')
 
 
 def _achieved(label: str, seed: int, folder: Path) -> Achieved:
-    columns = read_columns(folder / VALIDATION_FILE, _MEASURES)
-    best = int(columns[_MEASURES[0]].argmax())
-    return Achieved(label, seed, *(float(columns[name][best]) for name in _MEASURES))
+    from uav_collect.uav.policy_file import load_policy
+
+    return Achieved(label, seed, load_policy(folder / BEST_POLICY).header.validation)
 
 
 def _show(achieved: Sequence[Achieved]) -> None:
@@ -189,8 +199,9 @@ def _show(achieved: Sequence[Achieved]) -> None:
     for heading in ('seed', 'kbit/J', 'time [s]', 'complete'):
         table.add_column(heading, justify='right', no_wrap=True)
     for each in achieved:
-        numbers = f'{each.efficiency_kbit_per_j:.3f}', f'{each.completion_s:.1f}'
-        table.add_row(Text(each.label), str(each.seed), *numbers, percent(each.complete_share))
+        found = each.validation
+        numbers = f'{found.efficiency_kbit_per_j:.3f}', f'{found.completion_s:.1f}'
+        table.add_row(Text(each.label), str(each.seed), *numbers, percent(found.complete_share))
     plain_console().print(table)
 
 
