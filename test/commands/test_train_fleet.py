@@ -16,7 +16,7 @@ from uav_collect.commands.ros_processes import ros_parameters
 from uav_collect.recording.bag_reader import read_missions
 from uav_collect.recording.bag_repair import repair
 from uav_collect.training.run_record import read_run
-from uav_collect.training.seeds import first_training_seed, next_training_seed, STARTS_FILE
+from uav_collect.training.seeds import first_training_seed
 from uav_collect.uav.policy_file import load_policy
 
 pytestmark = pytest.mark.long
@@ -163,33 +163,6 @@ def test_a_trainer_that_cannot_start_ends_all_with_its_reason(
     assert 'run.json' in command.output
     assert 'Traceback' not in command.output
     assert processes.survivors() == []
-
-
-def test_no_two_worlds_runs_or_starts_fly_the_same_missions() -> None:
-    firsts = [
-        first_training_seed(run, world, start)
-        for run in (0, 1, 2**28 - 1)
-        for world in (0, 15)
-        for start in (1, 2, 255)
-    ]
-    assert len({*firsts}) == len(firsts)
-    gaps = [
-        later - first for first, later in zip(sorted(firsts), sorted(firsts)[1:], strict=False)
-    ]
-    assert min(gaps) >= 2**20
-    assert max(firsts) < 2**62
-
-
-def test_each_start_of_a_world_has_missions_of_its_own_written_down_in_the_run(
-    tmp_path: Path,
-) -> None:
-    run = tmp_path / 'run'
-    seeds = [next_training_seed(run, 3, world) for world in (0, 1, 0, 0, 11, 1)]
-    starts = [(0, 0), (1, 0), (0, 1), (0, 2), (11, 0), (1, 1)]
-    assert seeds == [first_training_seed(3, world, start) for world, start in starts]
-    rows = (run / STARTS_FILE).read_text().splitlines()
-    assert rows[0] == 'world,first_seed'
-    assert [int(row.split(',')[1]) for row in rows[1:]] == seeds
 
 
 def test_texts_stay_texts_as_ros_parameters() -> None:

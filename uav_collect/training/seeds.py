@@ -1,6 +1,5 @@
 """The mission seeds of trainings: ranges that users do not evaluate on by chance."""
 
-from contextlib import suppress
 from pathlib import Path
 
 from uav_collect import files
@@ -40,12 +39,6 @@ def first_seed_of_part(run_seed: int, part: int) -> int:
     return _FIRST_SEED + run_seed % _N_RUNS * _SEEDS_PER_RUN + part % _N_PARTS * _SEEDS_PER_START
 
 
-def _read(path: Path) -> str:
-    with suppress(FileNotFoundError):
-        return files.read_bounded(path, _MOST_BYTES).decode()
-    return ''
-
-
 def next_training_seed(folder: Path, run_seed: int, world: int) -> int:
     """Seed of the first mission of a world that is to start, for the first time or again.
 
@@ -58,10 +51,10 @@ def next_training_seed(folder: Path, run_seed: int, world: int) -> int:
 
     Raises:
         OSError: naming what cannot be read or written.
-        TrainingRunError: the world was started too often.
+        TrainingRunError: the world was started too often, or the starts cannot be told.
     """
     path = folder / STARTS_FILE
-    lines = _read(path).splitlines()[1:]
+    lines = _starts(path)
     n_starts = sum(line.startswith(f'{world},') for line in lines)
     if n_starts >= _N_STARTS:
         raise TrainingRunError(
@@ -73,3 +66,14 @@ def next_training_seed(folder: Path, run_seed: int, world: int) -> int:
     folder.mkdir(parents=True, exist_ok=True)
     files.write_atomically(path, files.csv_of([_COLUMNS, *rows, (world, seed)]))
     return seed
+
+
+def _starts(path: Path) -> list[str]:
+    """The rows of a file of starts; none where there is no such file."""
+    try:
+        return files.read_bounded(path, _MOST_BYTES).decode().splitlines()[1:]
+    except FileNotFoundError:
+        return []
+    except UnicodeDecodeError as error:
+        what = 'is no text: no one can tell which missions were flown: begin another run'
+        raise TrainingRunError(f'{path}: {what}') from error
