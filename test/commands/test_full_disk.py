@@ -1,11 +1,15 @@
 """Commands on a disk that is full: what was found is shown, what was there stays."""
 
+from argparse import Namespace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 from full_disk import no_file_beyond
 import pytest
 from tiny_world import tiny
 from uav_collect.__main__ import main
+from uav_collect.commands import mission, train_fleet
 
 COMMANDS = {
     'evaluate': (('--policy', 'sweep', '--missions', '2'), 'sweep'),
@@ -35,3 +39,23 @@ def test_figures_that_no_disk_takes_are_shown_all_the_same(
     shown = capsys.readouterr()
     assert shown.err.splitlines()[-1].startswith('error: /dev/full: No space left on device')
     assert figures in shown.out
+
+
+@pytest.mark.parametrize(
+    'begin',
+    [
+        partial(mission._fly, policy='sweep', why='', own={}),
+        partial(train_fleet._start, said=Path(), allocator='exact', max_decisions=9),
+    ],
+    ids=['mission', 'train-fleet'],
+)
+def test_a_scenario_that_no_disk_takes_is_named_before_any_node_starts(
+    begin: Any,  # noqa: ANN401
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with no_file_beyond(60), pytest.raises(OSError, match='File too large') as refused:
+        begin(fleet=None, folder=tmp_path, scenario=tiny(), arguments=Namespace())
+    assert Path(refused.value.filename).name == 'scenario.yaml'
+    assert [*tmp_path.iterdir()] == []

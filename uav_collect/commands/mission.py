@@ -11,6 +11,7 @@ import time
 from typing import TYPE_CHECKING
 import uuid
 
+from uav_collect import files
 from uav_collect.commands import options, report
 from uav_collect.commands.choice_process import ChoiceRequest, started_choice
 from uav_collect.commands.live_page import live_page
@@ -259,7 +260,7 @@ def _fly(
 ) -> str:
     """Fly the mission; what its recording lacks, in words, or nothing."""
     scenario_file = folder / SCENARIO_FILE
-    scenario_file.write_text(scenario.to_yaml(), encoding='utf-8')
+    files.write_atomically(scenario_file, scenario.to_yaml().encode())
     recorder = fleet.start(
         'recorder',
         _RECORDER,

@@ -9,11 +9,12 @@ import string
 import time
 from typing import TYPE_CHECKING
 
+from uav_collect import files
 from uav_collect.commands import options
 from uav_collect.commands.ros_processes import check_ros, Fleet, ros_parameters, running_fleet
 from uav_collect.commands.terminal import say
 from uav_collect.errors import FleetError
-from uav_collect.limits import FLEET_ALGORITHMS, INTERRUPTED, RECORDED
+from uav_collect.limits import FAILED, FLEET_ALGORITHMS, INTERRUPTED, RECORDED
 from uav_collect.recording.mission_folder import SCENARIO_FILE
 from uav_collect.training.seeds import next_training_seed
 
@@ -111,7 +112,7 @@ def run(arguments: argparse.Namespace) -> int:
         return INTERRUPTED
     except FleetError as error:
         say(f'error: {error}')
-        return 1
+        return FAILED
     say(f'learned; the policy is in {folder}')
     return 0
 
@@ -126,10 +127,10 @@ def _start(
     allocator: str,
     max_decisions: int,
 ) -> None:
-    scenario_file = said / SCENARIO_FILE
-    scenario_file.write_text(scenario.to_yaml(), encoding='utf-8')
+    scenario_file, text = said / SCENARIO_FILE, scenario.to_yaml().encode()
+    files.write_atomically(scenario_file, text)
     if not (folder / SCENARIO_FILE).exists():  # shows the trainer that the folder is for a run
-        (folder / SCENARIO_FILE).write_text(scenario.to_yaml(), encoding='utf-8')
+        files.write_atomically(folder / SCENARIO_FILE, text)
     names = world_names(arguments.worlds)
     for number, name in enumerate(names):
         named, suffix = (['--world', name], f'_{name}') if name else ([], '')
