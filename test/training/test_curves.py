@@ -261,6 +261,15 @@ def test_the_deviation_of_one_seed_is_an_empty_cell(two_seeds: tuple[Path, Path]
     assert first == 'AQMIX,1,0,0.0,'
 
 
+def test_a_picture_and_a_table_are_not_written_over_each_other(
+    two_seeds: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    both = ['--output', str(tmp_path / 'it'), '--csv', str(tmp_path / 'it')]
+    assert main(['curves', *map(str, two_seeds), *both]) == 2
+    assert 'is given for two files' in capsys.readouterr().err
+    assert not (tmp_path / 'it').exists()
+
+
 def without(folder: Path, name: str) -> Path:
     (folder / name).unlink()
     return folder

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from uav_collect import files
+from uav_collect.commands import options
 from uav_collect.errors import TrainingRunError
 from uav_collect.training.run_record import CURVE_AXES, CURVE_MEASURES, CurveAxis, CurveMeasure
 
@@ -67,8 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Draw the curves; returns the exit status."""
     from uav_collect.training.curves import learning_curves
 
-    for path in filter(None, (arguments.output, arguments.csv)):
-        files.check_writable(path)
+    options.check_outputs(arguments.output, arguments.csv)
     measure = next(measure for measure in CURVE_MEASURES if measure.key == arguments.measure)
     axis = next(axis for axis in CURVE_AXES if axis.key == arguments.over)
     curves = learning_curves(arguments.runs or _all_runs(), measure, axis)
