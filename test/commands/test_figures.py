@@ -355,6 +355,16 @@ def test_the_list_names_every_study_and_does_nothing(
     assert not (tmp_path / 'o').exists()
 
 
+def test_results_that_could_not_be_written_are_refused_before_any_work(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, results = tmp_path / 'o', tmp_path / 'nowhere' / 'results.md'
+    options = ['--scale', 'smoke', '--output', str(folder), '--results', str(results)]
+    assert main(['figures', *options]) == 2
+    assert capsys.readouterr().err == f'error: {results}: No such file or directory\n'
+    assert not folder.exists()
+
+
 def test_an_unknown_study_is_refused_in_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(['figures', '--only', 'densities', '--list']) == 2
     error = capsys.readouterr().err

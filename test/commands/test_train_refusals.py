@@ -252,7 +252,7 @@ def test_what_a_checkpoint_holds_is_put_back_where_it_is_missing(
 def test_training_without_torch_says_how_to_get_it(
     command: str, target: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr('importlib.util.find_spec', lambda name: None)
+    monkeypatch.setattr('uav_collect.commands.options.is_there', lambda name: False)
     assert main([command]) == 2
     line = said(capsys)
     assert line.startswith(f'error: {command} needs torch and tensorboard: "{target}" in a clone')

@@ -21,6 +21,7 @@ from uav_collect.config.packages import (
 )
 from uav_collect.errors import NodeError
 from uav_collect.kernels.compile import cache_folder, kernels_are_cached, kernels_are_compiled
+from uav_collect.limits import FAILED
 from uav_collect.lockstep.seals import KEY_FILE, read_secret
 
 _DESCRIPTION = """
@@ -74,7 +75,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(f'problem: {finding.topic}: {finding.problem}')
     if not problems:
         print('a mission can fly')
-    return 1 if problems else 0
+    return FAILED if problems else 0
 
 
 def examine(environment: Mapping[str, str], *, is_on_board: bool = False) -> Iterator[Finding]:

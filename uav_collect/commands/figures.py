@@ -2,7 +2,6 @@
 
 import argparse
 from collections.abc import Mapping
-import importlib.util
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,9 +9,10 @@ from typing import TYPE_CHECKING
 from uav_collect import files
 from uav_collect.commands import options
 from uav_collect.commands.terminal import deferred_interruption, Interruption, say
-from uav_collect.config.packages import extra_remedy
+from uav_collect.config.packages import extra_remedy, is_there
 from uav_collect.errors import TrainingRunError
 from uav_collect.kernels.patience import waiting_for
+from uav_collect.limits import FAILED
 
 if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
     from uav_collect.commands.figures_plan import FiguresPlan
@@ -27,7 +27,6 @@ missions and clairvoyant plans that it takes are started, gone on with or found:
 by what they depend on, so a second call does only what is missing, one that was stopped goes on
 where it was, and one that was killed from the last checkpoint.
 """
-FAILED = 1  # exit status
 _MAX_WORKERS = 4096
 
 
@@ -84,7 +83,7 @@ def _add_engine_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         '--checkpoint-minutes',
-        type=_minutes,
+        type=options.number_from(0.0, 1e6, 'min'),
         default=5.0,
         metavar='M',
         help='how often trainings are saved: so much is lost when one is killed'
@@ -94,6 +93,8 @@ def _add_engine_options(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Do the jobs that are missing, then draw the figures; returns the exit status."""
+    if not (arguments.list or arguments.dry_run):
+        options.check_outputs(arguments.results)  # rather than hours later
     with waiting_for('the studies to load'):
         from uav_collect.commands.figures_plan import plan_figures
 
@@ -152,7 +153,7 @@ def _exit_status(plan: 'FiguresPlan', jobs: 'JobsStatus', interruption: Interrup
 def _engine(arguments: argparse.Namespace) -> 'JobEngine':
     match arguments.engine:
         case 'ray':
-            if not importlib.util.find_spec('ray'):
+            if not is_there('ray'):
                 raise TrainingRunError(
                     '--engine ray needs ray: ' + extra_remedy('cluster', 'make figures ENGINE=ray')
                 )
@@ -216,14 +217,3 @@ class _Drawn:
         lacking = [name for name in self._plan.studies if name not in self._names]
         if lacking:
             say(f'not drawn, as jobs are missing: {", ".join(lacking)}')
-
-
-def _minutes(text: str) -> float:
-    """A type for argparse: a time in minutes."""
-    try:
-        minutes = float(text)
-    except ValueError:
-        minutes = -1.0
-    if not 0 <= minutes < 1e6:
-        raise argparse.ArgumentTypeError(f'{text!r} must be a number of minutes, 0 or more')
-    return minutes

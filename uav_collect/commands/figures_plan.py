@@ -5,13 +5,12 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-import importlib.util
 import os
 from pathlib import Path
 import shutil
 
 from uav_collect.commands.terminal import say
-from uav_collect.config.packages import extra_remedy
+from uav_collect.config.packages import extra_remedy, is_there
 from uav_collect.errors import ConfigError, TrainingRunError
 from uav_collect.kernels.patience import waiting_for
 from uav_collect.scenario.load import from_yaml
@@ -183,7 +182,7 @@ def _names(asked: list[str] | None) -> tuple[str, ...]:
 
 def _check_torch(missing: Iterable[Job]) -> None:
     trains = any(isinstance(job, TrainingJob) for job in missing)
-    if trains and not importlib.util.find_spec('torch'):
+    if trains and not is_there('torch'):
         raise TrainingRunError(
             f'figures needs torch for what is missing: {extra_remedy("train", "make figures")}'
         )
@@ -205,7 +204,7 @@ def _rates(
         return known
     if first is None or not measures or scale.measured_s == 0.0:
         return GUESSED_RATES
-    if not importlib.util.find_spec('torch'):
+    if not is_there('torch'):
         return GUESSED_RATES
     say(f'measuring what a decision takes: {scale.measured_s:.0f} s')
     with waiting_for('torch to load'):

@@ -2,14 +2,13 @@
 
 import argparse
 from collections.abc import Callable, Sequence
-import importlib.util
 import math
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from uav_collect import files
-from uav_collect.config.packages import extra_remedy
+from uav_collect.config.packages import extra_remedy, is_there
 from uav_collect.errors import ConfigError, TrainingRunError
 from uav_collect.limits import (
     ALLOCATOR_NAMES,
@@ -326,7 +325,7 @@ def check_torch(command: str, target: str = 'train') -> None:
     Raises:
         TrainingRunError: naming what is missing.
     """
-    missing = [name for name in ('torch', 'tensorboard') if not importlib.util.find_spec(name)]
+    missing = [name for name in ('torch', 'tensorboard') if not is_there(name)]
     if missing:
         raise TrainingRunError(
             f'{command} needs {" and ".join(missing)}: {extra_remedy("train", f"make {target}")}'
