@@ -12,7 +12,7 @@ from typing import Any
 from fuzzing import check_outcome, fuzzed, run_command
 from hypothesis import strategies as st
 import pytest
-from uav_collect.__main__ import command_named
+from uav_collect.__main__ import command_named, SUMMARIES
 
 # What no command can do anything with, and so does nothing else.
 IMPOSSIBLE = {
@@ -20,6 +20,8 @@ IMPOSSIBLE = {
     'mission': ['--scenario=no.yaml'],
     'evaluate': ['--scenario=no.yaml'],
     'train': ['--scenario=no.yaml'],
+    'tune': ['--scenario=no.yaml', '--vary=target.trace=0.5,0.7'],
+    'refine': ['--scenario=no.yaml'],
     'train-fleet': ['--scenario=no.yaml'],
     'size': ['--scenario=no.yaml'],
     'bound': ['--scenario=no.yaml'],
@@ -29,6 +31,7 @@ IMPOSSIBLE = {
     'export': ['no_such_log', '--to=csv'],
     'verify': ['no_such_bag'],
 }
+TAKE_NOTHING = {'list', 'messages', 'doctor'}
 TEXTS = st.text(st.characters(exclude_categories=['Cs'], exclude_characters='\x00/'), max_size=12)
 NUMBERS = st.one_of(
     st.integers(-3, 100).map(str),
@@ -81,6 +84,10 @@ def arguments(draw: st.DrawFn, command: str) -> list[str]:
         words += [*option.option_strings[:1], *values]
     place = draw(st.sampled_from([0, len(words)]))
     return [*words[:place], *IMPOSSIBLE[command], *words[place:]]
+
+
+def test_every_command_that_takes_anything_is_tried() -> None:
+    assert {*IMPOSSIBLE} == {*SUMMARIES} - TAKE_NOTHING
 
 
 @pytest.mark.parametrize('command', IMPOSSIBLE)
