@@ -14,7 +14,7 @@ from typing import Any, TYPE_CHECKING
 from uav_collect.errors import PolicyMismatchError
 from uav_collect.kernels.patience import waiting_for
 from uav_collect.limits import GUARD_AFTER, MAX_GUARD_AFTER, MAX_SEED
-from uav_collect.missions.small_jobs import choose_kernels
+from uav_collect.missions.small_jobs import choose_kernels, FLIGHTS_OF_A_PLAN
 from uav_collect.scenario.load import load
 from uav_collect.scenario.model import Scenario
 
@@ -31,7 +31,6 @@ AnyScenario = Scenario | str | Path
 AnyPolicy = str | Callable[..., Any]
 
 _AT_ONCE = 250  # missions whose logs are held in memory
-_FLIGHTS_OF_A_PLAN = 20  # that take as long as interpreted kernels plan for a mission
 _CANDIDATES = 6  # that are there for any scenario, more or less
 
 
@@ -178,7 +177,7 @@ def bound(scenario: AnyScenario, *, seed: int = 0, bandwidth: str = 'exact') -> 
     """
     _check_range('seed', seed, 0, MAX_SEED)
     loaded = _loaded(scenario)
-    choose_kernels(_FLIGHTS_OF_A_PLAN, loaded.n_cells)
+    choose_kernels(FLIGHTS_OF_A_PLAN, loaded.n_cells)
     from uav_collect.planning.bound import bound_of
     from uav_collect.scenario.site import build_site
     from uav_collect.uav.agent import allocator_named

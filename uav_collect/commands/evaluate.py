@@ -14,7 +14,7 @@ from uav_collect import files
 from uav_collect.commands import options, terminal
 from uav_collect.errors import PolicyMismatchError
 from uav_collect.limits import BEST, INTERRUPTED, UNUSABLE
-from uav_collect.missions.small_jobs import choose_kernels
+from uav_collect.missions.small_jobs import choose_kernels, FLIGHTS_OF_A_PLAN
 
 if TYPE_CHECKING:  # loaded when flying, so that --help answers at once
     from uav_collect.analysis.metrics import MissionMetrics
@@ -31,7 +31,6 @@ UAVs landed with their energy margin; and, of each UAV, energy and time of landi
 The missions' seeds are SEED, SEED + 1, ...; the first is the one that "mission --seed SEED" flies.
 """
 _MAX_MISSIONS = 100_000  # their figures are kept
-_FLIGHTS_OF_A_PLAN = 20  # that take as long as interpreted kernels plan for a mission
 _AT_ONCE = 50  # missions flown between two looks at Ctrl-C
 
 
@@ -102,7 +101,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Fly the missions and evaluate the policies; returns the exit status."""
     options.check_candidates(arguments, arguments.policy)
     scenario = options.scenario_of(arguments)
-    of_each = len(arguments.policy) + (_FLIGHTS_OF_A_PLAN if arguments.bound else 0)
+    of_each = len(arguments.policy) + (FLIGHTS_OF_A_PLAN if arguments.bound else 0)
     names = [*arguments.policy, *arguments.candidates.split(',')]
     n_flights = arguments.missions * len(arguments.bandwidth) * of_each
     choose_kernels(n_flights, scenario.n_cells, names)

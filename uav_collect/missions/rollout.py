@@ -52,8 +52,8 @@ def fly(
             for seed in mission_seeds
         ]
     config = _config(allocator, guard_after, is_logged=True)
-    env = _flown(site, mission_seeds, make_policy, config, between_decisions)
-    return env.mission_logs(make_policy().name)
+    env, name = _flown(site, mission_seeds, make_policy, config, between_decisions)
+    return env.mission_logs(name)
 
 
 def fly_for_metrics(
@@ -73,7 +73,8 @@ def fly_for_metrics(
     """
     make_policy = _maker(policy, site.scenario)
     config = _config(allocator, guard_after, is_logged=False)
-    return _flown(site, mission_seeds, make_policy, config).metrics()
+    env, _ = _flown(site, mission_seeds, make_policy, config)
+    return env.metrics()
 
 
 def _config(allocator: str, guard_after: int, *, is_logged: bool) -> VectorEnvConfig:
@@ -92,8 +93,8 @@ def _flown(
     make_policy: Callable[[], Policy],
     config: VectorEnvConfig,
     between_decisions: Callable[[], None] | None = None,
-) -> VectorEnv:
-    """Missions flown to their end.
+) -> tuple[VectorEnv, str]:
+    """Missions flown to their end, and the name of the policy that flew them.
 
     Args:
         config: without layout and rule; its guard is one for policies that need one.
@@ -104,15 +105,15 @@ def _flown(
     config = replace(config, guard_after=guard_for(pilot, config.guard_after, briefing))
     rule = rule_of(pilot, briefing)
     if rule is not None:
-        return VectorEnv(site, mission_seeds, replace(config, rule=rule))
+        return VectorEnv(site, mission_seeds, replace(config, rule=rule)), pilot.name
     if isinstance(pilot, LearnedPolicy):
         layout = pilot.frozen.header.layout
         env = VectorEnv(site, mission_seeds, replace(config, layout=layout))
         env.fly_by_network(pilot.frozen, between_decisions)
-        return env
+        return env, pilot.name
     env = VectorEnv(site, mission_seeds, config)
     env.fly_by_policies(make_policy)
-    return env
+    return env, pilot.name
 
 
 def _maker(policy: str | Callable[[], Policy], scenario: Scenario) -> Callable[[], Policy]:

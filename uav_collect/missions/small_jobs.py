@@ -9,6 +9,7 @@ from uav_collect.kernels.compile import interpret_unless_cached, kernels_were_le
 from uav_collect.kernels.patience import say
 from uav_collect.limits import is_lookahead_name
 
+FLIGHTS_OF_A_PLAN = 20  # that take as long as interpreted kernels plan for a mission
 # Missions times cells. Interpreted kernels take .13 ms for each by a rule and .3 ms by a network:
 # less than it takes to compile them.
 _MOST_MISSION_CELLS = 100_000

@@ -30,7 +30,12 @@ from uav_collect.recording.mcap_records import (
     unpacked_message,
     ZSTD_MAGIC,
 )
-from uav_collect.recording.mission_folder import bag_files, BAG_SUFFIXES, METADATA_FILE
+from uav_collect.recording.mission_folder import (
+    bag_files,
+    BAG_SUFFIXES,
+    METADATA_FILE,
+    PACKED,
+)
 
 _TOP = 'rosbag2_bagfile_information'
 _LIBRARY = 'rosbags'  # writes into the file what it writes into metadata.yaml
@@ -242,7 +247,7 @@ def _opened(path: Path, closing: ExitStack) -> Bag:
 def _open_file(bag: Bag, file: Path, closing: ExitStack) -> McapFile | None:
     """Open a file of a bag; what an MCAP file says of itself."""
     name = file.name
-    if name.endswith('.zstd'):
+    if name.endswith(PACKED):
         file = _unpacked_file(file, closing)
     with files.open_file(file) as (content, _):
         begin = content.read(len(_SQLITE_MAGIC))
@@ -286,7 +291,7 @@ def _listed_files(folder: Path, metadata: dict[str, Any]) -> tuple[list[Path], l
 
 def _name_there(folder: Path, name: str) -> str:
     """What a file of a bag is called now: it may have been packed since its bag was recorded."""
-    packed = f'{name}.zstd'
+    packed = f'{name}{PACKED}'
     return packed if not (folder / name).exists() and (folder / packed).exists() else name
 
 
@@ -336,7 +341,7 @@ def _unpacked_file(file: Path, closing: ExitStack) -> Path:
     Raises:
         BagError: it is none, or becomes larger than any bag.
     """
-    target = Path(closing.enter_context(TemporaryDirectory())) / file.name.removesuffix('.zstd')
+    target = Path(closing.enter_context(TemporaryDirectory())) / file.name.removesuffix(PACKED)
     with files.open_file(file) as (packed, n_byte), target.open('wb') as unpacked:
         most_byte = _MOST_TIMES * n_byte + MOST_RECORD_BYTE
         try:

@@ -84,19 +84,17 @@ class McapFile:
     n_messages: int = 0
     parts: list[_Part] = field(default_factory=list)
 
-    def messages(
-        self, channels: Collection[int] | None = None
-    ) -> Iterator[tuple[int, int, bytes]]:
+    def messages(self, channels: Collection[int]) -> Iterator[tuple[int, int, bytes]]:
         """Channel, log time and content of messages, by time; those of one time as they lie.
 
         Args:
-            channels: of which to give messages; None: of all that are known.
+            channels: of which to give messages.
 
         Raises:
             BagError: the file is not any more what it was when it was read first.
             OSError: the file cannot be read any more.
         """
-        wanted = {*(self.channels if channels is None else channels)}
+        wanted = {*channels}
         with files.open_file(self.path) as (file, _):
             parts = [
                 self._sorted_messages(file, part, wanted)

@@ -11,7 +11,8 @@ from uav_collect.recording.origin import ORIGIN_FILE, origin_text
 
 SCENARIO_FILE = 'scenario.yaml'  # resolved
 METADATA_FILE = 'metadata.yaml'  # of a bag
-BAG_SUFFIXES = ('.mcap', '.db3', '.mcap.zstd', '.db3.zstd')
+PACKED = '.zstd'  # behind the name of a file that was packed as a whole
+BAG_SUFFIXES = ('.mcap', '.db3', f'.mcap{PACKED}', f'.db3{PACKED}')
 
 
 def log_name(mission_seed: int, index: int | None = None) -> str:

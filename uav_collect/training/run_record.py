@@ -115,7 +115,7 @@ class RunRecord:
     """What was trained: everything in which one run differs from another."""
 
     training: str  # for people, and how the folders of its seeds begin
-    algorithm: str  # aqmix, qmix, aiql or module:Name
+    algorithm: str  # one of limits.ALGORITHMS, or module:Name
     scenario: str  # names of the scenarios, each once
     n_uavs: tuple[int, ...]  # of each scenario
     scenario_fingerprint: str  # of each scenario
@@ -278,7 +278,7 @@ def read_rows(path: Path, columns: tuple[str, ...]) -> list[list[str]]:
         text = content.decode()
     except UnicodeDecodeError as error:
         raise TrainingRunError(f'{path}: is no text: delete it to go on without') from error
-    lines = [line for line in text.split('\n')[:-1]]
+    lines = text.split('\n')[:-1]
     header = tuple(lines[0].split(',')) if lines else columns
     missing = columns[len(header) :]
     if header + missing != columns or not set(missing) <= set(_NEW_COLUMNS):

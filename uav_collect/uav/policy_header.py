@@ -71,7 +71,7 @@ class PolicyHeader:
     scenario: str  # that it learned in
     fingerprint: str  # of that scenario
     preset: str  # of the training
-    algorithm: str  # aqmix, qmix, aiql or module:name
+    algorithm: str  # one of limits.ALGORITHMS, or module:Name
     seed: int  # of the training
     decisions: int  # learned from
     updates: int  # of the weights
