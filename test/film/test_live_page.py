@@ -81,3 +81,14 @@ def test_a_page_that_only_looks_goes_on_with_a_viewer_that_comes_again(
             assert shown.page.locator('#sensors .go').count() == n_read
             noted = shown.page.locator('#notes').inner_text()
             assert noted == 'the mission was given up: <b>by</b> request'
+
+
+def test_a_page_that_has_not_heard_of_its_viewer_yet_misses_none(
+    opening_and_events: tuple[dict[str, Any], list[Any]],
+) -> None:
+    opening, _ = opening_and_events
+    with launched_browser() as browser, closing(serve(0, opening, [])) as server:
+        shown = Watched(browser)
+        shown.page.route_web_socket('**/live**', lambda _: None)  # nobody answers
+        shown.page.goto(server.url, wait_until='commit')
+        shown.wait_until("live.status.textContent === 'Connecting to the viewer.'")

@@ -92,6 +92,7 @@ class Live {
     this.updates = []; // that are not taken in yet
     this.state = {};
     this.isHeard = false;
+    this.wasHeard = false; // once at least
     this.build();
     this.listen();
     if (this.player) {
@@ -150,7 +151,7 @@ class Live {
   }
 
   hear({ state, said, mission, updates = [] }) {
-    this.isHeard = true;
+    this.isHeard = this.wasHeard = true;
     if (state) this.state = state;
     if (said) this.said.textContent = said;
     if (mission) this.next = mission;
@@ -197,6 +198,7 @@ class Live {
   }
 
   statusText() {
+    if (!this.wasHeard) return 'Connecting to the viewer.';
     if (!this.isHeard) return 'The viewer is gone; looking for it.';
     if (!this.player) return this.state.world ? 'Waiting for a mission.' : 'Waiting for a world.';
     const world = this.state.world ? '.' : '; the world is gone.';
