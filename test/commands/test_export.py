@@ -134,7 +134,10 @@ def test_a_mission_that_was_cut_short_is_handed_on_with_a_warning(
     log = run_folder / 'mission_0.jsonl'
     log.write_text(''.join(log.read_text().splitlines(keepends=True)[:5]))
     assert main(['export', str(run_folder), '--to', 'mavlink']) == 0
-    assert f'warning: {STEM}: not all of the mission was recorded' in capsys.readouterr().err
+    assert (
+        f'warning: {STEM}: the mission was given up, not all of it was recorded'
+        in capsys.readouterr().err
+    )
 
 
 def test_a_fleet_that_stays_on_the_ground_has_nothing_to_hand_on(

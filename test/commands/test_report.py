@@ -11,7 +11,7 @@ import shutil
 import subprocess
 import sys
 
-from bags import HandMadeBag
+from bags import ABORTED, HandMadeBag, STARTED
 import numpy as np
 from processes import complaints
 import pytest
@@ -239,7 +239,7 @@ def test_report_of_a_recording_with_a_gap_says_so(
     recording = Recording(missions=[flown], damages=[])
     monkeypatch.setattr(bag_reader, 'read_recording', lambda _: recording)
     assert main(['report', str(tmp_path)]) == 0
-    assert 'warning: not all of the mission was recorded' in capsys.readouterr().out
+    assert 'warning: the mission was given up, not all of it' in capsys.readouterr().out
 
 
 def test_report_of_a_broken_bag_says_what_to_do(
@@ -314,7 +314,7 @@ def test_report_of_a_log_that_was_cut_off_shows_its_whole_lines(
     assert main(['report', str(path)]) == 0
     shown = capsys.readouterr().out
     assert 'paper_8x8, mission seed 4' in shown
-    assert 'warning: not all of the mission was recorded' in shown
+    assert 'warning: the mission was given up, not all of it' in shown
 
 
 @pytest.mark.parametrize(
@@ -350,7 +350,25 @@ def test_report_of_a_damaged_bag_names_the_damage_and_shows_what_is_whole(
     damage, advice = complaints(shown.err)
     assert damage.startswith(f'{tmp_path}/bag: bag.mcap: chunk ')
     assert advice == f'recorder --repair {tmp_path}/bag keeps what is whole'
-    assert 'warning: not all of the mission was recorded, or some of it is damaged' in shown.out
+    assert 'warning: the mission was given up, not all of it' in shown.out
+
+
+def test_report_of_a_mission_that_was_given_up_says_why_and_speaks_of_no_damage(
+    small: Scenario, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    site = build_site(small)
+    [log] = rollout.fly(site, [4], 'sweep')
+    cut_off = replace(log, events=log.events[:5])
+    bag = HandMadeBag(tmp_path / 'bag')
+    bag.add_scenario(site)
+    bag.add_mission(cut_off, 'world-0', phases=[STARTED])
+    bag.add('/world/mission', 'Mission', mission_id='world-0', phase=ABORTED, n_decisions=5,
+            note='cut off by max_decisions')  # fmt: skip
+    bag.writer.close()
+    assert main(['report', str(tmp_path / 'bag')]) == 0
+    shown = ' '.join(capsys.readouterr().out.split())
+    assert 'warning: its world gave the mission up: cut off by max_decisions;' in shown
+    assert 'damaged' not in shown
 
 
 def test_report_shows_the_bags_of_a_folder_that_can_be_read(

@@ -306,7 +306,7 @@ def test_a_mission_that_was_cut_off_shows_what_there_is(
     film = written(tmp_path, replace(mission, log=log, is_whole=False))
     show(screen, film)
     page = screen.page
-    assert 'Not all of the mission' in page.locator('#notes').inner_text()
+    assert 'not all of it was recorded' in page.locator('#notes').inner_text()
     page.keyboard.press('ArrowRight')
     page.keyboard.press('End')
     assert page.locator('article').count() == 2

@@ -165,6 +165,21 @@ def test_a_mission_that_did_not_end_is_incomplete(
     assert not mission.is_complete
 
 
+@pytest.mark.parametrize(('n_lacking', 'given_up'), [(0, 'the world was stopped'), (1, None)])
+def test_a_mission_that_its_world_gave_up_says_why_if_all_decisions_are_there(
+    tmp_path: Path, site: Site, flown: list[MissionLog], n_lacking: int, given_up: str | None
+) -> None:
+    bag = HandMadeBag(tmp_path / 'bag')
+    bag.add_scenario(site)
+    cut_off = replace(flown[0], events=flown[0].events[:5])
+    bag.add_mission(cut_off, 'first', phases=[STARTED])
+    figures = {'n_decisions': 5 + n_lacking, 'note': 'the world was stopped'}
+    bag.add('/world/mission', 'Mission', mission_id='first', phase=ABORTED, **figures)
+    bag.writer.close()
+    mission = read_one(tmp_path / 'bag')
+    assert (mission.is_complete, mission.given_up) == (False, given_up)
+
+
 def test_a_mission_whose_start_was_missed_is_known_by_its_end(
     tmp_path: Path, site: Site, flown: list[MissionLog]
 ) -> None:

@@ -31,6 +31,7 @@ class FlownMission:
     demand_bit: Floats  # (S,) at the start
     n_radio_messages: int | None = None  # None: a log does not tell
     is_whole: bool = True  # its end was recorded
+    given_up: str | None = None  # why its world did that, if it did
 
     @cached_property
     def metrics(self) -> MissionMetrics:
@@ -47,6 +48,15 @@ class FlownMission:
         """The ids of the sensors whose data were left behind."""
         left = np.flatnonzero(is_left(self.log, self.site, self.demand_bit)).tolist()
         return tuple(self.site.sensor_ids[sensor] for sensor in left)
+
+    @property
+    def lack(self) -> str | None:
+        """What the record of it lacks, for people; None where it has the mission's end."""
+        if self.is_whole:
+            return None
+        if self.given_up is not None:
+            return f'its world gave the mission up: {self.given_up or "it does not say why"}'
+        return 'the mission was given up, not all of it was recorded, or some of it is damaged'
 
     def draw(self, file: str | Path) -> None:
         """Draw who flew where into a PNG file; the same mission gives the same bytes.

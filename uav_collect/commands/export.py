@@ -109,11 +109,8 @@ def run(arguments: argparse.Namespace) -> int:
     reference = _reference(arguments.reference)
     contents: dict[Path, bytes] = {}
     for mission, stem in _sources(arguments):
-        if not mission.is_whole:
-            terminal.say(
-                f'warning: {stem}: not all of the mission was recorded, or some of it is'
-                ' damaged; its files hold what is whole'
-            )
+        if mission.lack:
+            terminal.say(f'warning: {stem}: {mission.lack}; its files hold what there is')
         with waiting_for('the files of a mission'):
             contents |= _files(arguments, mission, stem, reference)
     if not contents:

@@ -134,10 +134,9 @@ def show(mission: 'FlownMission', picture: Path, console: 'Console') -> bool:
     header, n_messages = mission.log.header, mission.n_radio_messages
     bound = mission_bound(header, mission.site)
     console.print(mission_tables(header, mission.metrics, n_messages, bound, mission.unread))
-    if not mission.is_whole:
-        what = 'warning: not all of the mission was recorded, or some of it is damaged;'
-        rest = ' these are the figures of what is whole'
-        console.print(what + rest, style='bold red')
+    if mission.lack:
+        text = f'warning: {mission.lack}; these are the figures of what there is'
+        console.print(text, style='bold red', markup=False, highlight=False)
     try:
         with waiting_for('the picture'):
             mission.draw(picture)
@@ -324,6 +323,7 @@ def _recorded(path: Path, pictures: Path) -> Iterator[tuple['FlownMission', Path
             demand_bit=recorded.demand_bit,
             n_radio_messages=recorded.n_radio_messages,
             is_whole=recorded.is_complete,
+            given_up=recorded.given_up,
         )
         seed, index = recorded.log.header.mission_seed, recorded.index
         again = f'_{index}' if seed in seeds else ''

@@ -6,8 +6,6 @@ from uav_collect.film.ghosts import ghosts_of
 from uav_collect.film.page import film_page
 from uav_collect.planning.bound import Bound
 
-_NOT_WHOLE = 'Not all of the mission was recorded, or some of it is damaged.'
-
 
 def mission_page(mission: FlownMission, bound: Bound | None) -> bytes:
     """The page of a mission, as HTML.
@@ -15,7 +13,7 @@ def mission_page(mission: FlownMission, bound: Bound | None) -> bytes:
     Args:
         bound: whose shortest plan flies beside it; None: no plan does.
     """
-    notes = [] if mission.is_whole else [_NOT_WHOLE]
+    notes = [f'The film ends early: {mission.lack}.'] if mission.lack else []
     ghosts = ghosts_of(mission.site, mission.log.header, bound)
     notes += [f'Not flown beside it: {problem}' for problem in ghosts.problems]
     values = footage(

@@ -10,12 +10,13 @@ from uav_collect.errors import BagError, ConfigError, in_one_line, MissionLogErr
 from uav_collect.kernels.arrays import Floats
 from uav_collect.recording.bag_messages import MessageReader, refuse_damages, repair_hint
 from uav_collect.recording.bag_storage import open_bag
-from uav_collect.recording.completeness import ENDED
+from uav_collect.recording.completeness import ABORTED, ENDED
 from uav_collect.recording.epochs import epoch_problem, faults_of, row_of
 from uav_collect.recording.log_model import EVENT_DTYPE, EVENT_NAMES
 from uav_collect.recording.mission_log import header_from_line, MissionHeader, MissionLog
 from uav_collect.scenario.load import from_yaml
 from uav_collect.scenario.site import build_site, Site
+from uav_collect.uav.action_codes import HOME
 
 # What topics end with: worlds may have a namespace.
 _SCENARIO = '/world/scenario'
@@ -23,7 +24,7 @@ _MISSION = '/world/mission'
 _EPOCH = '/world/epoch'
 _DELIVERED = '/radio_rx'
 _MOST_LINES = 20  # about what is damaged
-_MOST_CHARACTERS = 80  # of a mission's id that is shown
+_MOST_CHARACTERS = 80  # of a mission's id, and of a note, that are shown
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,6 +37,7 @@ class RecordedMission:
     n_radio_messages: int  # delivered between UAVs
     is_complete: bool  # ended, every event of it was recorded, and the bag is not damaged
     index: int = 0  # running number of the mission in its world
+    given_up: str | None = None  # why its world did that; every event up to then was recorded
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,6 +54,7 @@ class _Parts:
 
     start: Any = None  # the first Mission message
     phases: set[int] = field(default_factory=set)
+    aborted: Any = None  # the Mission message that says so
     epochs: dict[int, Any] = field(default_factory=dict)  # by event, the first of each
     contradicted: set[int] = field(
         default_factory=set
@@ -99,7 +102,9 @@ def _read(path: Path, *, is_strict: bool) -> Recording:
         except BagError as error:
             problems.append(f'mission {_name(parts.start.mission_id)}: {error}')
             continue
-        read.append(replace(mission, is_complete=False) if of_content else mission)
+        if of_content:
+            mission = replace(mission, is_complete=False, given_up=None)
+        read.append(mission)
     if is_strict and problems:
         raise BagError(f'{path}: {problems[0]}')
     if not read:
@@ -124,6 +129,8 @@ def _found_in(reader: MessageReader) -> tuple[dict[str, list[Any]], dict[str, _P
         if topic.endswith(_MISSION):
             parts.start = parts.start or message
             parts.phases.add(int(message.phase))
+            if message.phase == ABORTED:
+                parts.aborted = message
         elif topic.endswith(_EPOCH):
             first = parts.epochs.setdefault(int(message.event), message)
             if _said_in(first) != _said_in(message):
@@ -194,6 +201,7 @@ def _mission(parts: _Parts, site: Site, problems: list[str]) -> RecordedMission:
     if here != (len(header.uavs), header.n_rows, header.n_columns, header.cell_size_m):
         raise BagError('log_header: is of another scenario')
     epochs = _usable_epochs(parts, header, problems)
+    has_all = bool(epochs) and len(epochs) == epochs[-1].event + 1
     return RecordedMission(
         log=MissionLog(
             header=header,
@@ -204,11 +212,18 @@ def _mission(parts: _Parts, site: Site, problems: list[str]) -> RecordedMission:
         demand_bit=_demand_of(start, site),
         n_radio_messages=parts.n_radio_messages,
         index=int(start.index),
-        is_complete=ENDED in parts.phases
-        and bool(epochs)
-        and epochs[-1].terminal
-        and len(epochs) == epochs[-1].event + 1,
+        is_complete=ENDED in parts.phases and has_all and epochs[-1].terminal,
+        given_up=_why_given_up(parts, epochs) if has_all else None,
     )
+
+
+def _why_given_up(parts: _Parts, epochs: list[Any]) -> str | None:
+    """What a world says of why it gave a mission up, if it did and all decisions are here."""
+    aborted = parts.aborted
+    n_decisions = sum(epoch.action != HOME for epoch in epochs)
+    if aborted is None or ENDED in parts.phases or n_decisions != aborted.n_decisions:
+        return None
+    return in_one_line(aborted.note, _MOST_CHARACTERS)
 
 
 def _usable_epochs(parts: _Parts, header: MissionHeader, problems: list[str]) -> list[Any]:
