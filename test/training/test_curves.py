@@ -280,7 +280,9 @@ def test_all_runs_of_the_folder_for_runs_are_drawn_where_none_is_named(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert main(['curves']) == 2
-    assert capsys.readouterr().err.startswith('error: runs/train: has no runs of train')
+    assert capsys.readouterr().err.startswith(
+        'error: runs/train: has no runs of train: name run folders, as those in runs/train_fleet'
+    )
     for seed in range(2):
         write_run(tmp_path / 'runs' / 'train' / f's{seed}', {0: 0.1}, seed=seed)
     assert main(['curves', '--csv', 'curves.csv']) == 0

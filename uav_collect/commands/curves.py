@@ -15,9 +15,9 @@ if TYPE_CHECKING:  # loaded when drawing, so that --help answers at once
     from uav_collect.training.curves import LearningCurve
 
 _DESCRIPTION = """
-Reads the run folders of train and draws what their policies achieved in the validation missions
-while they learned. Runs that differ in nothing but their seed make one curve: the mean, and the
-standard deviation shaded around it.
+Reads the run folders of train or train-fleet and draws what their policies achieved in the
+validation missions while they learned. Runs that differ in nothing but their seed make one curve:
+the mean, and the standard deviation shaded around it.
 """
 
 
@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs='*',
         type=Path,
         metavar='RUN',
-        help='run folders of train (default: all of runs/train)',
+        help='run folders of train or train-fleet (default: all of runs/train)',
     )
     parser.add_argument(
         '--output',
@@ -88,11 +88,14 @@ def _all_runs() -> list[Path]:
     Raises:
         TrainingRunError: there are none.
     """
+    from uav_collect.commands.train_fleet import RUNS as FLEET_RUNS
     from uav_collect.commands.training_plan import RUNS
 
     runs = sorted(it for it in RUNS.glob('*') if it.is_dir())
     if not runs:
-        raise TrainingRunError(f'{RUNS}: has no runs of train: name run folders')
+        raise TrainingRunError(
+            f'{RUNS}: has no runs of train: name run folders, as those in {FLEET_RUNS}'
+        )
     return runs
 
 

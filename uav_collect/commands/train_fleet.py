@@ -29,7 +29,7 @@ goes on. What is killed is started again.
 """
 _PRESET = 'strong'
 _MINUTES = 60.0
-_RUNS = Path('runs', 'train_fleet')
+RUNS = Path('runs', 'train_fleet')
 MAX_WORLDS = 16
 _PROCESSES = 'processes'  # of a run folder: what they say
 _LOOK_S = 0.2
@@ -81,7 +81,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         metavar='FOLDER',
         help='run folder; one that holds the same run already is gone on with'
-        f' (default: {_RUNS}/SCENARIO_nUAVS_ALGORITHM_PRESET_sSEED)',
+        f' (default: {RUNS}/SCENARIO_nUAVS_ALGORITHM_PRESET_sSEED)',
     )
 
 
@@ -97,7 +97,7 @@ def run(arguments: argparse.Namespace) -> int:
     config = load_preset(arguments.preset, options.overrides_of(arguments.override))
     check_ros()
     trust([label.partition('@')[0] for label in config.code])
-    folder = arguments.output or _RUNS / (
+    folder = arguments.output or RUNS / (
         f'{scenario.name}_n{scenario.n_uavs}_{short_name(arguments.algorithm)}_{config.name}_s{arguments.seed}'
     )
     said = _new_folder(folder / _PROCESSES)
