@@ -351,11 +351,13 @@ def mission_msg(mission: MissionInFlight, world_instance: str, index: int, phase
 
 def mission_summary(message: Mission) -> str:
     """The end of a mission in one line."""
-    word = 'ended' if message.phase == Mission.ENDED else f'was aborted, {message.note},'
+    has_ended = message.phase == Mission.ENDED
+    word = 'ended' if has_ended else f'was aborted, {message.note},'
+    duration = f'{message.completion_s:.1f} s, ' if has_ended else ''
     return (
         f'mission {message.mission_id} {word} after {message.n_decisions} decisions: '
         f'{message.collected_bit / 1e6:.2f} of {message.total_bit / 1e6:.2f} Mbit, '
-        f'{message.energy_j / 1e3:.2f} kJ, {message.completion_s:.1f} s, '
+        f'{message.energy_j / 1e3:.2f} kJ, {duration}'
         f'{message.efficiency_bit_per_j / 1e3:.4f} kbit/J'
     )
 
