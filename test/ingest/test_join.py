@@ -217,6 +217,7 @@ def test_a_mission_that_lacks_a_message_is_dropped_whole_once_later_ones_were_jo
     found = joined(joiner, [*first, *later])
     assert [one.mission_id for one in found] == [f'world-{seed}' for seed in range(20, 29)]
     assert joiner.counts.dropped == {DropReason.MISSING: 1}
+    assert joiner.counts.missions_text == '9 missions joined, 1 dropped: 1 incomplete'
     assert joiner.n_waiting == 0
     assert joiner.counts.n_missing == (kind is TransitionReport)  # nothing follows the event
     assert joiner.counts.reports[ReportOutcome.DROPPED] == needed(first)

@@ -117,12 +117,19 @@ def test_it_hands_out_missions_until_there_are_as_many_decisions_as_were_asked_f
 
 def test_it_waits_for_missions_that_another_thread_adds() -> None:
     source, missions = FleetSource(brief(SETUP.scenario), 10**9), episodes(range(10))
-    adding = Thread(target=deque, args=(map(source.add, missions), 0))
+    assert not source.is_awaited
+
+    def add() -> None:
+        while not source.is_awaited:
+            pass
+        deque(map(source.add, missions), 0)
+
+    adding = Thread(target=add)
     adding.start()
     taken = source.collect(agent(), n_made([it.episode for it in missions]), 0.5)
     adding.join()
     assert len(taken) == 10
-    assert not source.is_over
+    assert not (source.is_over or source.is_awaited)
 
 
 def test_it_is_over_when_no_more_come_and_what_is_there_is_too_little() -> None:

@@ -3,6 +3,7 @@
 import json
 import os
 from pathlib import Path
+import re
 import signal
 import sys
 
@@ -60,4 +61,4 @@ def test_no_mission_is_wrong_that_a_channel_has_thinned_doubled_and_mixed(
     n_flown = max(seeds) + 1 - SEED
     assert len(seeds) < n_flown
     assert min(done['dropped'], done['doubled'], done['held']) > n_decisions / 10
-    assert ', 0 refused, 0 failsafe, 0 foreign' in learner.output
+    assert not re.search(r'\d (?:refused|by the failsafe|foreign)', learner.output)

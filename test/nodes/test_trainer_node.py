@@ -62,7 +62,8 @@ def test_what_is_learned_over_ros_and_from_a_bag_is_what_is_learned_in_one_proce
     world = start_fleet(fleet, missions=N_LEARNED // 9, seed=100)
     assert live.wait_for_exit(TRAINED_S) == 0
     seeds = check_learned_alike(tmp_path / 'live')
-    assert '0 missing, 0 refused, 0 failsafe' in live.output
+    assert ' missions joined' in live.output
+    assert ' dropped: ' not in live.output
     # As much as the trainer needs is in the bag when the world is done.
     assert world.wait_for_exit(TRAINED_S) == 0
     recorder.send(signal.SIGINT)
@@ -159,7 +160,7 @@ def test_agents_and_worlds_that_die_cost_their_mission_and_no_more_beside_anothe
     wait_until(lambda: 2 in worlds_learned_from(folder), TRAINED_S)
     trainer.send(signal.SIGINT)
     assert trainer.wait_for_exit(TRAINED_S) == 0
-    assert re.findall(r' (\d+) refused,', trainer.output)[-1] == '0'
+    assert ' refused' not in trainer.output
 
 
 def worlds_learned_from(folder: Path) -> set[int]:

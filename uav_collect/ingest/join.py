@@ -30,9 +30,9 @@ _N_REMEMBERED = 4096  # missions that are closed whose stragglers are known as s
 class DropReason(StrEnum):
     """Why a mission was dropped."""
 
-    MISSING = 'missing'  # a report did not come
+    MISSING = 'incomplete'  # a report did not come
     REFUSED = 'refused'  # a report does not match the scenario, the layout or other reports
-    FAILSAFE = 'failsafe'  # an agent did not answer: nobody chose to fly home
+    FAILSAFE = 'by the failsafe'  # an agent did not answer: nobody chose to fly home
     FOREIGN = 'foreign'  # no world that lives says that it is its own: a recording, played back
 
 
@@ -68,8 +68,23 @@ class JoinCounts:
     @property
     def missions_text(self) -> str:
         """What became of the missions, for people."""
-        dropped = ', '.join(f'{self.dropped[reason]} {reason}' for reason in DropReason)
-        return f'{self.n_joined} missions joined, {self.n_known} known before, dropped: {dropped}'
+        words = [f'{self.n_joined} missions joined']
+        if self.n_known:
+            words.append(f'{self.n_known} known before')
+        reasons = [f'{n} {reason}' for reason in DropReason if (n := self.dropped[reason])]
+        if reasons:
+            words.append(f'{self.dropped.total()} dropped: {", ".join(reasons)}')
+        return ', '.join(words)
+
+    @property
+    def messages_text(self) -> str:
+        """What became of single reports, for people; empty where all of them were used."""
+        counts = {
+            'came twice': self.reports[ReportOutcome.DUPLICATE],
+            'came too late': self.reports[ReportOutcome.LATE],
+            'did not come': self.n_missing,
+        }
+        return ', '.join(f'{n} {what}' for what, n in counts.items() if n)
 
     @property
     def n_missions(self) -> int:

@@ -46,6 +46,7 @@ class FleetSource:
         self._credit = 0  # decisions handed out that were not asked for yet
         self.recent = RecentMissions()
         self.known = MissionIds()  # all missions that were ever added: none is learned from twice
+        self.is_awaited = False  # whether the learner waits for a mission
         self.is_over = False
         self.n_decisions = 0
         self.n_missions = 0
@@ -74,7 +75,7 @@ class FleetSource:
     def wait(self) -> bool:
         """Wait for a mission; whether there is one, or ever will be."""
         with self._changed:
-            self._changed.wait_for(lambda: self._waiting or self._is_closed)
+            self._wait()
             return bool(self._waiting)
 
     def collect(self, agent: AgentNetwork, n_decisions: int, epsilon: float) -> list[Episode]:
@@ -88,7 +89,7 @@ class FleetSource:
         taken: list[Episode] = []
         with self._changed:
             while self._credit < n_decisions and not self.is_over:
-                self._changed.wait_for(lambda: self._waiting or self._is_closed)
+                self._wait()
                 self.is_over = not self._waiting
                 if self._waiting:
                     taken.append(self._pop())
@@ -98,6 +99,11 @@ class FleetSource:
             while self._n_waiting > self._most_waiting:
                 taken.append(self._pop())
         return taken
+
+    def _wait(self) -> None:
+        self.is_awaited = True
+        self._changed.wait_for(lambda: self._waiting or self._is_closed)
+        self.is_awaited = False
 
     def state(self) -> dict[str, Any]:
         """All that it needs to go on; the inverse is `restore`."""

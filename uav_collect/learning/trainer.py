@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from uav_collect.errors import CheckpointError, InterruptedRunError
+from uav_collect.kernels.patience import waiting_for
 from uav_collect.kernels.stops import watchdog
 from uav_collect.learning.checkpoint import read_checkpoint, STATE_FILE, write_checkpoint
 from uav_collect.learning.course_tasks import CourseTasks
@@ -367,11 +368,13 @@ class Trainer:
     ) -> ValidationResult:
         """Fly the validation missions, equal bandwidth, without exploration."""
         policy = LearnedPolicy('validated', self._freeze(None))
+        with waiting_for('the validation missions'):
+            measured = self._validator.measured(policy, between_decisions)
         return ValidationResult(
             wall_s=self._trained_s,
             n_decisions=self.n_decisions,
             n_updates=self._learner.n_updates,
-            **self._validator.measured(policy, between_decisions),
+            **measured,
         )
 
     def _freeze(self, validation: ValidationResult | None) -> FrozenPolicy:

@@ -27,7 +27,6 @@ from uav_collect.ingest.join import (
     JoinCounts,
     JoinedMission,
     MissionJoiner,
-    ReportOutcome,
 )
 from uav_collect.ingest.rebuild import EpisodeBuilder
 from uav_collect.ingest.reports import FleetReport, MissionReport, report_spec
@@ -264,7 +263,7 @@ class TrainerNode(ProcessNode):
         progress = self._learning.progress
         if progress is not None:
             self._show(progress)
-        elif now_s - self._logged_s >= _WAITING_PERIOD_S:
+        elif self._learning.source.is_awaited and now_s - self._logged_s >= _WAITING_PERIOD_S:
             self._logged_s = now_s
             self.get_logger().info(', '.join(('waiting for missions', *self._join_status())))
 
@@ -273,11 +272,13 @@ class TrainerNode(ProcessNode):
         total = JoinCounts.sum(joiner.counts for joiner in self._joiners.values())
         n_waiting = sum(joiner.n_waiting for joiner in self._joiners.values())
         n_unvouched = sum(joiner.n_unvouched for joiner in self._joiners.values())
+        asked = f'{n_unvouched} to be confirmed by their world' if n_unvouched else ''
+        waiting = f'{n_waiting} waiting for the rest of their missions' if n_waiting else ''
+        messages = ', '.join(filter(None, (waiting, total.messages_text)))
         return (
             f'policy {self._version}' if self._version else 'no policy yet',
-            f'{total.missions_text}, {n_unvouched} wait for the word of their world',
-            f'messages: {n_waiting} wait, {total.reports[ReportOutcome.DUPLICATE]} twice,'
-            f' {total.reports[ReportOutcome.LATE]} late, {total.n_missing} missing',
+            ', '.join(filter(None, (total.missions_text, asked))),
+            *([f'messages: {messages}'] if messages else []),
         )
 
     def _end(self, ending: Ending) -> None:
