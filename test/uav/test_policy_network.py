@@ -43,6 +43,7 @@ from uav_collect.uav.policy_file import (
     WEIGHTS_FORMAT,
 )
 from uav_collect.uav.policy_network import best_actions, FrozenPolicy, weights_digest
+from uav_collect.uav.tensor_file import read_head
 
 N_SEQUENCES, N_STEPS = 10_000, 6
 
@@ -411,9 +412,21 @@ def made_two_gigabytes_of_head(path: Path) -> None:
     os.truncate(path, (1 << 31) + 8)
 
 
+def made_two_gigabytes_of_a_users_network(path: Path) -> None:
+    """Whose shapes only its class knows."""
+    with path.open('rb') as file:
+        texts = read_head(file, path.stat().st_size).texts
+    entry = {'dtype': 'F32', 'shape': [1 << 29], 'data_offsets': [0, 1 << 31]}
+    named = {**texts, 'network': 'my_networks:Wide'}
+    head = json.dumps({'__metadata__': named, 'weight': entry}).encode()
+    path.write_bytes(len(head).to_bytes(8, 'little') + head)
+    os.truncate(path, 8 + len(head) + (1 << 31))
+
+
 @pytest.mark.parametrize(
     ('damage', 'words'),
     [
+        (made_two_gigabytes_of_a_users_network, 'its tensors are 2147483648 bytes long: must be'),
         (made_a_pipe, 'is a pipe or a device: must be a file'),
         (made_a_device, 'is a pipe or a device: must be a file'),
         (made_a_folder, 'is a folder: must be a file'),

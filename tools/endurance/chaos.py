@@ -17,10 +17,11 @@ import subprocess
 import sys
 import time
 
-from flight import Flight, flight_of, STOP_S, STOPPED, STOPPING
+from flight import ending, Flight, flight_of, STOP_S
 from rich.console import Console
 from rich.table import Table
 from uav_collect.errors import BagError
+from uav_collect.limits import INTERRUPTED
 from uav_collect.recording.bag_reader import read_missions
 from uav_collect.scenario.load import load, with_uavs
 
@@ -165,23 +166,18 @@ def main(argv: Sequence[str] | None = None) -> int:
     draw, tried, begun_s = random.Random(arguments.seed), Counter[str](), time.monotonic()  # nosec B311 # no secret
     with flight_of(with_uavs(load('paper_8x8'), N_UAVS), pace=PACE) as flight:
         chaos = Chaos(flight, built_shim(flight.folder), arguments.seed)
-        is_stopped = False
-        try:
+        n_faults = arguments.rounds * len(chosen)
+        with ending(console) as end:
             console.print(f'{len(flight.nodes)} nodes are starting')
             flight.wait_until(lambda: flight.n_ended >= 1, 'the first mission')
             for _ in range(arguments.rounds):
                 for fault in draw.sample(chosen, len(chosen)):
                     chaos.suffer(fault)
                     tried[str(fault)] += 1
-                    console.print(
-                        f'{sum(tried.values())}/{arguments.rounds * len(chosen)} {fault}'
-                    )
-        except KeyboardInterrupt:
-            is_stopped = True
-            console.print(STOPPING)
+                    console.print(f'{tried.total()}/{n_faults} {fault}')
         flight.close()
         (n_missions, lost), n_updates = flight.lost(), flight.n_updates
-        complaints = [*chaos.complaints, *flight.tracebacks()]
+        complaints = [*end.problems, *chaos.complaints, *flight.tracebacks()]
     table = Table(title=f'{time.monotonic() - begun_s:.0f} s, seed {arguments.seed}')
     for heading in ('node', 'fault', 'tried'):
         table.add_column(heading)
@@ -195,7 +191,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         f'{tried.total()} faults, {n_missions} missions, {len(lost)} lost'
         f'{f" (seeds {lost})" if lost else ""}, {len(complaints)} other complaints'
     )
-    return STOPPED if is_stopped else int(bool(lost or complaints))
+    return INTERRUPTED if end.is_interrupted else int(bool(lost or complaints))
 
 
 if __name__ == '__main__':

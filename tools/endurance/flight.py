@@ -6,7 +6,7 @@ A mission is lost if neither a log nor a bag holds it as it is flown in one proc
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 import os
 from pathlib import Path
 import re
@@ -17,6 +17,7 @@ import tempfile
 import time
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))  # whether or not it is installed
+from rich.console import Console
 from ros_domains import own_domain
 from uav_collect.commands.ros_processes import ros_parameters
 from uav_collect.errors import BagError
@@ -28,8 +29,6 @@ from uav_collect.training.run_record import read_columns
 
 DEADLINE_S = 120.0  # without any progress
 STOP_S = 30.0  # how long a node may take to end
-STOPPED = 128 + signal.SIGINT  # the exit status of who was told to stop
-STOPPING = 'interrupted: what was seen follows once the nodes have ended, within a minute'
 _POLL_S = 0.02
 _ENDED = re.compile(r'mission \S+ ended')
 _SEED = re.compile(r'mission \S+ starts, seed (\d+)')
@@ -69,7 +68,7 @@ class Flight:
     """The nodes of one fleet, and all that they write."""
 
     def __init__(self, folder: Path, scenario: Scenario, *, pace: float) -> None:
-        """Start all nodes.
+        """Write down what all nodes need; none is started yet.
 
         Args:
             pace: simulated over wall-clock time; 0: as fast as it goes.
@@ -81,6 +80,9 @@ class Flight:
         self._n_starts: Counter[str] = Counter()
         self.nodes: dict[str, Node] = {}
         self.agents = [f'uav_{uav}' for uav in range(1, scenario.n_uavs + 1)]
+
+    def start_all(self) -> None:
+        """Start all nodes."""
         for name in ('recorder', 'trainer', *self.agents, 'world'):
             self.start(name)
 
@@ -111,13 +113,14 @@ class Flight:
     def close(self) -> None:
         """End all nodes, those last that receive what the others still say."""
         for names in ([*self.agents, 'world'], ['recorder', 'trainer']):
-            for name in names:
-                self.nodes[name].popen.send_signal(signal.SIGINT)
-            for name in names:
+            started = [self.nodes[name].popen for name in names if name in self.nodes]
+            for popen in started:
+                popen.send_signal(signal.SIGINT)
+            for popen in started:
                 with suppress(subprocess.TimeoutExpired):
-                    self.nodes[name].popen.wait(STOP_S)
-                self.nodes[name].popen.kill()
-                self.nodes[name].popen.wait()
+                    popen.wait(STOP_S)
+                popen.kill()
+                popen.wait()
 
     @property
     def n_ended(self) -> int:
@@ -237,9 +240,31 @@ def flight_of(scenario: Scenario, *, pace: float) -> Iterator[Flight]:
         os.environ.setdefault('ROS_DOMAIN_ID', str(domain))
         flight = Flight(Path(folder), scenario, pace=pace)
         try:
+            flight.start_all()
             yield flight
         finally:
             flight.close()
+
+
+@dataclass
+class Ending:
+    """Why what was tried ended early, if it did."""
+
+    is_interrupted: bool = False
+    problems: list[str] = field(default_factory=list)
+
+
+@contextmanager
+def ending(console: Console) -> Iterator[Ending]:
+    """Let what is tried end early, by Ctrl-C or since it cannot go on: what was seen is kept."""
+    end = Ending()
+    try:
+        yield end
+    except KeyboardInterrupt:
+        end.is_interrupted = True
+        console.print('interrupted: what was seen follows once the nodes have ended')
+    except RuntimeError as error:
+        end.problems.append(str(error))
 
 
 def _executable(name: str) -> str:

@@ -9,14 +9,16 @@ when the pace rises, is no leak.
 import argparse
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+import math
 import sys
 import time
 
-from flight import DEADLINE_S, Flight, flight_of, STOPPED, STOPPING
+from flight import DEADLINE_S, ending, Flight, flight_of
 import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
+from uav_collect.limits import INTERRUPTED
 from uav_collect.scenario.load import load, with_uavs
 
 N_UAVS = 4
@@ -97,8 +99,13 @@ def growing(samples: Mapping[str, Sequence[Sample]]) -> list[str]:
 
 def _more_s(samples: Mapping[str, Sequence[Sample]]) -> float:
     """How much longer to fly at most: on a busy machine missions take their time."""
-    tells = all(taken and np.ptp(_n_missions(taken)) > 0.0 for taken in samples.values())
+    tells = all(_tells(_n_missions(taken)) for taken in samples.values())
     return 0.0 if tells else DEADLINE_S
+
+
+def _tells(n_missions: NDArray[np.float64]) -> bool:
+    """Whether missions ended between samples."""
+    return n_missions.size > 0 and float(np.ptp(n_missions)) > 0.0
 
 
 def sampled(flight: Flight, name: str, at_s: float, n_missions: int) -> Sample:
@@ -110,10 +117,10 @@ def sampled(flight: Flight, name: str, at_s: float, n_missions: int) -> Sample:
 
 
 def slopes(taken: Sequence[Sample]) -> tuple[float, float]:
-    """By how many kB and open files a node grows in 100 missions, once it is warm."""
+    """By how many kB and files a node grows in 100 missions, once it is warm; nan: unknown."""
     warm, n_missions = _warm(taken), _n_missions(taken)
-    if not taken or np.ptp(n_missions) == 0.0:
-        raise SystemExit('too few missions were flown to tell: soak for longer')
+    if not _tells(n_missions):
+        return math.nan, math.nan
     held = ([each.resident_kb for each in warm], [each.n_files for each in warm])
     memory, files = (float(np.polyfit(n_missions, values, 1)[0]) * 100.0 for values in held)
     return memory, files
@@ -139,17 +146,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     console = Console(width=None if sys.stdout.isatty() else 100)
     samples: dict[str, list[Sample]] = {}
     with flight_of(with_uavs(load('paper_8x8'), N_UAVS), pace=0.0) as flight:
-        is_stopped = False
-        try:
+        with ending(console) as end:
             soak(flight, samples, 60.0 * arguments.minutes, console)
-        except KeyboardInterrupt:
-            is_stopped = True
-            console.print(STOPPING)
         flight.close()
         n_missions, lost = flight.lost()
-        complaints = flight.tracebacks()
+        complaints = [*end.problems, *flight.tracebacks()]
+    samples = {name: taken for name, taken in samples.items() if taken}
     grows = growing(samples)
-    last_s = max(taken[-1].at_s for taken in samples.values())
+    last_s = max((taken[-1].at_s for taken in samples.values()), default=0.0)
     table = Table(title=f'{n_missions} missions in {last_s / 60:.1f} min')
     for heading in ('node', 'MB first', 'MB last', f'kB/100 missions (<= {GROWTH_KB:g})'):
         table.add_column(heading, justify='right')
@@ -170,7 +174,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if is_early:
         early = f'all nodes grow until their histories are full, after {WARM_MISSIONS} missions'
         console.print(f'{early}: soak until {WARM_MISSIONS / WARM_SHARE:.0f} are flown')
-    return STOPPED if is_stopped else int(verdict != 'holds')
+    return INTERRUPTED if end.is_interrupted else int(verdict != 'holds')
 
 
 if __name__ == '__main__':

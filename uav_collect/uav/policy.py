@@ -131,7 +131,7 @@ def outdated(name: str, policy: FrozenPolicy) -> str | None:
         return None
     return (
         f'policy {name} is of {WEIGHTS_FORMAT}: its digest covers the weights, not the header;'
-        f' tools/rewrite_policies.py writes it as {FORMAT}'
+        f' tools/rewrite_policies.py of a clone writes it as {FORMAT}'
     )
 
 

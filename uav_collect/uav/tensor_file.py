@@ -4,8 +4,8 @@ Such a file is a head's length (8 bytes, little-endian), the head as JSON padded
 tensor's type, shape and place by its name; the texts as `__metadata__`), then the tensors, one
 right behind the other.
 
-Nothing of a file counts until it has been checked: the head is bounded and says how long the file
-must be, so that whoever reads it can refuse the shapes before a tensor takes any memory.
+Nothing of a file counts until it has been checked: head and tensors are bounded, and the head says
+how long the file must be, so that a shape can be refused before a tensor takes any memory.
 """
 
 from collections import Counter
@@ -24,6 +24,7 @@ Tensors = dict[str, NDArray[np.float32]]
 Shape = tuple[int, ...]
 
 MAX_HEAD_BYTE = 1 << 20
+MAX_TENSORS_BYTE = 1 << 29  # the widest network that learns has fewer
 _LENGTH_BYTE = 8
 _ALIGNED_BYTE = 8  # the tensors begin at a multiple
 _TEXTS = '__metadata__'
@@ -68,8 +69,8 @@ def read_head(file: BinaryIO, size_byte: int) -> TensorHead:
         size_byte: of the whole file.
 
     Raises:
-        PolicyMismatchError: it is no such file, it is not as long as its head says, or a tensor is
-            of another type.
+        PolicyMismatchError: it is no such file, it is not as long as its head says, or it has a
+            tensor of another type or too many numbers.
     """
     length = file.read(_LENGTH_BYTE)
     text_byte = int.from_bytes(length, 'little')
@@ -89,6 +90,10 @@ def read_head(file: BinaryIO, size_byte: int) -> TensorHead:
         shapes={name: shape for _, name, shape in sorted(entries)},
     )
     _check_places(sorted(entries), size_byte - len(found.content))
+    if found.tensors_byte > MAX_TENSORS_BYTE:
+        raise PolicyMismatchError(
+            f'its tensors are {found.tensors_byte} bytes long: must be {MAX_TENSORS_BYTE} or less'
+        )
     return found
 
 
