@@ -262,7 +262,10 @@ def ending(console: Console) -> Iterator[Ending]:
         yield end
     except KeyboardInterrupt:
         end.is_interrupted = True
-        console.print('interrupted: what was seen follows once the nodes have ended')
+        console.print(
+            'interrupted: what was seen follows once the nodes have ended and what they flew'
+            ' was compared, minutes where kernels are compiled for it'
+        )
     except RuntimeError as error:
         end.problems.append(str(error))
 
