@@ -139,5 +139,5 @@ def test_a_pipe_that_was_checked_is_written_not_replaced(tmp_path: Path) -> None
 
 def test_a_folder_is_no_file_to_write(tmp_path: Path) -> None:
     for write in (files.check_writable, lambda path: files.write_result(path, b'new')):
-        with pytest.raises(OSError, match='is a folder: must be a file'):
+        with pytest.raises(OSError, match=f"is a folder: must be a file: '{tmp_path}'$"):
             write(tmp_path)

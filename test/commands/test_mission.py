@@ -250,7 +250,9 @@ def test_a_mission_waits_for_a_recorder_that_comes_late(
 def test_a_policy_that_flies_outside_what_it_learned_on_is_said_to(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    mission._check_policy('paper_10x10_n2_aqmix', load('paper_10x10', {'demand.cell_share': 0.5}))
+    mission._checked_policy(
+        'paper_10x10_n2_aqmix', load('paper_10x10', {'demand.cell_share': 0.5})
+    )
     assert capsys.readouterr().err == (
         'policy paper_10x10_n2_aqmix flies outside what it learned on: cells with data 0.5'
         ' (learned: 0.3)\n'

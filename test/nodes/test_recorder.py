@@ -503,6 +503,16 @@ def test_a_folder_that_exists_is_refused(
     ]
 
 
+def test_a_recorder_that_cannot_start_leaves_no_folder(
+    ros_domain: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = tmp_path / 'bag'
+    arguments = ['--output', str(bag), '--ros-args', '-p', 'world_instance:=x']
+    [line] = refusal('recorder', arguments, capsys)
+    assert "world_instance is 'x': must be a UUID" in line
+    assert not bag.exists()
+
+
 @pytest.mark.parametrize(
     ('arguments', 'complaint'),
     [

@@ -9,6 +9,7 @@ import sqlite3
 from backports import zstd
 from bag_damage import changed_byte, copied
 from bags import HandMadeBag
+from full_disk import no_file_beyond
 import pytest
 from rosbags.rosbag2 import CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
@@ -302,6 +303,16 @@ def test_a_packed_file_that_becomes_too_large_is_refused(
     file.write_bytes(zstd.compress(bytes(50_000_000)))
     with pytest.raises(BagError, match=r'a\.mcap\.zstd: unpacks to more than .* bytes'):
         read_missions(file)
+
+
+def test_a_temporary_folder_that_is_full_is_named_not_the_packed_bag(tmp_path: Path) -> None:
+    file = tmp_path / 'a.mcap.zstd'
+    file.write_bytes(zstd.compress(bytes(50_000)))
+    with no_file_beyond(10_000), pytest.raises(BagError, match='File too large') as refused:
+        read_missions(file)
+    named = str(refused.value).removesuffix(': File too large')
+    assert named.endswith('/a.mcap')
+    assert not named.startswith(str(tmp_path))
 
 
 def test_messages_that_cannot_be_unpacked_are_counted_by_topic(

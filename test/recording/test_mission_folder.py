@@ -71,3 +71,17 @@ def test_a_disk_that_is_full_is_named_once_per_mission(at: str, tmp_path: Path) 
 def test_a_folder_that_cannot_be_is_refused() -> None:
     with pytest.raises(OSError, match='Not a directory'):
         MissionFolder('/dev/null/run')
+
+
+def test_a_folder_that_takes_logs_alone_flies_on_with_the_log(tmp_path: Path) -> None:
+    log = fly(header([uav(1)]), [['home']])
+    folder = MissionFolder(str(tmp_path))
+    (tmp_path / 'origin.json').mkdir()
+    said = folder.begin(log.header, versions={'p': '1'})
+    assert said == (
+        'the versions of the policies cannot be written:'
+        f" [Errno 22] is a folder: must be a file: '{tmp_path / 'origin.json'}'"
+    )
+    assert folder.append(log.events) is None
+    folder.end()
+    assert read(tmp_path / 'mission_3.jsonl').to_jsonl() == log.to_jsonl()

@@ -19,8 +19,8 @@ import time
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))  # whether or not it is installed
 from rich.console import Console
 from ros_domains import own_domain
-from uav_collect.commands.ros_processes import ros_parameters
-from uav_collect.errors import BagError
+from uav_collect.commands.ros_processes import find_executable, ros_parameters
+from uav_collect.errors import BagError, FleetError
 from uav_collect.missions.rollout import fly
 from uav_collect.recording.bag_reader import read_missions
 from uav_collect.scenario.model import Scenario
@@ -94,7 +94,7 @@ class Flight:
         executable, arguments, own = self._command(name, number)
         with output.open('wb') as said:
             popen = subprocess.Popen(
-                [_executable(executable), *arguments],
+                [find_executable(executable), *arguments],
                 stdin=subprocess.DEVNULL,
                 stdout=said,
                 stderr=subprocess.STDOUT,
@@ -181,7 +181,7 @@ class Flight:
 
     def repair(self, bag: Path) -> subprocess.CompletedProcess[str]:
         """Make a bag readable whose recorder was killed."""
-        command = [_executable('recorder'), '--repair', str(bag)]
+        command = [find_executable('recorder'), '--repair', str(bag)]
         return subprocess.run(command, capture_output=True, text=True, check=False)
 
     def _logged(self) -> Iterator[bytes]:
@@ -240,7 +240,10 @@ def flight_of(scenario: Scenario, *, pace: float) -> Iterator[Flight]:
         os.environ.setdefault('ROS_DOMAIN_ID', str(domain))
         flight = Flight(Path(folder), scenario, pace=pace)
         try:
-            flight.start_all()
+            try:
+                flight.start_all()
+            except FleetError as error:
+                raise SystemExit(f'error: {error}') from None
             yield flight
         finally:
             flight.close()
@@ -268,11 +271,3 @@ def ending(console: Console) -> Iterator[Ending]:
         )
     except RuntimeError as error:
         end.problems.append(str(error))
-
-
-def _executable(name: str) -> str:
-    for prefix in os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep):
-        path = Path(prefix) / 'lib' / 'uav_collect' / name
-        if prefix and path.is_file():
-            return str(path)
-    raise SystemExit(f'{name} is not built: run "make setup", then ". install/setup.sh"')

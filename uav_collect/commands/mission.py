@@ -32,6 +32,7 @@ from uav_collect.recording.mission_folder import log_name, SCENARIO_FILE
 if TYPE_CHECKING:  # loaded when flying, so that --help answers at once
     from uav_collect.analysis.choice import Choice
     from uav_collect.scenario.model import Scenario
+    from uav_collect.uav.policy import NamedPolicy
 
 _DESCRIPTION = """
 Starts recorder, world_sim and one uav_agent per UAV as processes that talk over DDS, shows the
@@ -95,10 +96,10 @@ def run(arguments: argparse.Namespace) -> int:
         check_ros()  # rather than after the choice, which takes its time
         choice = _choice(arguments, scenario, environment)
         policy = choice.policy
-    _check_policy(policy, scenario)
+    flown = _checked_policy(policy, scenario)
     check_ros()
     folder = _make_folder(arguments.output, scenario.name)
-    _keep_policy(policy, scenario, folder)
+    _keep_policy(flown, folder)
     why = '' if choice is None else _keep_choice(choice, folder)
     say(f'{scenario.name}, seed {arguments.seed}, {scenario.n_uavs} UAVs: {policy}')
     say_reach(scenario)
@@ -187,16 +188,18 @@ def _choice(
     return choice
 
 
-def _check_policy(name: str, scenario: 'Scenario') -> None:
-    """Say what whoever flies a policy should know of it.
+def _checked_policy(name: str, scenario: 'Scenario') -> 'NamedPolicy':
+    """A policy, and a word of what whoever flies it should know of it.
 
     Raises:
         PolicyMismatchError: it does not fit.
     """
     from uav_collect.uav.policy import policy_for, remarks
 
-    for line in remarks(policy_for(name, scenario), scenario):
+    policy = policy_for(name, scenario)
+    for line in remarks(policy, scenario):
         say(line)
+    return policy
 
 
 def _keep_choice(choice: 'Choice', folder: Path) -> str:
@@ -207,13 +210,11 @@ def _keep_choice(choice: 'Choice', folder: Path) -> str:
     return choice.why
 
 
-def _keep_policy(name: str, scenario: 'Scenario', folder: Path) -> None:
+def _keep_policy(policy: 'NamedPolicy', folder: Path) -> None:
     """Leave a learned policy in the run folder, so that the mission can be flown again."""
-    from uav_collect.uav.policy import policy_for
     from uav_collect.uav.policy_file import save_policy, SUFFIX
     from uav_collect.uav.policy_network import LearnedPolicy
 
-    policy = policy_for(name, scenario)
     if isinstance(policy, LearnedPolicy):
         save_policy(folder / f'{policy.name}{SUFFIX}', policy.frozen)
 

@@ -93,7 +93,10 @@ class Fleet:
             FleetError: the package is not built, or not sourced.
         """
         start = _Start(
-            executable=_find(executable), arguments=arguments, stop_s=stop_s, ends_last=ends_last
+            executable=find_executable(executable),
+            arguments=arguments,
+            stop_s=stop_s,
+            ends_last=ends_last,
         )
         log = None if is_shown else self._folder / f'{log_name}.log'
         return self._launch(log_name, log, start)
@@ -207,7 +210,12 @@ def _yaml(value: object) -> str:
     return str(value)
 
 
-def _find(executable: str) -> str:
+def find_executable(executable: str) -> str:
+    """The path of an executable of uav_collect in a sourced prefix, or where pip put it.
+
+    Raises:
+        FleetError: it is in none.
+    """
     prefixes = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
     for prefix in filter(None, [*prefixes, sys.prefix]):  # where pip has installed them, the last
         path = Path(prefix) / 'lib' / 'uav_collect' / executable

@@ -340,14 +340,18 @@ def _unpacked_file(file: Path, closing: ExitStack) -> Path:
 
     Raises:
         BagError: it is none, or becomes larger than any bag.
+        OSError: the temporary folder does not hold it; naming the file there.
     """
-    target = Path(closing.enter_context(TemporaryDirectory())) / file.name.removesuffix(PACKED)
+    folder = closing.enter_context(TemporaryDirectory())
+    target = Path(folder) / file.name.removesuffix(PACKED)
     with files.open_file(file) as (packed, n_byte), target.open('wb') as unpacked:
         most_byte = _MOST_TIMES * n_byte + MOST_RECORD_BYTE
         try:
             with zstd.open(packed, 'rb') as content:
                 while block := content.read(_BLOCK_BYTE):
-                    unpacked.write(block)
+                    with files.naming(target):  # it is that disk that is full
+                        unpacked.write(block)
+                        unpacked.flush()
                     if unpacked.tell() > most_byte:
                         raise BagError(f'{file}: unpacks to more than {most_byte:,} bytes')
         except (EOFError, zstd.ZstdError) as error:

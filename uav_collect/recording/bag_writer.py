@@ -11,6 +11,7 @@ from contextlib import suppress
 import fcntl
 from io import BytesIO
 from pathlib import Path
+from shutil import rmtree
 from typing import Any
 
 from rosbags.interfaces import Connection, Qos
@@ -236,17 +237,28 @@ def _opened(folder: Path) -> tuple[Writer, Any]:
         writer = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
         compress_chunks(writer)
         writer.open()
-        (folder / RESERVE).write_bytes(bytes(_RESERVE_BYTE))
         storage: Any = writer.storage
+        _prepare(folder, storage)
+    except WriterError:
+        raise RecordingError(f'output folder {folder} exists already') from None
+    except OSError as error:
+        rmtree(folder, ignore_errors=True)  # or the next try would find that it exists
+        raise RecordingError(f'cannot record to {folder}: {error.strerror}') from error
+    return writer, storage
+
+
+def _prepare(folder: Path, storage: Any) -> None:  # noqa: ANN401 - rosbags exports no type
+    """Keep room for the end of a new bag, and let nobody repair it meanwhile."""
+    try:
+        (folder / RESERVE).write_bytes(bytes(_RESERVE_BYTE))
         storage.chunks = ChunkIndex(folder)
         with suppress(OSError):  # not every network file system has locks
             fcntl.flock(storage.bio, fcntl.LOCK_EX | fcntl.LOCK_NB)  # no repair, please
         storage.bio.flush()
-    except WriterError:
-        raise RecordingError(f'output folder {folder} exists already') from None
-    except OSError as error:
-        raise RecordingError(f'cannot record to {folder}: {error.strerror}') from error
-    return writer, storage
+    except OSError:
+        with suppress(OSError):
+            storage.bio.close()
+        raise
 
 
 def _short(type_name: str) -> str:

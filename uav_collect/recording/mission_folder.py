@@ -101,9 +101,12 @@ class MissionFolder:
             path = self._folder / log_name(seed, index if seed in self._flown else None)
             self._flown.add(seed)
             self._log = LogWriter(path, header)
-            self._note_versions(self._folder, versions or {})
         except OSError as error:
             return f'the mission log cannot be written: {error}'
+        try:
+            self._note_versions(self._folder, versions or {})
+        except OSError as error:
+            return f'the versions of the policies cannot be written: {error}'
         return None
 
     def append(self, events: Events, faults: Sequence[FaultRecord] = ()) -> str | None:

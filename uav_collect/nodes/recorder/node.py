@@ -135,6 +135,7 @@ class RecorderNode(ProcessNode):
         self._names = names = world_topics(world_of(self.get_namespace()))
         declare(self, PARAMETERS)
         self._takes_all = self._checked_choice() == RECORDED[0]
+        instance = world_instance_of(self)
         types = MessageTypes(_definition_text)
         self._bag = self._open(output, types)
         self._scenarios = HeadReader(names.scenario.type_name, _SCENARIO_FIELDS, types.fields)
@@ -155,7 +156,6 @@ class RecorderNode(ProcessNode):
         self._n_unreadable: Counter[str] = Counter()  # messages by topic
         self._n_unsealed: Counter[str] = Counter()  # the same
         self._n_foreign: Counter[str] = Counter()  # the same, of other worlds
-        instance = world_instance_of(self)
         self._own = OwnWorld(instance, types.fields) if instance else None
         # Samples do not say whose they are: once the own world is there, it is the only one.
         for topic in [names.scenario] if instance else filter(self._is_wanted, names.recorded()):
