@@ -24,7 +24,8 @@ lock() {
   shift
   resolve -c requirements/constraints.txt -c requirements/run.txt -c requirements/build.txt "$@" \
     > "$tools/all.txt"
-  leave "win32" "$tools/all.txt" > "$tools/$name.txt"
+  # colcon asks for plugins of pytest that "colcon test" alone uses; numba loads coverage where it is.
+  leave "win32|^coverage==|^pytest-(cov|repeat|rerunfailures)==" "$tools/all.txt" > "$tools/$name.txt"
 }
 
 # Entries of a file whose names match, or do not.
