@@ -6,7 +6,7 @@
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup kernels field mission train policy train-fleet curves figures test test-ubuntu docs fuzz chaos soak golden check format bench clean distclean
+.PHONY: help setup kernels field mission train policy train-fleet curves figures test test-all test-ubuntu docs fuzz chaos soak golden check format bench clean distclean
 
 VENV := .venv
 PYTHON ?=
@@ -28,7 +28,8 @@ ifeq ($(HOME),)
 export ROS_LOG_DIR := $(CURDIR)/log/ros
 endif
 
-TESTS ?= test
+# Unless parts are named: all but what "make test-all" adds.
+TESTS ?= test -m 'not nightly'
 # Tests with ROS processes wait most of the time: more than there are cores. Each takes whole modules,
 # in order: what a module shares is flown or learned once.
 WORKERS ?= $(shell expr $$(nproc) + 2)
@@ -166,9 +167,13 @@ curves: $(INSTALLED)  ## draw the learning curves of RUNS, into learning_curves.
 figures: $(INSTALLED) $(LEARNS) $(if $(filter ray,$(ENGINE)),$(CLUSTERS))  ## the figures of the paper's evaluation, as SCALE=smoke
 	@$(VENV)/bin/python -m uav_collect figures $(FIGURES_OPTIONS)
 
-test: $(BUILT) $(DEVELOPED) $(LEARNS) $(CLUSTERS)  ## run all tests; TESTS=test/physics runs a part
+test: $(BUILT) $(DEVELOPED) $(LEARNS) $(CLUSTERS)  ## run the tests; TESTS=test/physics runs a part
 	@. install/setup.sh && $(VENV)/bin/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder \
 	  $(TESTS) $(ARGS)
+
+# Each night: every flight in full, and twice as much nonsense.
+test-all:  ## run the tests, and those that take long
+	@UAV_COLLECT_FUZZ_TRIES=2000 $(MAKE) --no-print-directory test TESTS=test
 
 test-ubuntu: $(BUILT) $(DEVELOPED) $(UBUNTU)/.built  ## fly and read settings with the packages of Ubuntu 24.04's apt
 	@. install/setup.sh && . $(UBUNTU)/install/local_setup.sh && \

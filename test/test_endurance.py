@@ -10,11 +10,12 @@ from types import ModuleType
 from processes import Processes
 import pytest
 
-pytestmark = [pytest.mark.ros, pytest.mark.long]
+pytestmark = pytest.mark.ros
 
 TOOLS = Path(__file__).parents[1] / 'tools' / 'endurance'
 
 
+@pytest.mark.nightly
 def test_chaos_loses_no_mission_of_an_agent_whose_packets_are_lost(processes: Processes) -> None:
     tool = str(TOOLS / 'chaos.py')
     chaos = processes.run('chaos', sys.executable, tool, '--only', 'agent: network')
@@ -24,6 +25,7 @@ def test_chaos_loses_no_mission_of_an_agent_whose_packets_are_lost(processes: Pr
     assert processes.survivors() == []
 
 
+@pytest.mark.nightly
 def test_a_soak_that_is_interrupted_says_what_it_saw(processes: Processes) -> None:
     soak = processes.run('soak', sys.executable, str(TOOLS / 'soak.py'), '--minutes', '2')
     soak.wait_for('the first mission has ended')
@@ -80,6 +82,7 @@ def test_a_step_is_no_leak_once_it_is_flown_as_long_again(soak: ModuleType) -> N
     assert grown(leak, 100) == grown(leak, 200) == ['recorder']
 
 
+@pytest.mark.nightly
 def test_a_soak_says_of_every_node_by_how_much_it_grows(processes: Processes) -> None:
     soak = processes.run('soak', sys.executable, str(TOOLS / 'soak.py'), '--minutes', '0.1')
     assert soak.wait_for_exit() in (0, 1), soak.output  # so soon anything may still grow

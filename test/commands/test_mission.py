@@ -109,6 +109,7 @@ def test_a_function_that_ends_its_agent_costs_the_mission_one_line(
     assert flown.output.endswith(f'{line}\n')
 
 
+@pytest.mark.nightly
 @pytest.mark.ros
 def test_a_mission_has_its_tables_and_pictures_without_home_or_locale_whatever_the_backend(
     processes: Processes, tmp_path: Path
@@ -147,6 +148,7 @@ def test_the_best_policy_flies_unless_another_is_named_and_the_folder_says_why(
     assert capsys.readouterr().out.startswith(f'{choice}\n')
 
 
+@pytest.mark.nightly
 @pytest.mark.ros
 def test_what_lies_beside_the_scenario_flies_if_it_is_best(
     processes: Processes, scenario: Scenario, tmp_path: Path

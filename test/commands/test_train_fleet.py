@@ -106,6 +106,7 @@ def n_decisions(run: Path) -> int:
     return int((run / 'progress.csv').read_text().splitlines()[-1].split(',')[0])
 
 
+@pytest.mark.nightly
 @pytest.mark.ros
 def test_what_is_killed_is_started_again_costs_no_mission_and_none_is_flown_again(
     processes: Processes, tmp_path: Path

@@ -65,6 +65,7 @@ def test_ctrl_c_saves_and_what_it_says_goes_on_as_if_nothing_had_happened(
     assert learned(tmp_path / 'run') == learned(finished[0])
 
 
+@pytest.mark.nightly
 def test_rows_that_a_killed_run_wrote_after_its_checkpoint_do_not_come_twice(
     finished: Finished,
     settings: list[str],
@@ -138,6 +139,7 @@ def test_a_run_that_was_killed_right_after_its_end_is_done(
     assert learned(run) == learned(finished[0])
 
 
+@pytest.mark.nightly
 def test_several_seeds_that_are_terminated_go_on_together_and_end_in_one_curve(
     settings: list[str], start: Start, processes: Processes, tmp_path: Path
 ) -> None:

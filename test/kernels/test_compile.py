@@ -92,6 +92,7 @@ def test_a_disk_without_room_for_a_compiled_kernel_costs_a_line_and_no_result(
     assert [(path.name, path.stat().st_size) for path in left] == [('compiling', 0)]  # its turn
 
 
+@pytest.mark.nightly
 def test_a_damaged_file_of_a_compiled_kernel_is_written_anew(tmp_path: Path) -> None:
     assert doubled(tmp_path) == ('42\n', '')
     damages = (b'', b'\0' * 100, b'\x80\x04\x95', b'nonsense')

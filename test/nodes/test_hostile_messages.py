@@ -278,6 +278,7 @@ def test_a_second_abort_leaves_a_row_of_missions_alone(
     assert fleet.log(SEED) == logs(fleet.scenario, [SEED])[0]
 
 
+@pytest.mark.nightly
 def test_a_recording_that_is_played_back_touches_no_mission(
     processes: Processes, tmp_path: Path
 ) -> None:

@@ -62,7 +62,7 @@ def test_a_uav_flies_home_where_its_policys_adviser_would(
     assert mission.log.to_jsonl() == expected
 
 
-@pytest.mark.parametrize('guard_after', [0, 30])
+@pytest.mark.parametrize('guard_after', [0, pytest.param(30, marks=pytest.mark.nightly)])
 def test_a_restarted_agent_remembers_what_its_policy_did_before_it_died(
     guard_after: int, processes: Processes, tmp_path: Path
 ) -> None:

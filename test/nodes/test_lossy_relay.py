@@ -34,6 +34,7 @@ WHOLE_SHARE = 0.25  # of the missions arrive whole, about; each has some ten dec
 SEED = 100
 
 
+@pytest.mark.nightly
 def test_no_mission_is_wrong_that_a_channel_has_thinned_doubled_and_mixed(
     processes: Processes, tmp_path: Path
 ) -> None:

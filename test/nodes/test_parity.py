@@ -79,7 +79,10 @@ def test_a_row_of_missions_over_ros_equals_the_same_missions_in_one_process(
         (2, 'hert-equal', 'exact', {'fleet__default__energy_budget_kj': 60.0}),
         (3, 'sweep', 'exact', {'radio__contact_range_m': float('inf')}),
         (3, 'random', 'exact', {'fleet__default__energy_budget_kj': 60.0}),
-        (2, 'lookahead:sweep:2', 'exact', {'area__cells_per_side': 3}),
+        pytest.param(
+            *(2, 'lookahead:sweep:2', 'exact', {'area__cells_per_side': 3}),
+            marks=pytest.mark.nightly,
+        ),
         (4, 'sweep', 'exact', ROUGH),
         (2, 'sweep', 'exact', FIELD),
     ],

@@ -438,6 +438,7 @@ def test_a_killed_recorder_loses_only_what_it_had_not_flushed(
     assert recorded(bag) == found
 
 
+@pytest.mark.nightly
 def test_of_a_mission_a_killed_recorder_keeps_the_start_and_a_late_one_records_it_all(
     processes: Processes, tmp_path: Path
 ) -> None:

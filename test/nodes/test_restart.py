@@ -54,7 +54,12 @@ def start_paused(
 
 
 @pytest.mark.parametrize(
-    'victims', [[1], [2, 2, 1], [(1, 2)]], ids=['one', 'one after the other', 'both']
+    'victims',
+    [
+        pytest.param([1], id='one'),
+        pytest.param([2, 2, 1], id='one after the other', marks=pytest.mark.nightly),
+        pytest.param([(1, 2)], id='both', marks=pytest.mark.nightly),
+    ],
 )
 def test_agents_killed_at_any_event_and_started_again_change_nothing(
     victims: list[int | tuple[int, ...]], fleet: Fleet, steered: SteeredWorld
@@ -112,6 +117,7 @@ def test_a_node_that_falls_silent_for_a_while_goes_on_where_it_was(
     assert fleet.logs(seeds) == logs(fleet.scenario, seeds, 'random')
 
 
+@pytest.mark.nightly
 def test_a_uav_whose_agent_stays_away_is_flown_home_and_flies_again_in_the_next_mission(
     processes: Processes, steered: SteeredWorld, tmp_path: Path
 ) -> None:
@@ -147,6 +153,7 @@ def test_a_uav_whose_agent_stays_away_is_flown_home_and_flies_again_in_the_next_
     assert 'UAV 2 was flown home by the failsafe: its agent did not answer' in warnings
 
 
+@pytest.mark.nightly
 def test_an_agent_killed_as_it_joins_leaves_its_uav_to_the_next_one(fleet: Fleet) -> None:
     world = fleet.start_world(seed=SEED)
     fleet.start_agent(1, 'random')

@@ -151,6 +151,7 @@ def test_a_policy_that_cannot_be_flown_is_refused_in_one_line_and_the_old_one_st
         assert 'Traceback' not in agent.output
 
 
+@pytest.mark.nightly
 def test_an_agent_killed_in_flight_takes_up_the_version_of_its_mission_though_all_else_is_gone(
     processes: Processes, tmp_path: Path
 ) -> None:

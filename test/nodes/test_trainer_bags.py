@@ -44,6 +44,7 @@ def recorded(processes: Processes, folder: Path, n_missions: int) -> tuple[Path,
     return fleet.bag, second
 
 
+@pytest.mark.nightly
 def test_each_mission_of_two_bags_that_a_restart_parted_is_learned_from_once(
     processes: Processes, tmp_path: Path
 ) -> None:

@@ -58,6 +58,7 @@ def published(heard: Heard, *reporting: Topic) -> Iterator[dict[str, Any]]:
         yield made
 
 
+@pytest.mark.nightly
 def test_of_missions_played_back_while_a_fleet_flies_none_is_learned_from(
     processes: Processes, tmp_path: Path
 ) -> None:
@@ -79,6 +80,7 @@ def test_of_missions_played_back_while_a_fleet_flies_none_is_learned_from(
     assert min(one.mission_seed for one in episodes) >= FIRST_LIVE
 
 
+@pytest.mark.nightly
 def test_of_missions_of_a_world_that_does_not_answer_none_is_learned_from(
     processes: Processes, tmp_path: Path
 ) -> None:

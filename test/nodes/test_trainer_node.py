@@ -104,6 +104,7 @@ def wait_for_updates(folder: Path, n_wanted: int) -> None:
     wait_until(lambda: n_updates(folder) >= n_wanted, TRAINED_S)
 
 
+@pytest.mark.nightly
 def test_a_trainer_that_is_stopped_or_killed_goes_on_from_where_it_was_saved(
     processes: Processes, tmp_path: Path
 ) -> None:
@@ -138,6 +139,7 @@ def test_a_trainer_that_is_stopped_or_killed_goes_on_from_where_it_was_saved(
     assert not [*folder.rglob('*.part')]
 
 
+@pytest.mark.nightly
 def test_agents_and_worlds_that_die_cost_their_mission_and_no_more_beside_another_world(
     processes: Processes, tmp_path: Path
 ) -> None:

@@ -34,6 +34,7 @@ def jobs() -> Mapping[str, Job]:
 
 
 # Ray leaves sockets to the garbage collector.
+@pytest.mark.nightly
 @pytest.mark.filterwarnings('ignore::ResourceWarning')
 def test_a_cluster_that_loses_a_worker_gives_what_one_process_gives(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -55,6 +55,7 @@ def test_results_do_not_depend_on_how_many_work_nor_on_the_order(
     assert kept(store) == kept(alone)
 
 
+@pytest.mark.nightly
 @needs_compiled_kernels
 def test_a_process_that_is_killed_costs_no_more_than_what_followed_its_last_state(
     alone: Store, tmp_path: Path
