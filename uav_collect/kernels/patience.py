@@ -6,7 +6,7 @@ import sys
 from threading import Event, Thread
 from time import monotonic
 
-SAID_AFTER_S = 2.0  # shorter waits need no word
+SAID_AFTER_S = 1.0  # shorter waits need no word; Python itself may have taken two seconds before
 SAID_EVERY_S = 30.0  # of one that lasts
 
 _is_silent = False
@@ -36,7 +36,7 @@ def say(text: str) -> None:
 
 @contextmanager
 def waiting_for(what: str, say_line: Callable[[str], None] = say) -> Iterator[None]:
-    """Say what the block waits for once that takes more than two seconds, and now and then again.
+    """Say what the block waits for once that takes more than a second, and now and then again.
 
     Args:
         what: follows 'waiting for '.
