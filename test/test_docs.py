@@ -9,16 +9,21 @@ import json
 import os
 from pathlib import Path
 import re
+import shlex
+import signal
 import subprocess
 import sys
+from typing import Any
 
 from bags import HandMadeBag
-from documents import all_blocks, blocks, DOCUMENTS, name_of, page, ROOT
+from documents import all_blocks, blocks, DOCUMENTS, made, name_of, page, ROOT
 from interpreted import interpreted
+from processes import Processes
 import pytest
 from uav_collect.missions.rollout import fly
 from uav_collect.scenario.load import load, scenario_names
 from uav_collect.scenario.site import build_site
+from uav_collect.studies.claims.claims import CLAIMS
 import yaml
 
 from tools.structure import ORDER, read, Sources
@@ -109,6 +114,19 @@ def test_everything_that_a_document_links_is_there(path: Path) -> None:
 
 def test_the_readme_is_read_in_five_minutes() -> None:
     assert len(README.split()) <= 900
+
+
+def test_every_interval_in_the_readme_is_one_that_was_measured() -> None:
+    pattern = r'[\d.]+ \([\d.]+ to [\d.]+\)'
+    shown = re.findall(pattern, README.replace(' %', ''))
+    measured = re.findall(pattern, page('measured.md') + page('journal.md'))
+    assert len(shown) >= 8
+    assert [figure for figure in shown if figure not in measured] == []
+
+
+def test_the_documents_know_how_many_statements_are_judged() -> None:
+    for text in (README, page('measured.md')):
+        assert re.findall(r'(\d+) today', text) == [str(len(CLAIMS))]
 
 
 @pytest.mark.parametrize('path', sorted((ROOT / 'docs').rglob('*.md')), ids=name_of)
@@ -230,6 +248,13 @@ def test_every_room_has_its_line_in_contributing_in_the_order_of_imports() -> No
     assert re.findall(r'`(\w+)(?:/|\.py)`', ' '.join(cells)) == [*ORDER]
 
 
+def test_every_package_has_its_line_in_the_architecture() -> None:
+    text = page('contributing/architecture.md')
+    packages = sorted(path.parent.name for path in (ROOT / 'uav_collect').glob('*/__init__.py'))
+    assert len(packages) > 15
+    assert [name for name in packages if f'`{name}/`' not in text] == []
+
+
 def test_the_scenario_of_the_documents_is_valid(tmp_path: Path) -> None:
     text = page('how_to/own_scenario.md')
     [described], [csv] = blocks(text, 'yaml'), blocks(text, 'csv')
@@ -299,3 +324,41 @@ def learned() -> str:
 
 def test_the_learner_of_the_tutorial_runs() -> None:
     assert re.fullmatch(r'\d+% of the data at first, \d+% in the end\n', interpreted(learned))
+
+
+def test_a_list_becomes_a_field_that_is_sized_and_that_a_fault_befalls(tmp_path: Path) -> None:
+    tutorial = page('tutorials/plan_a_field.md')
+    [loggers], [commands] = blocks(tutorial, 'csv'), blocks(tutorial, 'sh')
+    [faulty] = blocks(page('how_to/faults.md'), 'yaml')
+    (tmp_path / 'loggers.csv').write_text(loggers)
+    (tmp_path / 'faulty.yaml').write_text(faulty)
+    make_field, size, *_ = (shlex.split(line) for line in commands.splitlines())
+    [field] = made(make_field[1:])
+    in_a_process_of_its_own(['-m', 'uav_collect', *field], tmp_path)
+    assert load(tmp_path / 'loggers.yaml').n_uavs == 3
+    assert size[-2:] == ['--missions', '500']
+    sized = in_a_process_of_its_own([*size[1:-1], '2'], tmp_path)
+    assert 'all data in 2 of 2 missions' in sized
+    scenario = load(tmp_path / 'faulty.yaml')
+    [log] = fly(build_site(scenario), [0], 'sweep')
+    assert [(it.uav, it.fault, it.time_s) for it in log.faults] == [(2, 'gone', 5.0)]
+
+
+@pytest.mark.ros
+def test_the_program_that_watches_a_topic_shows_how_a_mission_starts_and_ends(
+    processes: Processes,
+) -> None:
+    [program] = blocks(page('how_to/nodes.md'), 'python')
+    watch = processes.run('watch', sys.executable, '-c', program)
+    world = processes.start('world_sim', '--ros-args', '-p', 'wait_for_agents:=false')
+    assert [watch.wait_for(r'Mission\(.* phase=(\d)')[1] for _ in range(2)] == ['0', '1']
+    assert world.wait_for_exit() == 0
+
+
+@pytest.mark.ros
+def test_the_test_that_contributing_shows_passes(processes: Processes) -> None:
+    [program] = blocks(CONTRIBUTING, 'python')
+    shown: dict[str, Any] = {'Processes': Processes, 'pytest': pytest, 'signal': signal}
+    exec(program, shown)
+    [test] = [it for name, it in shown.items() if name.startswith('test_')]
+    test(processes)

@@ -51,7 +51,7 @@ def test_all_that_the_page_shows_flies_or_learns_together(
 @pytest.mark.parametrize('path', EXAMPLES, ids=lambda path: path.stem)
 def test_an_example_is_one_short_file_that_the_page_links(path: Path) -> None:
     text = path.read_text()
-    if path.stem != 'minimal_agent':  # needs the messages alone, and stands in the README
+    if path.stem != 'minimal_agent':  # needs the messages alone; docs/how_to/nodes.md links it
         assert f'examples/{path.name})' in PAGE
         assert len(text.splitlines()) <= 80
     imported = {
