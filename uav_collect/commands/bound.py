@@ -17,9 +17,9 @@ if TYPE_CHECKING:  # loaded when searching, so that --help answers at once
 _DESCRIPTION = """
 Plans missions whose demand and channels are all known, once for the shortest time and once for the
 least energy, and prints mean, 95 % bootstrap interval and median of completion time [s], energy
-[kJ] and energy efficiency [kbit/J] of both plans, and the limit that is proven for each: no flight
-that collects everything gets beyond it. The shortest plan is what completion times compare with,
-the thriftiest what energy and efficiency compare with.
+[kJ] and energy efficiency [kbit/J] of both plans, and a proven limit for each, which no flight
+that collects everything can beat. Completion times are compared with the shortest plan, energy and
+efficiency with the thriftiest.
 """
 _MAX_MISSIONS = 100_000
 _MAX_ROUNDS = 10**9

@@ -16,8 +16,8 @@ if TYPE_CHECKING:  # loaded when drawing, so that --help answers at once
 
 _DESCRIPTION = """
 Reads the run folders of train or train-fleet and draws what their policies achieved in the
-validation missions while they learned. Runs that differ in nothing but their seed make one curve:
-the mean, and the standard deviation shaded around it.
+validation missions during training. Runs that differ only in their seed make one curve: the mean,
+with the standard deviation shaded around it.
 """
 
 

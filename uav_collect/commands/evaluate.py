@@ -27,7 +27,7 @@ _DESCRIPTION = """
 Flies the same missions with each policy and prints mean, 95 % bootstrap interval and median of
 energy efficiency [kbit/J], completion time [s], energy [kJ], the share of the data that was
 collected, the share of missions that collected all of it, and the share of missions in which all
-UAVs landed with their energy margin; and, of each UAV, energy and time of landing, mean and most.
+UAVs landed with their energy margin; and energy and landing time of each UAV, mean and maximum.
 The missions' seeds are SEED, SEED + 1, ...; the first is the one that "mission --seed SEED" flies.
 """
 _MAX_MISSIONS = 100_000  # their figures are kept

@@ -21,14 +21,13 @@ if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
     from uav_collect.scenario.model import GeoReference, Scenario
 
 _DESCRIPTION = """
-Writes what a fleet flew, or would fly by a plan that knows all demand, into files of other tools:
+Writes what a fleet flew, or would fly by a plan that knows all demand, as files for other tools:
 plan (QGroundControl) and mavlink (waypoint files, QGC WPL 110), one for each UAV, with take-off,
 speed, a waypoint at each corner, a stay of whole seconds at each hover, and the landing; kml and
-geojson, with times; csv, the state of each UAV at a rate. Heights of plan and mavlink are those
-above the place of take-off, and their home has 0 m above sea level, as nobody knows better here:
-the terrain is not followed, so check that nothing stands higher on the way. All but csv need to
-know where on Earth the area lies: area.reference of the scenario. No file is replaced unless
---force is given.
+geojson, with times; csv, the state of each UAV at regular times. Heights in plan and mavlink are
+above the take-off point, with home at 0 m above sea level: the terrain is not followed, so check
+that nothing stands higher on the way. All but csv need to know where on Earth the area lies:
+area.reference of the scenario. No file is replaced unless --force is given.
 """
 _PLANS = ('shortest', 'thriftiest')
 _START = '2000-01-01T00:00:00+00:00'

@@ -26,10 +26,10 @@ if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
     from uav_collect.scenario.places import ReadOptions
 
 _DESCRIPTION = """
-Reads where loggers stand, proposes cells by how far they are heard, rows and columns, a base and a
-fleet, and writes a scenario, NAME.yaml, in which each value has its unit and its reason, and a
-map, NAME.png. LIST is a table (CSV, TSV, xlsx) or a map (GeoJSON, KML). All that is wrong with it
-is said at once. The exit status is 0 if both files were written, 2 if not.
+Reads where loggers stand, proposes cells as large as the radio allows, a base and a fleet, and
+writes a scenario, NAME.yaml, with the unit of each value and the reason for it, and a map,
+NAME.png. LIST is a table (CSV, TSV, xlsx) or a map (GeoJSON, KML). All its problems are reported
+at once. The exit status is 0 if both files were written, 2 if not.
 """
 _LENGTH = options.number_from(0.1, 10_000.0, 'm')
 _COLUMNS_KEY = re.compile(r'\bcolumns: \{([^{}]*)\}')
@@ -76,10 +76,10 @@ def _add_reading(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--columns',
         metavar='KEY=COLUMN,...',
-        help='which column is what, where its name does not say so: id=station,lat=Y,lon=X',
+        help='the meaning of columns whose names do not show it: id=station,lat=Y,lon=X',
     )
     parser.add_argument(
-        '--crs', metavar='EPSG:N', help='how places are written, where not in degrees or metres'
+        '--crs', metavar='EPSG:N', help='coordinate system of the places, if not degrees or metres'
     )
     parser.add_argument(
         '--doubles',
@@ -91,7 +91,7 @@ def _add_reading(parser: argparse.ArgumentParser) -> None:
         '--blanks',
         choices=('refuse', 'skip'),
         default='refuse',
-        help='what becomes of rows that say no place (default: %(default)s)',
+        help='what to do with rows without a place (default: %(default)s)',
     )
     parser.add_argument(
         '--area',
@@ -109,7 +109,7 @@ def _add_reading(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--no-fly',
         metavar='FILE',
-        help='the same kinds of file: polygons that nobody flies over, whatever they are called',
+        help='the same kinds of file: polygons that nobody flies over, whatever their names',
     )
 
 
@@ -119,7 +119,9 @@ def _add_proposed(parser: argparse.ArgumentParser) -> None:
         '--base', metavar='PLACE', help='where UAVs start and land: LAT,LON or X,Y or a sensor'
     )
     parser.add_argument('--altitude', type=_LENGTH, metavar='M', help='at which UAVs fly [m]')
-    parser.add_argument('--airframe', metavar='NAME', help='the craft, of config/airframes.yaml')
+    parser.add_argument(
+        '--airframe', metavar='NAME', help='the craft, one of config/airframes.yaml'
+    )
     parser.add_argument(
         '--battery-wh',
         type=options.number_from(0.1, 1e5, 'Wh'),

@@ -22,10 +22,10 @@ if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
 
 _DESCRIPTION = """
 Draws the figures of the paper's evaluation as PNG and PDF, writes their numbers as CSV, and judges
-each of its statements in a table: study by study, each as soon as it is done. The trainings, test
-missions and clairvoyant plans that it takes are started, gone on with or found: results are kept
-by what they depend on, so a second call does only what is missing, one that was stopped goes on
-where it was, and one that was killed from the last checkpoint.
+each of its statements in a table, study by study, each as soon as it is done. It runs the
+trainings, test missions and clairvoyant plans that this takes. Results are kept by what they
+depend on, so a second call does only what is missing, a call after Ctrl-C continues where it
+stopped, and one after a crash continues from the last checkpoint.
 """
 _MAX_WORKERS = 4096
 

@@ -5,9 +5,9 @@ from collections.abc import Iterator, Mapping
 from textwrap import shorten
 
 _DESCRIPTION = """
-Prints what comes with the package, with a line each: scenarios (--scenario), policies (--policy),
-presets of trainings (--preset) and scales of the paper's figures (--scale). Wherever one of them
-is named, the path of a file of your own may be given instead.
+Lists what comes with the package, one per line: scenarios (--scenario), policies (--policy),
+presets of trainings (--preset) and scales of the paper's figures (--scale). In place of each, the
+options also take the path of a file of your own.
 """
 _COLUMNS = 80  # of a line
 # What else --policy takes: rules, and words that stand for one of all.

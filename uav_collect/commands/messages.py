@@ -15,9 +15,9 @@ from uav_collect.errors import FleetError, MissingPackageError
 from uav_collect.kernels.patience import waiting_for
 
 _DESCRIPTION = """
-Builds the ROS messages into the virtual environment that "pip install 'uav-collect[ros]'" has
-installed this into, so that missions fly over ROS 2 from any folder. Takes a minute, a C++
-compiler and Python's headers. A clone does the same by "make setup".
+Builds the ROS messages into the virtual environment of "pip install 'uav-collect[ros]'", so that
+missions fly over ROS 2 from any folder. Takes a minute, a C++ compiler and Python's headers. In a
+clone, "make setup" does the same.
 """
 _STAND_INS = ('tf2_msgs',)  # that no wheel has; where ROS has it, its own is used
 _SHOWN_LINES = 15  # of what a build said that failed

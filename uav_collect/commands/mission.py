@@ -36,9 +36,9 @@ if TYPE_CHECKING:  # loaded when flying, so that --help answers at once
 
 _DESCRIPTION = """
 Starts recorder, world_sim and one uav_agent per UAV as processes that talk over DDS, shows the
-progress of the mission, then its figures beside those that rules achieve in the same mission, and
+progress of the mission, then its results beside those of rules in the same mission, and
 leaves a run folder with the bag, the mission log, the resolved scenario, a picture of the
-trajectories, a film that a browser plays and what every process said.
+trajectories, a film for a browser and the output of every process.
 """
 _LOOK_S = 0.05
 _ANSWER_S = 60.0  # for an agent to decide: one that dies ends the mission at once

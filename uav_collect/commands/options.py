@@ -209,9 +209,8 @@ def add_candidates_option(parser: argparse.ArgumentParser) -> None:
         '--candidates',
         default='',
         metavar='NAME,...',
-        help=f'with --policy {BEST}: policies, as --policy names them, among which the best is'
-        ' chosen, besides those that are shipped for the scenario, what was refined for it, sweep'
-        ' and hert',
+        help=f'with --policy {BEST}: policies to choose from, named as for --policy, besides those'
+        ' shipped for the scenario, what was refined for it, sweep and hert',
     )
 
 
@@ -235,9 +234,9 @@ def add_guard_option(parser: argparse.ArgumentParser) -> None:
         type=whole_number(0, MAX_GUARD_AFTER),
         default=GUARD_AFTER,
         metavar='K',
-        help='decisions that teach a UAV of no complete cell, after which its guard takes over'
-        ' from a learned policy or a function, until it knows more: it hovers where it may, else'
-        ' makes for the nearest incomplete cell; 0: never (default: %(default)s)',
+        help='decisions without news of a completed cell after which the guard takes over from a'
+        ' learned policy or a function, until the UAV knows more: it hovers where it may, else'
+        ' heads for the nearest incomplete cell; 0: never (default: %(default)s)',
     )
 
 

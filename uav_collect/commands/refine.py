@@ -11,12 +11,12 @@ from uav_collect.kernels.patience import waiting_for
 from uav_collect.limits import MAX_SEED
 
 _DESCRIPTION = """
-Learns a field on from the policy that flies it best, of those that are shipped and what was
-refined for it before. Each minute it says how the best so far stands to the better of sweep and
-HERT, in missions that nothing is chosen by. It is kept beside the scenario, as NAME.safetensors,
-where "--policy best" finds it, as soon as it is better than all that it could start from. It ends
-when the time is up, or, with half of it gone, when a quarter of it has brought nothing better.
-Ctrl-C ends it, too; what came is kept.
+Trains on your field, beginning with the policy that flies it best, of those that are shipped and
+what was refined for it before. Each minute it prints how the best so far compares with the better
+of sweep and HERT, in missions that play no part in any choice. As soon as a policy is better than
+all that it could start from, it is kept beside the scenario, as NAME.safetensors, where "--policy
+best" finds it. Training ends when the time is up, or, after half of the time, when a quarter of it
+has brought no improvement. Ctrl-C ends it, too, and keeps what was found.
 """
 _MINUTES = 10.0
 

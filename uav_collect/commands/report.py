@@ -28,10 +28,10 @@ if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
 _DESCRIPTION = """
 Prints, for each mission found, data collected [Mbit], energy [kJ], completion time [s], energy
 efficiency [kbit/J], decisions, messages and each UAV's part, and draws the trajectories into a PNG
-file beside it; a film of it on request: as a page (--html), or as moving pictures. PATH is a run
-folder, a mission log (.jsonl) or a bag; a bag needs nothing else. What the bag of a run folder
-lacks, the mission log tells. What is damaged is named, and what is whole shown with a warning. The
-exit status is 0 if missions were shown, 2 if one could not be read, drawn or written.
+file beside it; on request it makes a film, as a page (--html) or as GIF or MP4. PATH is a run
+folder, a mission log (.jsonl) or a bag, which needs nothing else. What is missing in the bag of a
+run folder is taken from the mission log. Damage is named, and what is intact is shown with a
+warning. The exit status is 0 if missions were shown, 2 if one could not be read, drawn or written.
 """
 # What a disk or Matplotlib, its fonts and its renderer raise; all else is a mistake of ours.
 _DRAWING_ERRORS = (MemoryError, OSError, OverflowError, RuntimeError, ValueError)
@@ -53,10 +53,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--readings',
         action='store_true',
-        help='show, too, which sensor was read when, by which UAV, and at which rate',
+        help='also show which sensor was read when, by which UAV, and at which rate',
     )
     parser.add_argument(
-        '--csv', type=options.output, metavar='FILE', help='write that, one row per reading'
+        '--csv', type=options.output, metavar='FILE', help='write these readings, one row for each'
     )
     parser.add_argument(
         '--gif', type=options.output, metavar='FILE', help='write a film of the mission as GIF'
@@ -65,7 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--mp4', type=options.output, metavar='FILE', help='the same as MP4, which needs ffmpeg'
     )
     parser.add_argument(
-        '--html', action='store_true', help='leave a film, too, as one page that plays the mission'
+        '--html', action='store_true', help='also make a film, as one page that plays the mission'
     )
 
 

@@ -21,12 +21,12 @@ if TYPE_CHECKING:  # loaded when flying, so that --help answers at once
     from uav_collect.scenario.model import Scenario
 
 _DESCRIPTION = """
-Flies the same missions with each number of UAVs and says how much battery each UAV needs: energy
-and time with all that a flight takes, as quantiles over the missions, and the share of missions
-that collect all data with each battery. Batteries are searched for, unless --battery-wh names
-them. All UAVs of a fleet have the same battery. Of its usable part the scenario's margin
-must be left when it lands. The budgets in the scenario do not count, nor does what a battery
-weighs: the propulsion power is the scenario's.
+Flies the same missions with each number of UAVs and says how large a battery each UAV needs: the
+energy and time of a flight with ample energy, as quantiles over the missions, and the share of
+missions that collect all data with each battery. It searches for the smallest battery that does,
+unless --battery-wh names some. All UAVs of a fleet have the same battery; of its usable part, the
+scenario's margin must be left after landing. The energy budgets in the scenario are ignored, and
+so is the weight of a battery: the propulsion power stays the scenario's.
 """
 _MAX_MISSIONS = 1_000_000
 _USABLE_SHARE = 0.8  # of batteries of which nobody says it
@@ -84,21 +84,21 @@ def _add_battery(parser: argparse.ArgumentParser) -> None:
         type=options.number_from(0.1, 100.0, '%'),
         default=99.0,
         metavar='PERCENT',
-        help='missions that are to collect all data (default: %(default)g)',
+        help='share of missions that must collect all data (default: %(default)g)',
     )
     parser.add_argument(
         '--usable',
         type=options.number_from(1.0, 100.0, '%'),
         metavar='PERCENT',
-        help='of a battery that may be used, the rest is kept (default: as the scenario says it of'
-        f' its batteries, else {100 * _USABLE_SHARE:g})',
+        help='share of a battery that may be used; the rest is kept (default: that of the'
+        f" scenario's batteries, else {100 * _USABLE_SHARE:g})",
     )
     parser.add_argument(
         '--volt',
         type=options.number_from(0.1, 10_000.0, 'V'),
         metavar='V',
-        help='nominal voltage that charges in mAh are shown for (default: as the scenario says it'
-        f' of its batteries, else {_VOLT:g}, six cells)',
+        help="nominal voltage for charges in mAh (default: that of the scenario's batteries, else"
+        f' {_VOLT:g}, six cells)',
     )
 
 

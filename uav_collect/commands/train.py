@@ -11,10 +11,9 @@ from uav_collect.kernels.patience import waiting_for
 from uav_collect.limits import ALGORITHMS, DEVICES, FAILED, MAX_SEED
 
 _DESCRIPTION = """
-Learns the policy of a fleet's UAVs by flying missions of a scenario, or of several in turn, and
-keeps the one that did best in fixed validation missions. A run folder gets the policy, everything
-that was set, tables and curves of how it went, and a checkpoint: Ctrl-C saves and says how to go
-on.
+Trains a policy for a fleet by flying missions of a scenario, or of several in turn, and keeps the
+version that did best in fixed validation missions. The run folder holds the policy, all settings,
+tables and curves of the training, and a checkpoint: Ctrl-C saves and says how to continue.
 """
 _PRESET = 'strong'
 _COURSES_PRESET = 'anywhere'

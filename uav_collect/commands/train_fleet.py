@@ -23,9 +23,9 @@ if TYPE_CHECKING:  # loaded when training, so that --help answers at once
 
 _DESCRIPTION = """
 Starts world_sims that fly mission after mission, their uav_agents, and the trainer, as processes
-that talk over DDS. The agents fly what the trainer publishes; the trainer learns from what they
-tell, shows how it goes and saves it in a run folder as train does. Ctrl-C saves; the same command
-goes on. What is killed is started again.
+that talk over DDS. The agents fly the policy that the trainer publishes; the trainer learns from
+what they report, shows its progress and keeps a run folder as train does. Ctrl-C saves; the same
+command continues. Processes that are killed are started again.
 """
 _PRESET = 'strong'
 _MINUTES = 60.0

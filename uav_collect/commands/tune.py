@@ -21,8 +21,8 @@ if TYPE_CHECKING:  # loaded when training, so that --help answers at once
 
 _DESCRIPTION = """
 Trains a policy with each combination of some values of a preset, each seed in a run folder of its
-own that is named by what was varied, and compares what they achieved in the validation missions.
-Given again, it goes on where it was interrupted.
+own, named after what was varied, and compares what they achieved in the validation missions.
+The same command again continues where it was interrupted.
 """
 _MINUTES = 10.0
 _MAX_RUNS = 1000

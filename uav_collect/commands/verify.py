@@ -16,10 +16,10 @@ if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
     from uav_collect.analysis.proof import Proof
 
 _DESCRIPTION = """
-Flies each recorded mission again, from what the recording itself holds, and proves it byte for
+Flies each recorded mission again, from the recording alone, and proves it byte for
 byte; or names the first event that differs, its field, the recorded and the flown value, and what
-is no longer as it was: a policy's version, the code, the scenario. PATH is a run folder, a bag or
-a mission log. Of a bag, the messages are compared, too, and the checksums of its file. What the
+has changed since: a policy's version, the code, the scenario. PATH is a run folder, a bag or
+a mission log. In a bag, messages and the checksums of its file are compared, too. What the
 world decided because an agent was silent, and faults that were injected, are taken as recorded and
 counted. The exit status is 0 if all is proved, 1 if something differs or is damaged, 2 if
 something cannot be read or flown.
