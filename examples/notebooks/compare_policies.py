@@ -8,7 +8,7 @@
 # # Compare policies
 #
 # Which way of deciding collects the most data for its energy? Here a learned policy, two
-# rules and a function of our own fly the same missions, and all are held against what would
+# rules and a function of our own fly the same missions, and all are compared with what would
 # be possible with perfect knowledge.
 
 # %%
@@ -41,9 +41,9 @@ compared = uav_collect.evaluate(SCENARIO, policies, missions=MISSIONS)
 print(compared)
 
 # %% [markdown]
-# Means of different missions differ by luck. The same missions flown by both differ by the
-# policy alone: so the interval of the difference is much narrower than those of the two
-# means. If it does not contain 0, the order is clear.
+# Means over different missions differ by luck. If two policies fly the same missions, the
+# results differ only by the policy, so the interval of the difference is much narrower than
+# those of the two means. If it does not contain 0, the order is clear.
 
 # %%
 for other in ('sweep', 'hert', 'nearest'):
@@ -51,8 +51,8 @@ for other in ('sweep', 'hert', 'nearest'):
     print(f'strong above {other}: {gain.mean:+.3f} ({gain.low:+.3f} to {gain.high:+.3f}) kbit/J')
 
 # %% [markdown]
-# Nobody knows the demand before the flight. Who did would fly the shortest plan: how far is
-# it to that?
+# Nobody knows the demand before the flight. A fleet that did would fly the shortest plan: how
+# close does a mission come to it?
 
 # %%
 mission = uav_collect.fly(SCENARIO, 'strong', seed=7)

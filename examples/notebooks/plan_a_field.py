@@ -33,8 +33,8 @@ ROWS = [f'logger {n},{x_m},{y_m}' for n, (x_m, y_m) in enumerate(PLACES_M, start
 (FOLDER / 'loggers.csv').write_text('\n'.join(['id,x_m,y_m', *ROWS]) + '\n')
 
 # %% [markdown]
-# `field` makes a scenario of it: cells by how far a logger is heard, a base, and a fleet. It
-# says why each value is what it is, in `loggers.yaml`, of which this shows the beginning, and
+# `field` turns it into a scenario: cells as large as the radio allows, a base, and a fleet. It
+# writes each value and the reason for it into `loggers.yaml`, whose beginning is shown here, and
 # draws a map, `loggers.png`.
 
 # %%
@@ -52,8 +52,8 @@ compared = uav_collect.evaluate(scenario, ['sweep', 'hert'], missions=MISSIONS)
 print(compared)
 
 # %% [markdown]
-# This is one mission by the better of the two, and who flew where. The less is left unread
-# the better: nothing should be.
+# This is one mission flown by the better of the two, and which UAV flew where. Nothing should
+# be left unread.
 
 # %%
 best = max(compared.estimates, key=lambda it: compared.estimates[it]['efficiency_kbit_per_j'].mean)

@@ -7,9 +7,9 @@
 # %% [markdown]
 # # Train for five minutes and see it fly
 #
-# A policy that starts by flying at random learns from its own missions what pays. Of three
-# runs on an idle core each had passed 1.0 kbit/J after five minutes; a good rule has 1.19,
-# and half an hour passes that. On a machine where nothing was compiled so far that takes
+# A policy that starts by flying at random learns from its own missions what pays. In five
+# minutes on an idle core, each of three runs passed 1.0 kbit/J; a good rule has 1.19, which
+# takes half an hour to beat. If no kernels are compiled yet, that takes
 # three to four minutes of processor time first. It needs what `make train` installs.
 
 # %%
@@ -36,16 +36,16 @@ def command(*words):
 command('train', '--scenario', SCENARIO, *TRAINING, '--output', RUN)
 
 # %% [markdown]
-# `curve.png` in the run folder shows how it learned. The best policy of all validations is a
-# file of some hundred kilobytes, and takes part wherever a rule does.
+# `curve.png` in the run folder shows how it learned. The policy that was best in validation is
+# a file of some hundred kilobytes, and can be used wherever a rule can.
 
 # %%
 policy = str(RUN / 'policy.safetensors')
 print(uav_collect.evaluate(SCENARIO, [policy, 'sweep', 'hert'], missions=MISSIONS))
 
 # %% [markdown]
-# And this is how it flies: `film_mission_7.html` plays the mission in a browser, and beside it, as
-# ghosts, the same mission as the rules fly it.
+# And this is how it flies: `film_mission_7.html` plays the mission in a browser, with ghosts
+# beside it: the same mission flown by the rules.
 
 # %%
 mission = uav_collect.fly(SCENARIO, policy, seed=7)
