@@ -44,7 +44,7 @@ _OF_TRAINER = {
     'preset': 'settings of the training: paper, strong, refine or a YAML file',
     'seed': 'of weights and missions',
     'minutes': 'how long to train [min]; 0: 60',
-    'output_dir': 'folder of the run, needed; one that holds the same run is gone on with',
+    'output_dir': 'folder of the run, needed; one that holds the same run is continued',
 }
 _WORLDS = Parameter(
     name='worlds',

@@ -80,7 +80,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--output',
         type=Path,
         metavar='FOLDER',
-        help='run folder; one that holds the same run already is gone on with'
+        help='run folder; one that holds the same run already is continued'
         f' (default: {RUNS}/SCENARIO_nUAVS_ALGORITHM_PRESET_sSEED)',
     )
 

@@ -82,8 +82,7 @@ class Parameter:
 WORLD_INSTANCE = Parameter(
     name='world_instance',
     default='',
-    description='UUID of the only world process that counts, as its parameter of this name gives '
-    'it; empty: any',
+    description='UUID of the only world process to heed, its world_instance; empty: any',
 )
 
 

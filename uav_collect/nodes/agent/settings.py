@@ -44,8 +44,8 @@ PARAMETERS = (
     Parameter(
         name='guard_after',
         default=GUARD_AFTER,
-        description='decisions that teach the UAV of no complete cell, after which its guard '
-        'takes over from a learned policy or a function, until it knows more: it hovers where it '
+        description='decisions without news of a completed cell after which the guard takes over '
+        'from a learned policy or a function, until the UAV knows more: it hovers where it '
         'may, else makes for the nearest incomplete cell; 0: never (--guard-after)',
         low=0,
         high=MAX_GUARD_AFTER,
@@ -53,8 +53,8 @@ PARAMETERS = (
     Parameter(
         name='observation_layout',
         default='',
-        description='layout, paper, egocentric or relative, in which each decision is told to '
-        'learners on /uav_N/transition; empty: not at all, or with --policy topic that of the '
+        description='layout (paper, egocentric or relative) in which each decision is published '
+        'for learners on /uav_N/transition; empty: none is, or with --policy topic that of the '
         'policy',
     ),
     WORLD_INSTANCE,

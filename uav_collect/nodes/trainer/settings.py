@@ -65,7 +65,7 @@ PARAMETERS = (
     Parameter(
         name='output_dir',
         default='',
-        description='folder of the run; one that holds a run already is gone on with',
+        description='folder of the run; one that holds a run already is continued',
     ),
     Parameter(
         name='minutes',
