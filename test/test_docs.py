@@ -20,10 +20,12 @@ from documents import all_blocks, blocks, DOCUMENTS, made, name_of, page, ROOT
 from interpreted import interpreted
 from processes import Processes
 import pytest
+from uav_collect.__main__ import main
 from uav_collect.missions.rollout import fly
 from uav_collect.scenario.load import load, scenario_names
 from uav_collect.scenario.site import build_site
 from uav_collect.studies.claims.claims import CLAIMS
+from uav_collect.studies.scale import load_scale, scale_names
 import yaml
 
 from tools.structure import ORDER, read, Sources
@@ -246,6 +248,17 @@ def test_every_shipped_scenario_is_in_the_first_tutorial(name: str) -> None:
 def test_every_room_has_its_line_in_contributing_in_the_order_of_imports() -> None:
     cells = re.findall(r'^\| (`\w.*?) \|', CONTRIBUTING, re.MULTILINE)
     assert re.findall(r'`(\w+)(?:/|\.py)`', ' '.join(cells)) == [*ORDER]
+
+
+@pytest.mark.parametrize('name', scale_names())
+def test_the_documents_know_how_much_each_scale_trains_and_flies(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = page('how_to/paper_studies.md')
+    [written] = re.findall(rf'^\| `{name}` \| .* \| (\d+) \| (\d+) \| .* \|$', text, re.MULTILINE)
+    assert main(['figures', '--scale', name, '--dry-run', '--output', str(tmp_path)]) == 0
+    trainings = re.findall(r'(\d+) of training', capsys.readouterr().out)
+    assert written == (*trainings, str(load_scale(name).tests.missions))
 
 
 def test_every_package_has_its_line_in_the_architecture() -> None:
