@@ -5,9 +5,7 @@ what it did since its last state.
 """
 
 from collections.abc import Iterator, Sequence
-import math
 from pathlib import Path
-from time import monotonic
 from typing import Any
 
 import ray
@@ -18,7 +16,6 @@ from ray.exceptions import (
     OutOfMemoryError,
     RayError,
     RayTaskError,
-    TaskCancelledError,
     WorkerCrashedError,
 )
 import uav_collect
@@ -42,7 +39,6 @@ _LOSSES = (
     WorkerCrashedError, NodeDiedError, ObjectLostError, OutOfMemoryError, GetTimeoutError,
 )  # fmt: skip
 _GET_S = 300.0  # for an event's bytes to come from where they are
-_STOPPING_S = 6.0  # until a job that was asked to end is ended by force
 
 
 class RayEngine:
@@ -74,7 +70,7 @@ class RayEngine:
                     ray.init(**options)
         self._perform = ray.remote(num_cpus=1, max_retries=0)(_performed)
         self._streams: dict[Any, str] = {}  # digest by stream of events
-        self._stopped_s = math.inf
+        self._is_stopped = False
 
     @property
     def n_slots(self) -> int:
@@ -87,52 +83,44 @@ class RayEngine:
 
     def wait(self, timeout_s: float) -> Sequence[tuple[str, JobReport]]:
         """Reports of jobs; of one whose machine or process is gone, that it is lost."""
+        if self._is_stopped:  # whoever reads a stream that was cancelled may wait for its task
+            ended = [*self._streams.values()]
+            self._streams.clear()
+            return [(digest, Stopped()) for digest in ended]
         if not self._streams:
             return []
-        if monotonic() >= self._stopped_s + _STOPPING_S:
-            for stream in self._streams:  # it compiles, or runs what cannot be interrupted
-                ray.cancel(stream, force=True)
         streams = [*self._streams]
         ready, _ = ray.wait(streams, num_returns=1, timeout=timeout_s)
         more, _ = ray.wait(streams, num_returns=len(streams), timeout=0)
         reports = []
         for stream in dict.fromkeys([*ready, *more]):
             digest, report = self._streams[stream], self._next(stream)
-            if isinstance(report, Finished | Failed | Lost | Stopped):
+            if isinstance(report, Finished | Failed | Lost):
                 del self._streams[stream]
             reports.append((digest, report))
         return reports
 
     def stop(self) -> None:
-        """Cancel all jobs; what they did since their last states is lost."""
-        self._stopped_s = monotonic()
-        for stream in self._streams:
-            ray.cancel(stream, force=False)
+        """End all jobs, whatever they do; what they did since their last states is lost."""
+        self._is_stopped = True
+        for stream in self._streams:  # one that compiles hears of nothing less
+            ray.cancel(stream, force=True)
 
     def close(self) -> None:
         """Kill what still runs, and disconnect."""
-        for stream in self._streams:
-            ray.cancel(stream, force=True)
+        self.stop()
         self._streams.clear()
         if self._is_ours:
             ray.shutdown()
-
-    @property
-    def _is_stopping(self) -> bool:
-        return math.isfinite(self._stopped_s)
 
     def _next(self, stream: Any) -> JobReport:  # noqa: ANN401 - Ray's
         try:
             report: JobReport = ray.get(next(stream), timeout=_GET_S)
         except StopIteration:
-            return Stopped()
-        except TaskCancelledError:
-            return Stopped()
+            return Lost(why='it ended without a result')
         except _LOSSES as error:
-            return Stopped() if self._is_stopping else Lost(why=_first_line(error))
+            return Lost(why=_first_line(error))
         except RayTaskError as error:
-            if self._is_stopping:
-                return Stopped()
             return Failed(why=_first_line(error.cause or error), trace=str(error))
         except RayError as error:  # none that says that the job is at fault
             return Lost(why=_first_line(error))
