@@ -48,6 +48,7 @@ def refine(arguments: argparse.Namespace, scenario: Scenario, output: Path) -> i
     with waiting_for('policies to fly the field'):
         start, known = _start(arguments, scenario, trials), _known(output, scenario, trials)
     print(f'from {start.name}: {_standing(trials, start)}' if start else _FROM_NOTHING, flush=True)
+    print('learning; a line follows each minute', flush=True)
     best = max((it for it in (start, known) if it is not None), key=_rank, default=None)
     with deferred_interruption() as interruption:
         try:
