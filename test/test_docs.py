@@ -375,3 +375,27 @@ def test_the_test_that_contributing_shows_passes(processes: Processes) -> None:
     exec(program, shown)
     [test] = [it for name, it in shown.items() if name.startswith('test_')]
     test(processes)
+
+
+def test_the_first_mission_is_chosen_and_flown_as_the_tutorial_shows(tmp_path: Path) -> None:
+    [shown, *_] = blocks(page('tutorials/first_mission.md'), 'text')
+    program = (
+        'import uav_collect\n'
+        "chosen = uav_collect.choose_policy('paper_10x10')\n"
+        "print(chosen, uav_collect.fly('paper_10x10', chosen.policy, seed=0))"
+    )
+    printed = in_a_process_of_its_own(['-c', program], tmp_path)
+    numbers = (
+        r'^(?:[> ] \w+ .* 100\.0 %|\S.* sampled missions: .*|flown by .*|    [12] .* complete)'
+    )
+    lines = re.findall(numbers, shown.split('picture:')[0], re.MULTILINE)
+    assert len(lines) == 9
+    assert [line for line in lines if line not in printed] == []
+
+
+def test_few_missions_size_a_fleet_as_the_page_shows(tmp_path: Path) -> None:
+    text = page('how_to/fleet_size.md')
+    [shown], [command] = blocks(text, 'text'), blocks(text, 'sh')
+    asked = command.split(' --complete')[0].split()[1:]
+    printed = in_a_process_of_its_own([*asked, '--missions', '20'], tmp_path)
+    assert shown in printed
