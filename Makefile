@@ -142,8 +142,8 @@ setup: $(BUILT)  ## everything that missions need, in .venv, build and install (
 	@echo 'set-up: ready; "make mission" flies, docs/how_to/nodes.md shows how to reach the executables'
 
 kernels: $(INSTALLED)  ## compile ahead what the first large job would wait for (three to four minutes of processor time, once)
-	@UAV_COLLECT_KERNELS=compiled $(VENV)/bin/python -m uav_collect evaluate --missions 1 \
-	  --policy sweep strong anywhere > /dev/null
+	@UAV_COLLECT_KERNELS=compiled $(VENV)/bin/python -m uav_collect evaluate --missions 1 --bound \
+	  --policy sweep strong anywhere lookahead:sweep > /dev/null
 	@echo 'kernels: compiled'
 
 field: $(INSTALLED)  ## make a scenario of a list of loggers, with a map, as LIST=loggers.csv UAVS=3
