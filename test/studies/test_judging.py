@@ -104,6 +104,20 @@ def test_a_mean_lies_in_a_span_with_its_whole_interval_and_says_how_near_it_was(
     assert evidence.margin_percent == pytest.approx(margin)
 
 
+@pytest.mark.parametrize(('value', 'status'), [(100.0, 'HOLDS'), (99.0, 'FAILS')])
+def test_a_share_is_held_against_the_end_at_which_the_statement_turns_alone(
+    value: float, status: str
+) -> None:
+    # The means of what is drawn are 100 but for rounding: 99.99999999999996 to 100.00000000000009.
+    samples = trained(*[[value] * 300] * 6)
+    evidence = judging.is_within('it', '%', judging.mean_of, samples, low=99.9)
+    assert (evidence.what, evidence.status) == ('it (at least 99.9)', ClaimStatus[status])
+    assert evidence.margin_percent == pytest.approx(value - 99.9)
+    below = judging.is_within('it', '%', judging.mean_of, samples, high=99.9)
+    assert below.what == 'it (at most 99.9)'
+    assert {evidence.status, below.status} == {ClaimStatus.HOLDS, ClaimStatus.FAILS}
+
+
 def test_a_ratio_that_is_the_same_in_every_mission_has_no_spread() -> None:
     two = missions(1, 2, 3), missions(2, 4, 6)
     change = judging.is_within('it', '%', judging.change_percent, *two, low=-51.0, high=-49.0)

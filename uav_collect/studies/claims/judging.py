@@ -172,12 +172,20 @@ def is_positive(
 
 
 def is_within(
-    what: str, unit: str, statistic: _Statistic, *samples: Samples, low: float, high: float
+    what: str,
+    unit: str,
+    statistic: _Statistic,
+    *samples: Samples,
+    low: float = -np.inf,
+    high: float = np.inf,
 ) -> Evidence:
-    """Whether a statistic in per cent lies between two values.
+    """Whether a statistic in per cent lies between two values, or on one side of one.
 
     Args:
         statistic: of the means of the samples, in their order.
+        low: nothing, where the statement turns at the other end alone: a share is never above
+            100 %, but for the rounding of its mean.
+        high: likewise.
     """
 
     def rule(lowest: float, highest: float) -> ClaimStatus:
@@ -190,8 +198,12 @@ def is_within(
     def margin_percent(mean: float) -> float:
         return min(mean - low, high - mean)
 
-    span = f'{what} (from {low:g} to {high:g})'
-    return _judged(span, unit, statistic, samples, rule, margin_percent)
+    span = f'from {low:g} to {high:g}'
+    if np.isinf(high):
+        span = f'at least {low:g}'
+    elif np.isinf(low):
+        span = f'at most {high:g}'
+    return _judged(f'{what} ({span})', unit, statistic, samples, rule, margin_percent)
 
 
 def mean_of(mean: Floats) -> Floats:

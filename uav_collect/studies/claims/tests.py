@@ -77,7 +77,9 @@ class _Tests:
         title = f'change of the {measure.title} of {what}'
         return is_within(title, '%', change_percent, after, before, low=low, high=high)
 
-    def collected(self, label: str, budget_kj: float, low: float, high: float) -> Evidence:
+    def collected(
+        self, label: str, budget_kj: float, low: float = -np.inf, high: float = np.inf
+    ) -> Evidence:
         """Whether a policy collects so much with a budget, or the nearest one that was tested."""
         index = self.nearest(budget_kj)
         what = f'data collected by {label} with {self.names[index]} kJ'
@@ -127,12 +129,12 @@ def enough_energy(results: StudyResults) -> Iterator[Evidence]:
     """Data collected with the paper's budget."""
     tests = _Tests(results, 'energy')
     for label in (AQMIX, QMIX, HERT):
-        yield tests.collected(label, _ENOUGH_KJ, ALL_PERCENT, 100.0)
+        yield tests.collected(label, _ENOUGH_KJ, low=ALL_PERCENT)
 
 
 def aiql_needs_more_energy(results: StudyResults) -> Iterator[Evidence]:
     """Data left behind with the paper's largest budget."""
-    yield _Tests(results, 'energy').collected(AIQL, _LONG_KJ, 0.0, ALL_PERCENT)
+    yield _Tests(results, 'energy').collected(AIQL, _LONG_KJ, high=ALL_PERCENT)
 
 
 def more_energy_changes_nothing(results: StudyResults) -> Iterator[Evidence]:
@@ -296,7 +298,7 @@ def better_with_range(results: StudyResults) -> Iterator[Evidence]:
 def aiql_without_gain(results: StudyResults) -> Iterator[Evidence]:
     """The largest range against none: no better by more than what counts as alike."""
     tests = _Tests(results, 'range')
-    yield tests.change(f'{AIQL}, {_ranges(tests)}', EFFICIENCY, AIQL, (0, -1), low=-100.0)
+    yield tests.change(f'{AIQL}, {_ranges(tests)}', EFFICIENCY, AIQL, (0, -1), low=-np.inf)
 
 
 def aqmix_best_over_ranges(results: StudyResults) -> Iterator[Evidence]:
@@ -317,7 +319,7 @@ def robust_to_errors(results: StudyResults) -> Iterator[Evidence]:
     """The largest channel error against none."""
     tests = _Tests(results, 'csi')
     what = f'{AQMIX} from error {tests.names[0]} to {tests.names[-1]}'
-    yield tests.change(what, EFFICIENCY, _OPTIMAL, (0, -1), -ROBUST_PERCENT, 100.0)
+    yield tests.change(what, EFFICIENCY, _OPTIMAL, (0, -1), -ROBUST_PERCENT, np.inf)
 
 
 def marginal_gain_when_sparse(results: StudyResults) -> Iterator[Evidence]:
