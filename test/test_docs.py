@@ -395,7 +395,7 @@ def test_the_first_mission_is_chosen_and_flown_as_the_tutorial_shows(tmp_path: P
 
 def test_few_missions_size_a_fleet_as_the_page_shows(tmp_path: Path) -> None:
     text = page('how_to/fleet_size.md')
-    [shown], [command] = blocks(text, 'text'), blocks(text, 'sh')
+    [shown], [command, *_] = blocks(text, 'text'), blocks(text, 'sh')
     asked = command.split(' --complete')[0].split()[1:]
     printed = in_a_process_of_its_own([*asked, '--missions', '20'], tmp_path)
     assert shown in printed
