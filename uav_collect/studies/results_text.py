@@ -60,7 +60,9 @@ def _what_was_run(
     tests = scale.tests
     last = tests.first_seed + tests.missions - 1
     seeds = ', '.join(f'{name} {n}' for name, n in scale.seeds.as_mapping().items())
-    fleets = ', '.join(f'{it.n_uavs} UAVs {it.decisions:,}' for it in scale.fleets)
+    fleets = ', '.join(
+        f'{it.n_uavs} UAV{"" if it.n_uavs == 1 else "s"} {it.decisions:,}' for it in scale.fleets
+    )
     decisions = ', '.join(
         f'{name} ({field["scenario"]}) {field["decisions"]:,}'
         for name, field in scale.fields.as_mapping().items()
@@ -86,8 +88,12 @@ def _overrides(values: Mapping[str, object]) -> str:
 
 def _counts(judged: Sequence[JudgedClaim]) -> str:
     counted = Counter(it.status for it in judged)
-    counts = [f'{counted[status]} {status}' for status in ClaimStatus if counted[status]]
-    return f'Of {len(judged)} statements: {", ".join(counts)}.'
+    counts = [
+        f'{counted[status]} {_word(status, counted[status])}'
+        for status in ClaimStatus
+        if counted[status]
+    ]
+    return f'Of {len(judged)} statements {", ".join(counts)}.'
 
 
 def _table(judged: Sequence[JudgedClaim]) -> str:
@@ -118,19 +124,28 @@ def _measured(evidence: Sequence[Evidence]) -> str:
     if len(evidence) <= _FEW:
         return '<br>'.join(map(_shown, evidence))
     counted = Counter(it.status for it in evidence)
-    counts = [f'{counted[status]} of {len(evidence)} {_word(status)}' for status in counted]
-    against = [it for it in evidence if it.status is not ClaimStatus.HOLDS][:_FEW]
-    return '<br>'.join([', '.join(counts), *map(_shown, against)])
+    counts = [
+        f'{counted[status]} of {len(evidence)} {_word(status, counted[status])}'
+        for status in counted
+    ]
+    against = sorted(
+        (it for it in evidence if it.status is not ClaimStatus.HOLDS),
+        key=lambda it: (it.status is not ClaimStatus.FAILS, it.margin_percent),
+    )
+    return '<br>'.join([', '.join(counts), *map(_shown, against[:_FEW])])
 
 
-def _word(status: ClaimStatus) -> str:
-    return {
-        ClaimStatus.HOLDS: 'hold',
-        ClaimStatus.TIE: 'tie',
-        ClaimStatus.FAILS: 'do not hold',
-        ClaimStatus.OPEN: 'are open',
-        ClaimStatus.SAME: 'are not judged',
+def _word(status: ClaimStatus, number: int) -> str:
+    """What so many statements or numbers do, for people."""
+    one, several = {
+        ClaimStatus.HOLDS: ('holds', 'hold'),
+        ClaimStatus.TIE: ('is a tie', 'are ties'),
+        ClaimStatus.FAILS: ('does not hold', 'do not hold'),
+        ClaimStatus.OPEN: ('is not resolvable at this scale', 'are not resolvable at this scale'),
+        ClaimStatus.SAME: ('is not judged', 'are not judged'),
+        ClaimStatus.NOT_RUN: ('was not run', 'were not run'),
     }[status]
+    return one if number == 1 else several
 
 
 def _details(number: int, judged: JudgedClaim) -> str:
@@ -144,14 +159,19 @@ def _details(number: int, judged: JudgedClaim) -> str:
         mean, span = _numbers(it)
         margin = '-' if it.estimate is None else f'{it.margin_percent:+.1f} %'
         lines.append(
-            f'| {it.what} | {mean} | {span} | {it.unit} | {it.count} | {margin} | {it.status} |'
+            f'| {it.what} | {mean} | {span} | {_unit(it)} | {it.count} | {margin} | {it.status} |'
         )
     return '\n'.join(lines)
 
 
 def _shown(evidence: Evidence) -> str:
     mean, span = _numbers(evidence)
-    return f'{evidence.what}: {mean} ({span}) {evidence.unit}, n = {evidence.count}'
+    measured = f'{evidence.what}: {mean} ({span}) {_unit(evidence)}'.rstrip()
+    return f'{measured}, n = {evidence.count}'
+
+
+def _unit(evidence: Evidence) -> str:
+    return '' if evidence.unit == '1' else evidence.unit
 
 
 def _numbers(evidence: Evidence) -> tuple[str, str]:

@@ -25,7 +25,7 @@ from uav_collect.training.curves import draw_curve, LearningCurve
 _SIZE_IN = (4.2, 3.9)
 _MARKERS = ('o', 's', '^', 'D', 'v')
 _WIDEST, _NARROWER = 3.0, 0.45  # lines, the first one and each after it
-_OVER = 'decisions in training [1]'
+_OVER = 'decisions in training'
 
 
 def draw(study: CurvesStudy, findings: Findings) -> Drawing:

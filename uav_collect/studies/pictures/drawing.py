@@ -67,9 +67,9 @@ def panels(
 
 
 def label_axes(axes: Axes, over: str, title: str, unit: str) -> None:
-    """Give a panel its labels, grid and spines."""
+    """Give a panel its labels, grid and spines; no unit is shown where that is 1."""
     axes.set_xlabel(over, fontsize=9)
-    axes.set_ylabel(f'{title} [{unit}]', fontsize=9)
+    axes.set_ylabel(title if unit == '1' else f'{title} [{unit}]', fontsize=9)
     axes.tick_params(labelsize=8)
     axes.grid(color=GRID, linewidth=0.6)
     axes.spines[['top', 'right']].set_visible(False)

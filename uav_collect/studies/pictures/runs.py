@@ -18,7 +18,7 @@ from uav_collect.studies.study import AQMIX, LEARNED, RULES, RunsStudy, Suite
 
 _SIZE_IN = (4.2, 3.6)
 _THRESHOLDS = np.linspace(0.0, 1.0, 101)
-_SHARE = 'efficiency, share of the thriftiest plan [1]'
+_SHARE = 'efficiency, share of the thriftiest plan'
 _Rows = list[list[object]]
 
 
@@ -115,7 +115,7 @@ def _draw_improvements(axes: Axes, suite: Suite, scores: dict[str, Floats]) -> _
     axes.set_xlim(-0.03, 1.03)
     axes.set_yticks(range(len(rivals)), rivals)
     axes.invert_yaxis()
-    label_axes(axes, f'probability that {AQMIX} is better [1]', 'than', '1')
+    label_axes(axes, f'probability that {AQMIX} is better', 'than', '1')
     return rows
 
 
