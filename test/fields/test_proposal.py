@@ -9,7 +9,7 @@ from uav_collect.errors import ConfigError
 from uav_collect.fields.radio_reach import mean_rate_bps
 from uav_collect.fields.settings import usual_settings
 from uav_collect.fields.summary import doubts, summary
-from uav_collect.scenario.airframes import airframe_named
+from uav_collect.scenario.airframes import airframe_named, airframe_names
 
 LINE = [(100.0 * n, 0.0) for n in range(40)]  # 3.9 km
 
@@ -37,6 +37,17 @@ def test_few_sensors_share_no_cell_if_they_need_not() -> None:
     field = proposed(ground((0.0, 0.0), (60.0, 0.0), (0.0, 60.0)), n_uavs=3)
     assert field.grid.n_data_cells == 3
     assert field.why_size.startswith('small enough for few sensors to share a cell; ')
+
+
+@pytest.mark.parametrize('name', airframe_names())
+def test_no_craft_is_proposed_to_fly_faster_than_it_can(name: str) -> None:
+    most_mps = airframe_named(name).max_speed_mps or math.inf
+    assert proposed(ground(*LINE), airframe=name).crafts[0].speed_mps <= most_mps
+
+
+def test_a_speed_that_the_craft_does_not_fly_is_refused() -> None:
+    with pytest.raises(ConfigError, match='--speed is 24: must be at most 23 m/s'):
+        proposed(ground(*LINE), airframe='dji_m300', speeds_mps=(10.0, 24.0))
 
 
 def test_a_field_too_large_for_its_cells_has_larger_ones_and_says_what_that_costs() -> None:

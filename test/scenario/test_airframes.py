@@ -47,6 +47,19 @@ def test_every_shipped_craft_flies_on_less_power_at_some_speed_than_it_hovers_on
         assert powers_w[1] < powers_w[0] < powers_w[2]
 
 
+def test_a_craft_that_is_to_fly_faster_than_it_can_is_refused_where_its_speed_stands(
+    tmp_path: Path,
+) -> None:
+    named = '{airframe: dji_m600}'
+    assert fleet_of(tmp_path, named, '[{speed_mps: 18}]').uavs[0].speed_mps == 18.0
+    assert refusal_of(tmp_path, named, '[{speed_mps: 10}, {speed_mps: 18.5}]') == (
+        '/mine.yaml:4: fleet.uavs.1.speed_mps is 18.5: must be at most 18 m/s, the most that its '
+        'airframe flies'
+    )
+    own = '{airframe: {like: dji_m600, max_speed_mps: 25}}'
+    assert fleet_of(tmp_path, own, '[{speed_mps: 18.5}]').uavs[0].speed_mps == 18.5
+
+
 def test_the_source_s_craft_has_the_constants_of_the_paper() -> None:
     derived = airframe_named('zeng_2019').propulsion
     known = load('paper_10x10').uavs[0].propulsion.as_mapping()

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from uav_collect.errors import ConfigError
 from uav_collect.fields.settings import FieldSettings, Wishes
 from uav_collect.physics.energy import propulsion_powers_w
 from uav_collect.scenario.airframes import airframe_named, KJ_PER_WH
@@ -39,7 +40,7 @@ def crafts_of(wishes: Wishes, settings: FieldSettings) -> tuple[Craft, ...]:
     """The fleet that is asked for; at the speed that takes it farthest, unless some are given.
 
     Raises:
-        ConfigError: there is no such airframe.
+        ConfigError: there is no such airframe, or it flies no speed that is asked for.
     """
     if wishes.speeds_mps is None:
         return (_craft(wishes, settings, None),) * wishes.n_uavs
@@ -49,7 +50,13 @@ def crafts_of(wishes: Wishes, settings: FieldSettings) -> tuple[Craft, ...]:
 def _craft(wishes: Wishes, settings: FieldSettings, speed_mps: float | None) -> Craft:
     name = wishes.airframe or settings.airframe
     airframe = airframe_named(name)
-    speeds_mps = _SPEEDS_MPS if speed_mps is None else np.array([speed_mps])
+    if speed_mps is None:
+        most_mps = airframe.max_speed_mps or np.inf
+        speeds_mps = _SPEEDS_MPS[most_mps >= _SPEEDS_MPS]
+    elif problem := airframe.too_fast(speed_mps):
+        raise ConfigError(f'--speed {problem}')
+    else:
+        speeds_mps = np.array([speed_mps])
     powers_w = propulsion_powers_w(speeds_mps, **airframe.propulsion)
     best = int((powers_w / speeds_mps).argmin())
     battery_wh = wishes.battery_wh

@@ -74,6 +74,7 @@ class AirframeConfig(Section):
     chord_m: Annotated[float | None, number(0.0001, 5, 'm')] = None
     tip_speed_mps: Annotated[float | None, number(1, 1000, 'm/s')] = None
     lift_coefficient: Annotated[float | None, number(0.01, 2)] = None
+    max_speed_mps: Annotated[float | None, number(0.1, 200, 'm/s')] = None
     # The battery that comes with it, where that is known.
     battery_wh: Annotated[float | None, _WATT_HOURS] = None
     battery_v: Annotated[float | None, _VOLT] = None
@@ -89,6 +90,15 @@ class AirframeConfig(Section):
             'induced_speed_mps': rotors.induced_speed_mps,
             'parasite_coefficient': rotors.parasite_coefficient,
         }
+
+    def too_fast(self, speed_mps: object) -> str:
+        """What is wrong with a speed [m/s]; nothing where it is no number, as others say so."""
+        most_mps = self.max_speed_mps
+        if most_mps is None or not isinstance(speed_mps, int | float) or speed_mps <= most_mps:
+            return ''
+        return (
+            f'is {speed_mps:g}: must be at most {most_mps:g} m/s, the most that its airframe flies'
+        )
 
     @property
     def _rotors(self) -> Rotors:
@@ -197,6 +207,8 @@ def _resolved(document: Document, keys: Keys, uav: object, aliases: dict[Keys, K
         if 'propulsion' in uav:
             raise ConfigError(document.problem(written, 'is given: must not be beside propulsion'))
         airframe = _airframe_at(document, written)
+        if problem := airframe.too_fast(uav.get('speed_mps')):
+            raise ConfigError(document.problem((*keys, 'speed_mps'), problem))
         left['propulsion'] = airframe.propulsion
         aliases[*keys, 'propulsion'] = aliases.get(written, written)
     said = [key for key in _BATTERY_KEYS if key in uav]
