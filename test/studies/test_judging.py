@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from uav_collect.studies.claims import judging
 from uav_collect.studies.claims.judging import ClaimStatus, Evidence, Samples
+from uav_collect.studies.study import TrainedPolicies
 
 
 def missions(*values: float) -> Samples:
@@ -88,6 +89,34 @@ def test_what_is_not_known_is_left_out_in_pairs() -> None:
     assert evidence.n_missions == 1
 
 
+def test_what_is_not_known_changes_no_margin_and_no_tie() -> None:
+    even, odd = [100.0, 101.0] * 50, [101.0, 100.0] * 50
+    whole = judging.is_above('it', 's', missions(*even), missions(*odd))
+    less = judging.is_above('it', 's', missions(*even, np.nan), missions(*odd, 1.0))
+    assert whole.status is ClaimStatus.TIE
+    assert less == whole
+
+
+def test_ranks_are_of_missions_that_all_finish_and_who_finishes_none_is_the_slowest() -> None:
+    samples = {
+        'AQMIX': trained([3.0, 1.0], [2.0, np.nan]),
+        'QMIX': trained([1.0, 9.0], [np.nan, np.nan]),
+    }
+    assert judging.ranked(samples).value[:, 0].tolist() == [2.0, 1.0, 0.0, 3.0]
+
+
+def test_a_training_that_failed_leaves_a_statement_of_learning_open() -> None:
+    def of(label: str, *values: float) -> Samples:
+        digests = tuple(f'{label}{number}' for number in range(len(values)))
+        trained = TrainedPolicies(label=label, algorithm=label.lower(), digests=digests)
+        return judging.by_training(trained, np.array(values), 'reward')
+
+    low = of('QMIX', 1.0, 1.1, 1.2)
+    assert judging.is_above('it', '1', of('AQMIX', 2.0, 2.1, 2.2), low).status is ClaimStatus.HOLDS
+    failed = judging.is_above('it', '1', of('AQMIX', 2.0, 2.1, np.nan), low)
+    assert (failed.status, failed.estimate) == (ClaimStatus.OPEN, None)
+
+
 @pytest.mark.parametrize(
     ('low', 'high', 'status', 'margin'),
     [
@@ -140,6 +169,7 @@ def test_a_ratio_that_is_the_same_in_every_mission_has_no_spread() -> None:
 )
 def test_a_statement_holds_if_all_its_parts_do(statuses: str, status: ClaimStatus) -> None:
     part = within(missions(1, 2), 0.0, 5.0)
+    part = replace(part, n_least=9, errors_beside=9.0)
     parts = [replace(part, status=ClaimStatus[it]) for it in statuses.split()]
     assert judging.combined_status(parts) is status
 
@@ -148,3 +178,29 @@ def test_the_number_that_decides_is_the_nearest_of_those_with_the_verdict() -> N
     far, near, other = (within(missions(1, 2, 3), low, 9.0) for low in (0.0, 0.5, 5.0))
     assert judging.deciding([far, near]) is near
     assert judging.deciding([far, near, other]) is other
+
+
+def test_one_of_many_numbers_that_fails_by_chance_leaves_a_statement_open() -> None:
+    def number(status: ClaimStatus, errors_beside: float = 0.0) -> Evidence:
+        part = within(missions(1, 2, 3), 0.0, 9.0)
+        return replace(part, status=status, n_least=6, errors_beside=errors_beside)
+
+    # Student's t of five: 2.57 at 95 %, 4.77 at 99.5 %.
+    beside = number(ClaimStatus.FAILS, 3.0)
+    held = [number(ClaimStatus.HOLDS)] * 9
+    assert judging.combined_status([beside]) is ClaimStatus.FAILS
+    assert judging.combined_status([beside, *held]) is ClaimStatus.OPEN
+    assert judging.deciding([*held, beside]) == beside
+    assert judging.combined_status([number(ClaimStatus.FAILS, 5.0), *held]) is ClaimStatus.FAILS
+
+
+def test_a_number_says_by_how_many_errors_it_lies_beside() -> None:
+    low, high = missions(1, 2, 3, 4), missions(2, 3, 4, 8)
+    difference = np.array([1.0, 1.0, 1.0, 4.0])
+    error = difference.std(ddof=1) / 2.0
+    above = judging.is_above('it', 's', low, high)
+    assert above.errors_beside == pytest.approx(1.75 / error, rel=0.1)
+    assert above.n_least == 4
+    inside = within(missions(1, 2, 3), 0.0, 9.0)
+    assert inside.errors_beside < 0.0
+    assert within(missions(4, 4, 4), 5.0, 9.0).errors_beside == np.inf

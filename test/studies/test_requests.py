@@ -57,6 +57,16 @@ def test_each_training_is_tested_for_itself() -> None:
         assert {len(it.digests) for it in tests} == {max(1, n_trainings)}
 
 
+def test_qmix_is_trained_and_flown_as_aqmix_where_there_is_a_single_uav() -> None:
+    requests = Requests(load_scale('laptop'))
+    fleets = [with_uavs(load('paper_10x10'), n_uavs) for n_uavs in (1, 2)]
+    for fleet, is_shared in zip(fleets, (True, False), strict=True):
+        aqmix, qmix = (requests.train(label, fleet, 1000, 3) for label in ('AQMIX', 'QMIX'))
+        assert (aqmix.digests == qmix.digests) == is_shared
+        tests = [requests.fly(trained, fleet) for trained in (aqmix, qmix)]
+        assert (tests[0] == tests[1]) == is_shared
+
+
 def test_what_several_studies_need_is_asked_for_once() -> None:
     requests = Requests(load_scale('laptop'))
     catalogue.make_study('energy', requests)

@@ -14,7 +14,7 @@ def measured(what: str, status: ClaimStatus, margin_percent: float, unit: str = 
     estimate = Estimate(mean=1.0, low=0.5, high=1.5, median=1.0)
     return Evidence(
         what=what, unit=unit, n_missions=3, n_trainings=6, estimate=estimate,
-        margin_percent=margin_percent, status=status,
+        margin_percent=margin_percent, status=status, n_least=6, errors_beside=9.0,
     )  # fmt: skip
 
 

@@ -28,7 +28,9 @@ class Recorded:
 
 
 def task(key: str, digests: tuple[str, ...]) -> StudyTask:
-    trained = {it: TrainedPolicies(label=it, digests=digests) for it in LEARNED}
+    trained = {
+        it: TrainedPolicies(label=it, algorithm=LEARNED[it], digests=digests) for it in LEARNED
+    }
     tests = {it: MissionSet(digests=(digests,), trainings=digests) for it in LEARNED}
     return StudyTask(label=key, key=key, trained=trained, tests=tests)
 

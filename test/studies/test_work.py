@@ -6,13 +6,16 @@ from pathlib import Path
 import pickle
 
 from checkpoints import forged
+from episodes import small
 import pytest
-from study_jobs import training
+from study_jobs import FLEET, training
+from tiny_world import tiny
 from uav_collect.errors import CheckpointError, TrainingRunError
 from uav_collect.learning.checkpoint import checkpoint_bytes
-from uav_collect.studies.jobs.jobs import digest_of
+from uav_collect.studies.jobs.jobs import CURVE, digest_of, POLICY, training_job
 from uav_collect.studies.jobs.work import run_job
-from uav_collect.studies.jobs.worker_messages import Saved, WorkItem
+from uav_collect.studies.jobs.worker_messages import Finished, Saved, WorkItem
+from uav_collect.uav.policy_file import policy_from_bytes
 
 pytest.importorskip('torch', reason='training needs torch')
 
@@ -57,3 +60,17 @@ def test_a_training_that_ends_before_its_first_update_says_what_that_takes() -> 
     words = r'^aqmix, seed 0: nothing was learned: .* too few for an update: it takes '
     with pytest.raises(TrainingRunError, match=words):
         list(run_job(work))
+
+
+def learned_by(algorithm: str) -> tuple[bytes, str]:
+    """What a training of a single UAV gives: its curve, and the digest of its policy's weights."""
+    job = training_job(tiny(FLEET[0]), small('strong'), algorithm, 0, 1000)
+    work = WorkItem(digest=digest_of(job), job=job, inputs={}, state=None, checkpoint_s=60.0)
+    results = next(event.results for event in run_job(work) if isinstance(event, Finished))
+    return results[CURVE], policy_from_bytes(results[POLICY]).digest
+
+
+def test_a_single_uav_learns_by_qmix_what_it_learns_by_aqmix() -> None:
+    by_aqmix = learned_by('aqmix')
+    assert learned_by('qmix') == by_aqmix
+    assert learned_by('aiql') != by_aqmix

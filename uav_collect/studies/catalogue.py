@@ -1,6 +1,7 @@
 """The paper's figures 3 to 13 (Sec. VII), and what it lacks: all runs, lost and late messages."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 import math
 
 from uav_collect.scenario.model import Scenario
@@ -39,11 +40,11 @@ from uav_collect.studies.study import (
     StudyTask,
     Suite,
     TopologyStudy,
-    TrainedPolicies,
     TrajectoriesStudy,
 )
 
 _Make = Callable[[Requests], Study]
+_QMIX_ALONE = 'with one UAV QMIX is AQMIX, as nobody waits'
 _LINKS_ABOUT = (
     'nothing is trained: strong is the shipped policy, which learned where no message is lost or'
     ' late; thin lines: twice as many UAVs, for which nothing is planned'
@@ -106,7 +107,8 @@ def _learning_uavs(requests: Requests) -> Study:
         name='learning-uavs',
         figure=5,
         title='Learning with different numbers of UAVs',
-        about=f'each algorithm is trained with each number of UAVs, {requests.trained_by}',
+        about=f'each algorithm is trained with each number of UAVs, {requests.trained_by};'
+        f' {_QMIX_ALONE}',
         panels=tuple(panels),
     )
 
@@ -156,7 +158,8 @@ def _uavs(requests: Requests) -> Study:
         name='uavs',
         figure=8,
         title='Number of UAVs',
-        about=f'each algorithm is trained with each number of UAVs, {requests.trained_by}',
+        about=f'each algorithm is trained with each number of UAVs, {requests.trained_by};'
+        f' {_QMIX_ALONE}',
         over='number of UAVs',
         column='n_uavs',
         values=tuple(map(float, fleets)),
@@ -190,11 +193,11 @@ def _kernel(requests: Requests) -> Study:
     config = scale.fields.large
     field = field_of(config)
     curves = [
-        TrainedPolicies(
-            label=f'{kernel}x{kernel}',
-            digests=requests.train(
+        replace(
+            requests.train(
                 AQMIX, field, config.decisions, scale.seeds.kernels, mixer__pool_side=kernel
-            ).digests,
+            ),
+            label=f'{kernel}x{kernel}',
         )
         for kernel in scale.kernels
     ]
@@ -319,7 +322,7 @@ def _runs(requests: Requests) -> Study:
         name='runs',
         figure=None,
         title='Algorithms over all areas and over all fleets, training by training',
-        about=f'each algorithm is trained for each task, {requests.trained_by}',
+        about=f'each algorithm is trained for each task, {requests.trained_by}; {_QMIX_ALONE}',
         suites=(
             Suite(label='areas', key='areas', tasks=tuple(areas)),
             Suite(label='fleets', key='fleets', tasks=tuple(fleets)),

@@ -32,7 +32,8 @@ class Findings:
     def __init__(self, store: Store) -> None:
         """Read from a store; tables are kept in memory."""
         self._store = store
-        self._tables: dict[str, dict[str, Floats]] = {}
+        self._tables: dict[tuple[str, str], dict[str, Floats]] = {}
+        self._ranks: dict[str, tuple[float, float]] = {}
 
     def column(self, tested: MissionSet, measure: PanelMeasure) -> Column | None:
         """A measure of all missions of a test, as shown; None where plans have none.
@@ -59,8 +60,7 @@ class Findings:
 
     def best_training(self, tested: MissionSet) -> int:
         """Which of the trainings gave the policy that is the best in validation."""
-        policies = [policy_from_bytes(self._store.read(it, POLICY)) for it in tested.trainings]
-        ranks = [policy.header.validation.rank for policy in policies]
+        ranks = [self._rank(it) for it in tested.trainings]
         return ranks.index(max(ranks))
 
     def curve(self, trained: TrainedPolicies, key: str) -> LearningCurve | None:
@@ -111,9 +111,15 @@ class Findings:
         return rising(table['n_decisions'], table[key])
 
     def _table(self, digest: str, name: str) -> dict[str, Floats]:
-        if digest not in self._tables:
-            self._tables[digest] = read_table(self._store.read(digest, name))
-        return self._tables[digest]
+        if (digest, name) not in self._tables:
+            self._tables[digest, name] = read_table(self._store.read(digest, name))
+        return self._tables[digest, name]
+
+    def _rank(self, training: str) -> tuple[float, float]:
+        if training not in self._ranks:
+            policy = policy_from_bytes(self._store.read(training, POLICY))
+            self._ranks[training] = policy.header.validation.rank
+        return self._ranks[training]
 
 
 def read_table(content: bytes) -> dict[str, Floats]:

@@ -6,7 +6,15 @@ from dataclasses import dataclass, field, replace
 from uav_collect.scenario.model import Scenario
 from uav_collect.studies.jobs.jobs import digest_of, FlightsJob, Job, PlansJob, training_job
 from uav_collect.studies.scale import ScaleConfig
-from uav_collect.studies.study import LEARNED, MissionSet, PLAN, RULES, TrainedPolicies
+from uav_collect.studies.study import (
+    AQMIX,
+    LEARNED,
+    MissionSet,
+    PLAN,
+    QMIX,
+    RULES,
+    TrainedPolicies,
+)
 from uav_collect.training.config import load_preset
 from uav_collect.uav.policy import policy_for, specialist_name, STRONG
 
@@ -59,9 +67,13 @@ class Requests:
             trainings = self.scale.trainings
             values = {name.replace('__', '.'): value for name, value in settings.items()}
             config = load_preset(trainings.preset, trainings.set | values)
-            first = training_job(scenario, config, LEARNED[label], 0, decisions)
-            digests = [self.add(replace(first, seed=seed)) for seed in range(n_seeds)]
-            self._trainings[known] = TrainedPolicies(label=label, digests=tuple(digests))
+            algorithm = _algorithm(label, scenario)
+            first = training_job(scenario, config, algorithm, 0, decisions)
+            self._trainings[known] = TrainedPolicies(
+                label=label,
+                algorithm=algorithm,
+                digests=tuple(self.add(replace(first, seed=seed)) for seed in range(n_seeds)),
+            )
         self._asked.update(self._trainings[known].digests)
         return self._trainings[known]
 
@@ -69,9 +81,9 @@ class Requests:
         self, trained: TrainedPolicies, scenario: Scenario, bandwidth: str = 'exact'
     ) -> MissionSet:
         """Ask for test missions of each policy that trainings gave."""
-        policy = LEARNED[trained.label]
         rows = [
-            self._tested(policy, (training,), scenario, bandwidth) for training in trained.digests
+            self._tested(trained.algorithm, (training,), scenario, bandwidth)
+            for training in trained.digests
         ]
         return MissionSet(digests=tuple(rows), trainings=trained.digests)
 
@@ -117,7 +129,7 @@ class Requests:
         """Ask for the log of one mission by the policy that is the best in validation."""
         return self.add(
             _flights(
-                LEARNED[trained.label],
+                trained.algorithm,
                 trained.digests,
                 self._text(scenario),
                 'exact',
@@ -145,6 +157,11 @@ class Requests:
         seeds = range(tests.first_seed, tests.first_seed + tests.missions)
         size = tests.missions_per_job
         return [seeds[start : start + size] for start in range(0, len(seeds), size)]
+
+
+def _algorithm(label: str, scenario: Scenario) -> str:
+    """What is trained: QMIX of a single UAV, which waits for nobody, is AQMIX."""
+    return LEARNED[AQMIX if label == QMIX and scenario.n_uavs == 1 else label]
 
 
 def _flights(

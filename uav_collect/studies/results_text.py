@@ -12,6 +12,7 @@ from uav_collect.studies.scale import ScaleConfig
 from uav_collect.studies.study import Study
 
 _SURE_TRAININGS = 6  # agree by chance once in 32: enough to say no more about it
+_PAPER = 'paper'  # the preset that trains as the paper does
 _FEW = 3  # pieces of evidence that the first table has room for
 
 
@@ -42,9 +43,13 @@ def results_text(
         'bootstrap, its percentiles widened for few trainings), so no number depends on which '
         'training is the best; tests fly the same missions, with the optimal bandwidth. What is '
         'said of learning is measured in the last fifth of trainings. '
-        f'Fewer than {MIN_TRAININGS} trainings decide nothing. Beside the verdict stands the '
-        'margin of the number that decides: how far it is from where the statement turns, in per '
-        'cent; negative, how far beside it.',
+        f'Fewer than {MIN_TRAININGS} trainings decide nothing, and the interval of '
+        f'{MIN_TRAININGS} hardly leaves their range, which holds the truth three times in four. '
+        'Of many numbers one is beside a statement by chance: it fails by one that would be so in '
+        f'no more than {1 - CONFIDENCE_LEVEL:.0%} of such statements (Bonferroni). Beside the '
+        'verdict stands the margin of the number that decides: how far it is from where the '
+        'statement turns, in per cent or percentage points; negative, how far beside it.',
+        *_other_method(scale.trainings.preset),
         "How the paper's words are read:\n\n" + '\n'.join(f'- {it}' for it in READINGS),
         _counts(judged),
         _table(judged),
@@ -52,6 +57,16 @@ def results_text(
         *(_details(number, it) for number, it in enumerate(judged, start=1) if it.evidence),
     ]
     return '\n\n'.join(parts) + '\n'
+
+
+def _other_method(preset: str) -> Sequence[str]:
+    if preset == _PAPER:
+        return ()
+    return (
+        f'The preset `{preset}` does not train as the paper does: reward, observation, targets, '
+        'networks and the choice of the best policy differ. What is said of AQMIX, QMIX and AIQL '
+        'is said of them so trained, for as many decisions as stand above.',
+    )
 
 
 def _what_was_run(
@@ -116,6 +131,8 @@ def _verdict(judged: JudgedClaim) -> str:
         if MIN_TRAININGS <= n_trainings < _SURE_TRAININGS:
             chance = 2 ** (n_trainings - 1)
             parts.append(f'{n_trainings} trainings agree by chance once in {chance}')
+        if judged.claim.note:
+            parts.append(judged.claim.note)
     return '; '.join(parts)
 
 

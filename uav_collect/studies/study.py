@@ -17,6 +17,7 @@ class TrainedPolicies:
     """One algorithm's trainings on one scenario, which differ in their seed alone."""
 
     label: str
+    algorithm: str
     digests: tuple[str, ...]  # seed 0, 1, ...
 
 

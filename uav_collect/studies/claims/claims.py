@@ -21,6 +21,7 @@ class Claim:
     statement: str
     study: str  # that it is judged by
     evidence: Callable[[StudyResults], Iterable[Evidence]]
+    note: str = ''  # what a reader of the verdict should know
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,8 +33,24 @@ class JudgedClaim:
     status: ClaimStatus
 
 
+_SPEEDS = (
+    'the paper gives speeds of two UAVs alone; here one flies at 5 m/s, and of more every second '
+    'one at 10 m/s'
+)
+_NOTES = {
+    learning.alike_with_one_uav: 'AQMIX and QMIX keep their mixer, which AIQL has not',
+    tests.efficiency_brings_the_rest: 'nearly so by definition where nothing or all is left',
+    tests.second_uav_of_aqmix: _SPEEDS,
+    tests.second_uav_of_qmix: _SPEEDS,
+    tests.better_trade_than_qmix: _SPEEDS,
+    tests.hert_in_proportion: _SPEEDS,
+}
+
 CLAIMS = tuple(
-    Claim(figure=figure, study=study, evidence=evidence, statement=statement)
+    Claim(
+        figure=figure, study=study, evidence=evidence, statement=statement,
+        note=_NOTES.get(evidence, ''),
+    )
     for figure, study, evidence, statement in (
         (4, 'learning-areas', learning.aqmix_above_in_every_area,
          'AQMIX learns more than QMIX and AIQL on areas of every size.'),
@@ -73,7 +90,7 @@ CLAIMS = tuple(
         (8, 'uavs', tests.better_trade_than_qmix,
          'AQMIX trades efficiency for time much better than QMIX.'),
         (8, 'uavs', tests.overlap_costs_efficiency,
-         'Efficiency falls with the number of UAVs since their ways overlap.'),
+         'From two UAVs on, efficiency falls with their number since their ways overlap.'),
         (8, 'uavs', tests.hert_in_proportion,
          "HERT's time falls in proportion to the number of UAVs, its efficiency stays."),
         (8, 'uavs', tests.aiql_poor_with_many,

@@ -7,10 +7,11 @@ sides of a comparison are drawn once for both. The interval decides, never a per
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
+import math
 
 import numpy as np
-from uav_collect.analysis.resampling import expanded_interval, resampled_means
-from uav_collect.analysis.statistics import Estimate
+from uav_collect.analysis.resampling import expanded_interval, resampled_means, student_quantile
+from uav_collect.analysis.statistics import CONFIDENCE_LEVEL, Estimate
 from uav_collect.kernels.arrays import Floats
 from uav_collect.studies.claims.words import ALIKE_PERCENT
 from uav_collect.studies.findings import Findings
@@ -53,6 +54,13 @@ class Evidence:
     estimate: Estimate | None  # None where nothing counts
     margin_percent: float  # how far within what was said, or how far beside it if negative
     status: ClaimStatus
+    n_least: int = 0  # the fewest trainings, or missions, that it was measured in
+    errors_beside: float = -np.inf  # how far beside what was said it lies, in standard errors
+
+    def is_beside_among(self, number: int) -> bool:
+        """Whether it is beside what was said even if it is one of many (Bonferroni)."""
+        chance = (1.0 - CONFIDENCE_LEVEL) / (2 * number)
+        return self.errors_beside > student_quantile(1.0 - chance, self.n_least - 1)
 
     @property
     def count(self) -> str:
@@ -128,11 +136,30 @@ class StudyResults:
 
 
 def by_training(trained: TrainedPolicies, values: Floats, key: str) -> Samples:
-    """A number of each training; those that have none, as they failed at once, are left out."""
-    known = np.isfinite(values)
-    names = tuple(it for it, is_known in zip(trained.digests, known, strict=True) if is_known)
+    """A number of each training; nan, of one that failed at once, leaves all undecided."""
     source = key, *trained.digests
-    return Samples(value=values[known][:, None], trainings=names, source=source)
+    return Samples(value=values[:, None], trainings=trained.digests, source=source)
+
+
+def ranked(samples: Mapping[str, Samples]) -> Samples:
+    """The rank of the mean of each training's policy among those of all algorithms, from 0.
+
+    Means are over the missions that are known of all. A policy of which no mission is known, as it
+    finishes none, ranks as the slowest.
+
+    Args:
+        samples: of missions, by the algorithm's label.
+    """
+    names = [f'{label} {it}' for label in samples for it in range(len(samples[label].value))]
+    values = np.concatenate([it.value for it in samples.values()])
+    counts = np.isfinite(values).any(axis=1)
+    known = np.isfinite(values[counts]).all(axis=0)
+    means = np.full(len(values), np.inf)
+    means[counts] = values[counts][:, known].mean(axis=1) if known.any() else np.nan
+    n_less = (means[:, None] > means).sum(axis=1)
+    n_equal = (means[:, None] == means).sum(axis=1)
+    places = n_less + (n_equal - 1) / 2
+    return Samples(value=places[:, None], trainings=tuple(names))
 
 
 def is_above(what: str, unit: str, high: Samples, low: Samples) -> Evidence:
@@ -149,7 +176,8 @@ def is_positive(
         statistic: of the means of the samples, in their order.
         one: what counts as 100 % for the margin and for a tie; None: the largest mean.
     """
-    means = [abs(float(it.value.mean())) if it.value.size else 0.0 for it in samples]
+    known = _known(samples)
+    means = [abs(float(it.value.mean())) if it.value.size else 0.0 for it in known]
     whole = max(means) if one is None else one
     alike = whole * ALIKE_PERCENT / 100.0
 
@@ -168,7 +196,7 @@ def is_positive(
         found = statistic(*means)
         return np.where(np.abs(found) <= _ROUNDING * whole, 0.0, found)
 
-    return _judged(what, unit, settled, samples, rule, margin_percent)
+    return _judged(what, unit, settled, known, rule, margin_percent, lambda mean: -mean)
 
 
 def is_within(
@@ -203,7 +231,10 @@ def is_within(
         span = f'at least {low:g}'
     elif np.isinf(low):
         span = f'at most {high:g}'
-    return _judged(f'{what} ({span})', unit, statistic, samples, rule, margin_percent)
+    return _judged(
+        f'{what} ({span})', unit, statistic, samples, rule, margin_percent,
+        lambda mean: max(low - mean, mean - high),
+    )  # fmt: skip
 
 
 def mean_of(mean: Floats) -> Floats:
@@ -224,12 +255,17 @@ def _ratio(first: Floats, second: Floats) -> Floats:
 def combined_status(evidence: Sequence[Evidence]) -> ClaimStatus:
     """The status of a statement: it holds if each part does, and fails if one does.
 
-    What stands beside itself says nothing.
+    One of many fails by chance: it counts only as far as that is unlikely among them all
+    (Bonferroni), and else leaves the statement open. What stands beside itself says nothing.
     """
     statuses = {it.status for it in evidence}
     if not statuses:
         return ClaimStatus.NOT_RUN
-    for status in (ClaimStatus.FAILS, ClaimStatus.OPEN, ClaimStatus.TIE, ClaimStatus.HOLDS):
+    if ClaimStatus.FAILS in statuses:
+        beside = (it for it in evidence if it.status is ClaimStatus.FAILS)
+        is_sure = any(it.is_beside_among(len(evidence)) for it in beside)
+        return ClaimStatus.FAILS if is_sure else ClaimStatus.OPEN
+    for status in (ClaimStatus.OPEN, ClaimStatus.TIE, ClaimStatus.HOLDS):
         if status in statuses:
             return status
     return ClaimStatus.SAME
@@ -238,8 +274,9 @@ def combined_status(evidence: Sequence[Evidence]) -> ClaimStatus:
 def deciding(evidence: Sequence[Evidence]) -> Evidence | None:
     """Of the numbers that decide, the one with the least margin."""
     status = combined_status(evidence)
-    of_status = [it for it in evidence if it.status is status and it.estimate is not None]
-    return min(of_status, key=lambda it: it.margin_percent, default=None)
+    decide = {status, ClaimStatus.FAILS} if status is ClaimStatus.OPEN else {status}
+    known = [it for it in evidence if it.status in decide and it.estimate is not None]
+    return min(known, key=lambda it: it.margin_percent, default=None)
 
 
 def _judged(
@@ -249,6 +286,7 @@ def _judged(
     samples: Sequence[Samples],
     rule: _Rule,
     margin_percent: Callable[[float], float],
+    beside: Callable[[float], float],  # how far a number lies beside what is said
 ) -> Evidence:
     known = _known(samples)
     numbers = [len(it.trainings) for it in samples if it.trainings]
@@ -272,8 +310,17 @@ def _judged(
     status = rule(estimate.low, estimate.high)
     if n_least < 2 or min(numbers, default=MIN_TRAININGS) < MIN_TRAININGS:
         status = ClaimStatus.OPEN
-    margin = margin_percent(mean)
-    return replace(evidence, estimate=estimate, margin_percent=margin, status=status)
+    # The bootstrap of n finds the error of n - 1.
+    error = float(draws.std()) * math.sqrt(n_least / max(1, n_least - 1))
+    distance = beside(mean)
+    return replace(
+        evidence,
+        estimate=estimate,
+        margin_percent=margin_percent(mean),
+        status=status,
+        n_least=n_least,
+        errors_beside=distance / error if error > 0.0 else math.copysign(math.inf, distance),
+    )
 
 
 def _known(samples: Sequence[Samples]) -> list[Samples]:

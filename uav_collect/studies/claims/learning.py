@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from uav_collect.kernels.arrays import Floats
@@ -72,27 +73,35 @@ def alike_with_one_uav(results: StudyResults) -> Iterator[Evidence]:
 
 
 def gaps_grow_with_uavs(results: StudyResults) -> Iterator[Evidence]:
-    """AQMIX ahead with several UAVs, and further with the most than with the second fewest."""
-    panels = results.panels('learning-uavs')
-    for panel in panels[1:]:
+    """AQMIX ahead with several UAVs, and with each larger fleet by more reward."""
+    panels = results.panels('learning-uavs')[1:]
+    for panel in panels:
         yield from _ahead(results, panel)
-    few, many = panels[1], panels[-1]
-    for rival in (QMIX, AIQL):
-        what = f'lead over {rival} in validated efficiency, {many.label} less {few.label}'
-        values = [
-            results.final_values(panel.curve(label), EFFICIENCY.key)
-            for panel in (many, few)
-            for label in (rival, AQMIX)
-        ]
-        yield is_positive(what, '% of AQMIX', _further_ahead, *values, one=100.0)
+    for few, many in pairwise(panels):
+        for rival in (QMIX, AIQL):
+            rewards = [
+                results.final_values(panel.curve(label), REWARD.key)
+                for panel in (many, few)
+                for label in (AQMIX, rival)
+            ]
+            what = f'lead over {rival} in reward, {many.label} less {few.label}'
+            yield is_positive(what, REWARD.unit, _larger_lead, *rewards)
 
 
 def aiql_drops_with_uavs(results: StudyResults) -> Iterator[Evidence]:
-    """Reward in training with the smallest fleet and with the largest."""
+    """How far AIQL is behind AQMIX with the largest fleet, and with the smallest.
+
+    Rewards of different fleets do not compare.
+    """
     panels = results.panels('learning-uavs')
     few, many = panels[0], panels[-1]
-    rewards = (results.final_values(it.curve(AIQL), REWARD.key) for it in (few, many))
-    yield is_above(f'reward of AIQL, {few.label} less {many.label}', REWARD.unit, *rewards)
+    values = [
+        results.final_values(panel.curve(label), EFFICIENCY.key)
+        for panel in (many, few)
+        for label in (AIQL, AQMIX)
+    ]
+    what = f'lead over {AIQL} in validated efficiency, of AQMIX, {many.label} less {few.label}'
+    yield is_positive(what, 'percentage points', _further_ahead, *values, one=100.0)
 
 
 def middle_kernel_best(results: StudyResults) -> Iterator[Evidence]:
@@ -138,6 +147,12 @@ def _ahead(results: StudyResults, panel: CurvesPanel) -> Iterator[Evidence]:
             results.final_values(panel.curve(label), REWARD.key) for label in (AQMIX, rival)
         )
         yield is_above(f'{panel.label}: reward, AQMIX less {rival}', REWARD.unit, *rewards)
+
+
+def _larger_lead(*means: Floats) -> Floats:
+    """By how much AQMIX is further ahead of a rival with many UAVs than with few."""
+    many_aqmix, many_rival, few_aqmix, few_rival = means
+    return np.asarray((many_aqmix - many_rival) - (few_aqmix - few_rival))
 
 
 def _further_ahead(*means: Floats) -> Floats:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from uav_collect.kernels.arrays import Floats
@@ -12,6 +13,7 @@ from uav_collect.studies.claims.judging import (
     is_positive,
     is_within,
     mean_of,
+    ranked,
     Samples,
     StudyResults,
 )
@@ -38,7 +40,7 @@ from uav_collect.studies.study import (
     QMIX,
 )
 
-_ENOUGH_KJ, _LONG_KJ = 150.0, 400.0  # as the paper has them
+_LEAST_KJ, _ENOUGH_KJ, _LONG_KJ = 100.0, 150.0, 400.0  # as the paper has them
 _OPTIMAL, _EQUAL = f'{AQMIX}, optimal bandwidth', f'{AQMIX}, equal bandwidth'
 
 _FLAT = 1e-12  # a product of deviations that is none but for rounding
@@ -66,7 +68,8 @@ class _Tests:
     def above(self, what: str, measure: PanelMeasure, high: _Place, low: _Place) -> Evidence:
         """Whether a measure is larger at one place than at another."""
         first, second = self.samples(high, measure), self.samples(low, measure)
-        return is_above(what, measure.unit, first, second)
+        unit = 'percentage points' if measure.unit == '%' else measure.unit
+        return is_above(what, unit, first, second)
 
     def change(
         self, what: str, measure: PanelMeasure, label: str, indices: tuple[int, int],
@@ -87,15 +90,8 @@ class _Tests:
         return is_within(what, COLLECTED.unit, mean_of, samples, low=low, high=high)
 
     def ranks(self, index: int, measure: PanelMeasure) -> Samples:
-        """The rank of the mean of each training's policy among those of all algorithms."""
-        names, means = [], []
-        for label in LEARNED:
-            samples = self.samples((label, index), measure)
-            names += [f'{label} {it}' for it in range(len(samples.value))]
-            means += np.nanmean(samples.value, axis=1).tolist()
-        value = np.array(means)
-        places = (value[:, None] > value).sum(axis=1) + (value[:, None] == value).sum(axis=1) / 2
-        return Samples(value=places[:, None].astype(np.float64), trainings=tuple(names))
+        """The ranks of all trainings' policies by a measure."""
+        return ranked({label: self.samples((label, index), measure) for label in LEARNED})
 
     def one_and_two(self) -> tuple[int, int] | None:
         """Where the fleets of one UAV and of two stand, if both were tested."""
@@ -141,18 +137,20 @@ def more_energy_changes_nothing(results: StudyResults) -> Iterator[Evidence]:
     """The largest budget against the one that is enough."""
     tests = _Tests(results, 'energy')
     enough = tests.nearest(_ENOUGH_KJ)
-    span = f'{AQMIX} from {tests.names[enough]} to {tests.names[-1]} kJ'
-    for measure in (COMPLETION, EFFICIENCY):
-        yield tests.change(span, measure, AQMIX, (enough, -1))
+    for label in (AQMIX, QMIX, AIQL, HERT):
+        span = f'{label} from {tests.names[enough]} to {tests.names[-1]} kJ'
+        for measure in (COMPLETION, EFFICIENCY):
+            yield tests.change(span, measure, label, (enough, -1))
 
 
 def aqmix_best_over_budgets(results: StudyResults) -> Iterator[Evidence]:
-    """With the largest budget, where every policy has what it needs; data with the smallest."""
+    """With the largest budget, where all have what they need; data with the paper's least."""
     tests = _Tests(results, 'energy')
+    least = tests.nearest(_LEAST_KJ)
     for rival in (QMIX, AIQL, HERT):
         yield from tests.ahead(rival, len(tests.values) - 1)
-        what = f'{tests.at(0)}: data collected, AQMIX less {rival}'
-        yield tests.above(what, COLLECTED, (AQMIX, 0), (rival, 0))
+        what = f'{tests.at(least)}: data collected, AQMIX less {rival}'
+        yield tests.above(what, COLLECTED, (AQMIX, least), (rival, least))
 
 
 def aqmix_uses_least_energy(results: StudyResults) -> Iterator[Evidence]:
@@ -195,13 +193,14 @@ def aqmix_best_over_densities(results: StudyResults) -> Iterator[Evidence]:
 
 
 def faster_but_less_efficient(results: StudyResults) -> Iterator[Evidence]:
-    """The smallest fleet against the largest."""
+    """Each fleet against the next larger one."""
     tests = _Tests(results, 'uavs')
-    fleets = f'{tests.names[0]} UAV less {tests.names[-1]} UAVs'
     for label in (AQMIX, QMIX):
         for measure in (COMPLETION, EFFICIENCY):
-            what = f'{measure.title} of {label}, {fleets}'
-            yield tests.above(what, measure, (label, 0), (label, -1))
+            for few, many in pairwise(range(len(tests.values))):
+                fleets = f'{tests.names[few]} less {tests.names[many]} UAVs'
+                what = f'{measure.title} of {label}, {fleets}'
+                yield tests.above(what, measure, (label, few), (label, many))
 
 
 def second_uav_of_aqmix(results: StudyResults) -> Iterator[Evidence]:
@@ -217,10 +216,13 @@ def second_uav_of_qmix(results: StudyResults) -> Iterator[Evidence]:
 
 
 def better_trade_than_qmix(results: StudyResults) -> Iterator[Evidence]:
-    """What of its efficiency each loses for the time that it saves, from one UAV to two."""
+    """What of its efficiency each loses, and for the time that it saves, from one UAV to two."""
     tests = _Tests(results, 'uavs')
     pair = tests.one_and_two()
     if pair is not None:
+        for label in (AQMIX, QMIX):
+            what = f'efficiency of {label}, 1 UAV less 2 UAVs'
+            yield tests.above(what, EFFICIENCY, (label, pair[0]), (label, pair[1]))
         samples = [
             tests.samples((label, index), measure)
             for label in (QMIX, AQMIX)
@@ -228,7 +230,7 @@ def better_trade_than_qmix(results: StudyResults) -> Iterator[Evidence]:
             for index in pair
         ]
         what = 'efficiency lost for each per cent of time saved, QMIX less AQMIX'
-        yield is_positive(what, '%', _dearer, *samples, one=1.0)
+        yield is_positive(what, '% per %', _dearer, *samples, one=1.0)
 
 
 def overlap_costs_efficiency(results: StudyResults) -> Iterator[Evidence]:
@@ -238,7 +240,7 @@ def overlap_costs_efficiency(results: StudyResults) -> Iterator[Evidence]:
     for label in (AQMIX, QMIX):
         overlaps = [results.overlap_percent(tests.tested((label, it))) for it in (many, few)]
         span = f'{tests.names[many]} UAVs less {tests.names[few]}'
-        yield is_above(f'cells of several UAVs, {label}, {span}', '% of cells', *overlaps)
+        yield is_above(f'cells of several UAVs, {label}, {span}', 'percentage points', *overlaps)
         efficiencies = [tests.samples((label, it), EFFICIENCY) for it in (many, few)]
         if overlaps[0].source != overlaps[1].source:
             growth, loss = _difference(*overlaps), _difference(*efficiencies[::-1])
@@ -348,7 +350,7 @@ def less_overlap(results: StudyResults) -> Iterator[Evidence]:
     overlap = {label: results.overlap_percent(tested) for label, tested in tests.items()}
     for rival in (QMIX, AIQL):
         what = f'cells of several UAVs, {rival} less AQMIX'
-        yield is_above(what, '% of cells', overlap[rival], overlap[AQMIX])
+        yield is_above(what, 'percentage points', overlap[rival], overlap[AQMIX])
 
 
 def _second_uav(
