@@ -4,8 +4,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import pytest
 from study_jobs import by_digest, done_by, flights, training
 from uav_collect.studies.jobs.jobs import digest_of, POLICY
+from uav_collect.studies.jobs.schedule import JobsStatus, run_jobs
 from uav_collect.studies.jobs.store import Store
 from uav_collect.studies.jobs.worker_messages import (
     Advanced,
@@ -15,6 +17,7 @@ from uav_collect.studies.jobs.worker_messages import (
     JobReport,
     Lost,
     Saved,
+    StateRefused,
     Stopped,
     WorkItem,
 )
@@ -83,6 +86,76 @@ def test_a_job_that_is_lost_again_and_again_fails(tmp_path: Path) -> None:
     engine = Scripted({digest_of(job): [[Lost(why='gone')]] * 9})
     status = done_by(engine, by_digest(job), Store(tmp_path))
     assert status.failures == {digest_of(job): 'lost 6 times: gone'}
+    assert 'gone' in (tmp_path / 'failures' / f'{digest_of(job)}.txt').read_text()
+
+
+def test_a_job_may_be_lost_as_often_as_it_gets_on(tmp_path: Path) -> None:
+    job = training()
+    losses = [[Saved(state=b'more', share_done=0.1), Lost(why='spot')]] * 9
+    engine = Scripted({digest_of(job): [*losses, [FOUND]]})
+    assert done_by(engine, by_digest(job), Store(tmp_path)).done == 1
+
+
+def test_a_failure_costs_no_state(tmp_path: Path) -> None:
+    job, store = training(), Store(tmp_path)
+    store.save_state(digest_of(job), b'hours')
+    engine = Scripted({digest_of(job): [[Failed(why='No space left', trace='where')]]})
+    done_by(engine, by_digest(job), store)
+    assert store.state(digest_of(job)) == b'hours'
+
+
+def test_a_job_whose_state_is_refused_begins_anew_once(tmp_path: Path) -> None:
+    job, store = training(), Store(tmp_path)
+    store.save_state(digest_of(job), b'damaged')
+    refused = StateRefused(why='is damaged', trace='where')
+    engine = Scripted({digest_of(job): [[refused], [FOUND]]})
+    assert done_by(engine, by_digest(job), store).done == 1
+    assert [task.state for task in engine.begun] == [b'damaged', None]
+    again = Scripted({digest_of(job): [[refused], [refused]]})
+    status = done_by(again, by_digest(job), Store(tmp_path / 'other'))
+    assert status.failures == {digest_of(job): 'is damaged'}
+
+
+def test_a_job_that_another_process_has_done_meanwhile_is_counted(tmp_path: Path) -> None:
+    first, second = training(seed=0), training(seed=1)
+    store = Store(tmp_path)
+
+    class Beside(Scripted):
+        def wait(self, timeout_s: float) -> Sequence[tuple[str, JobReport]]:
+            for job in (first, second):
+                store.save(job, FOUND.results, FOUND.cost)
+            return super().wait(timeout_s)
+
+    engine = Beside({digest_of(it): [[FOUND]] for it in (first, second)})
+    assert done_by(engine, by_digest(first, second), store).done == 2
+    assert len(engine.begun) == 1
+
+
+def test_an_error_in_the_loop_saves_what_runs(tmp_path: Path) -> None:
+    job, store = training(), Store(tmp_path)
+
+    class Saving(Scripted):
+        def stop(self) -> None:
+            saved = Saved(state=b'half', share_done=0.5)
+            self.reports = [(digest_of(job), it) for it in (saved, Stopped())]
+
+    def show(status: JobsStatus) -> None:
+        if status.running.get(digest_of(job)):
+            raise OSError('no space for a figure')
+
+    engine = Saving({digest_of(job): [[Advanced(share_done=0.1)]]})
+    with pytest.raises(OSError, match='no space'):
+        run_jobs(
+            by_digest(job),
+            store,
+            engine,
+            checkpoint_s=1.0,
+            order=lambda _: (0, 0.0),
+            is_stopping=lambda: False,
+            show=show,
+        )
+    assert store.state(digest_of(job)) == b'half'
+    assert engine.is_closed
 
 
 def test_what_fails_blocks_what_needs_it_and_nothing_else(tmp_path: Path) -> None:

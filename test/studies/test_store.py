@@ -1,5 +1,6 @@
 """The store keeps results whole, and gives them back."""
 
+import os
 from pathlib import Path
 
 from full_disk import no_file_beyond
@@ -33,6 +34,23 @@ def test_a_job_without_its_last_file_does_not_count_as_done(tmp_path: Path) -> N
     store.save(job, {MISSIONS: b'rows'}, Cost())
     (tmp_path / 'jobs' / digest_of(job) / 'cost.json').unlink()
     assert not store.has(digest_of(job))
+    store.save(job, {MISSIONS: b'anew'}, Cost())
+    assert store.read(digest_of(job), MISSIONS) == b'anew'
+
+
+def test_what_a_killed_process_with_our_number_left_is_in_nobodys_way(tmp_path: Path) -> None:
+    store, job = Store(tmp_path), flights()
+    name = f'.{digest_of(job)}.{os.uname().nodename}.{os.getpid()}.part'
+    (tmp_path / 'jobs' / name).mkdir(parents=True)
+    store.save(job, {MISSIONS: b'rows'}, Cost())
+    assert store.read(digest_of(job), MISSIONS) == b'rows'
+
+
+def test_why_a_job_failed_is_forgotten_once_it_is_done(tmp_path: Path) -> None:
+    store, job = Store(tmp_path), flights()
+    store.save_failure(digest_of(job), 'where')
+    store.save(job, {MISSIONS: b'rows'}, Cost())
+    assert [*(tmp_path / 'failures').iterdir()] == []
 
 
 def test_a_file_that_no_job_gave_is_named(tmp_path: Path) -> None:

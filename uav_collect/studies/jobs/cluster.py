@@ -25,8 +25,8 @@ from uav_collect.kernels.stops import kept_handlers
 from uav_collect.studies.jobs.cluster_address import check_address
 from uav_collect.studies.jobs.work import run_job
 from uav_collect.studies.jobs.worker_messages import (
-    Failed,
-    Finished,
+    failure_of,
+    JobEnd,
     JobEvent,
     JobReport,
     Lost,
@@ -95,8 +95,10 @@ class RayEngine:
         reports = []
         for stream in dict.fromkeys([*ready, *more]):
             digest, report = self._streams[stream], self._next(stream)
-            if isinstance(report, Finished | Failed | Lost):
+            if isinstance(report, JobEnd):
                 del self._streams[stream]
+            if isinstance(report, Lost):  # it may go on where nobody hears of it
+                ray.cancel(stream, force=True)
             reports.append((digest, report))
         return reports
 
@@ -121,7 +123,7 @@ class RayEngine:
         except _LOSSES as error:
             return Lost(why=_first_line(error))
         except RayTaskError as error:
-            return Failed(why=_first_line(error.cause or error), trace=str(error))
+            return failure_of(error.cause or error, str(error))
         except RayError as error:  # none that says that the job is at fault
             return Lost(why=_first_line(error))
         return report

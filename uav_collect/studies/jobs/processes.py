@@ -14,8 +14,8 @@ from traceback import format_exc
 from uav_collect.kernels import patience
 from uav_collect.studies.jobs.worker_messages import (
     Advanced,
-    Failed,
-    Finished,
+    failure_of,
+    JobEnd,
     JobReport,
     Lost,
     Saved,
@@ -64,13 +64,6 @@ class ProcessEngine:
 
     def wait(self, timeout_s: float) -> Sequence[tuple[str, JobReport]]:
         """Reports of jobs; of one whose process is gone, that it is lost."""
-        for worker in self._workers:
-            patience_s = _SAVING_S if worker.has_advanced else _STOPPING_S
-            if monotonic() >= self._stopped_s + patience_s and worker.digest not in (
-                None,
-                *self._answered,
-            ):
-                worker.process.kill()
         reports: list[tuple[str, JobReport]] = []
         by_connection = {worker.connection: worker for worker in self._workers}
         for connection in wait([*by_connection], timeout_s):
@@ -79,7 +72,17 @@ class ProcessEngine:
             report = self._receive(worker)
             if digest is not None:
                 reports.append((digest, report))
+        self._kill_deaf()
         return reports
+
+    def _kill_deaf(self) -> None:
+        """Kill who was asked to leave its job long ago, and has said nothing that is not read."""
+        for worker in self._workers:
+            patience_s = _SAVING_S if worker.has_advanced else _STOPPING_S
+            is_late = monotonic() >= self._stopped_s + patience_s
+            is_asked = worker.digest not in (None, *self._answered)
+            if is_late and is_asked and not worker.connection.poll():
+                worker.process.kill()
 
     def stop(self) -> None:
         """Ask all processes to save and leave their jobs; who does not answer is killed."""
@@ -124,7 +127,7 @@ class ProcessEngine:
         worker.has_advanced |= isinstance(report, Advanced | Saved)
         if isinstance(report, Stopping) and worker.digest is not None:
             self._answered.add(worker.digest)
-        if isinstance(report, Finished | Failed | Stopped):
+        if isinstance(report, JobEnd):
             worker.digest = None
         return report
 
@@ -163,9 +166,9 @@ def _do_job(task: WorkItem, connection: Connection) -> None:
 
     steps = run_job(task, is_stopping)
     last: JobReport | None = None
-    while not isinstance(last, Finished | Failed | Stopped):
+    while not isinstance(last, JobEnd):
         try:
             last = next(steps, Stopped())
-        except Exception as error:  # whatever it is, it would come again: say so where it is seen
-            last = Failed(why=f'{type(error).__name__}: {error}', trace=format_exc())
+        except Exception as error:  # whatever it is: it is said where it is seen
+            last = failure_of(error, format_exc())
         connection.send(last)

@@ -1,9 +1,11 @@
 """Schedules jobs on an engine: those that are missing, long ones first, lost ones again."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Protocol
 
+from uav_collect.kernels.stops import watchdog
 from uav_collect.studies.jobs.jobs import Job, job_inputs, POLICY
 from uav_collect.studies.jobs.store import Store
 from uav_collect.studies.jobs.worker_messages import (
@@ -11,16 +13,17 @@ from uav_collect.studies.jobs.worker_messages import (
     Compiling,
     Failed,
     Finished,
+    JobEnd,
     JobReport,
     Lost,
     Saved,
     Started,
-    Stopped,
+    StateRefused,
     WorkItem,
 )
 
 _WAIT_S = 0.5
-_MAX_LOSSES = 5  # of one job: then it is the job
+_MAX_LOSSES = 5  # of one job without a new state: then it is the job
 
 
 class JobEngine(Protocol):
@@ -69,7 +72,8 @@ class _Run:
     checkpoint_s: float
     status: JobsStatus
     waiting: list[str]
-    n_losses: dict[str, int] = field(default_factory=dict)
+    n_losses: dict[str, int] = field(default_factory=dict)  # since their last states
+    begun_anew: set[str] = field(default_factory=set)  # as their states were refused
 
     def start_ready(self) -> None:
         for digest in list(self.waiting):
@@ -81,12 +85,14 @@ class _Run:
                 self.status.blocked.add(digest)
             elif not self.store.missing(inputs):
                 self.waiting.remove(digest)
-                self.start(digest)
+                if self.store.has(digest):  # another process was faster
+                    self.status.done += 1
+                else:
+                    self.start(digest)
 
     def start(self, digest: str) -> None:
         job = self.jobs[digest]
         inputs = {it: self.store.read(it, POLICY) for it in job_inputs(job)}
-        self.status.running[digest] = 0.0
         self.engine.start(
             WorkItem(
                 digest=digest,
@@ -96,9 +102,12 @@ class _Run:
                 checkpoint_s=self.checkpoint_s,
             )
         )
+        self.status.running[digest] = 0.0
 
     def handle(self, digest: str, report: JobReport) -> None:
         self.status.compiling.discard(digest)
+        if isinstance(report, JobEnd):  # whether the disk takes what follows or not
+            self.end(digest)
         match report:
             case Started(host=host):
                 self.status.hosts[digest] = host
@@ -109,26 +118,35 @@ class _Run:
             case Saved(state=state, share_done=share_done):
                 self.status.running[digest] = share_done
                 self.store.save_state(digest, state)
+                self.n_losses.pop(digest, None)  # it gets on
             case Finished(results=results, cost=cost):
                 self.store.save(self.jobs[digest], results, cost)
                 self.status.done += 1
-                self.end(digest)
             case Failed(why=why, trace=trace):
-                self.status.failures[digest] = why
-                self.store.save_failure(digest, trace)
-                self.store.drop_state(digest)  # it may be what it fails at
-                self.end(digest)
+                self.fail(digest, why, trace)
+            case StateRefused(why=why, trace=trace):
+                self.store.drop_state(digest)
+                self.begin_anew(digest, why, trace)
             case Lost(why=why):
-                self.end(digest)
                 self.retry(digest, why)
-            case Stopped():
-                self.end(digest)
+
+    def fail(self, digest: str, why: str, trace: str) -> None:
+        self.status.failures[digest] = why
+        self.store.save_failure(digest, trace)
+
+    def begin_anew(self, digest: str, why: str, trace: str) -> None:
+        if digest in self.begun_anew:
+            self.fail(digest, why, trace)
+        else:
+            self.begun_anew.add(digest)
+            self.waiting.insert(0, digest)
 
     def retry(self, digest: str, why: str) -> None:
         self.status.n_lost += 1
         self.n_losses[digest] = self.n_losses.get(digest, 0) + 1
         if self.n_losses[digest] > _MAX_LOSSES:
-            self.status.failures[digest] = f'lost {self.n_losses[digest]} times: {why}'
+            often = f'lost {self.n_losses[digest]} times: {why}'
+            self.fail(digest, often, f'{often}\n')
         else:
             self.waiting.insert(0, digest)
 
@@ -167,10 +185,14 @@ def run_jobs(
             if is_stopping():
                 _stop_and_wait(run, show)
                 break
-            run.start_ready()
-            show(status)
+            with watchdog.saving():  # what is drawn may take longer than a signal may go unseen
+                run.start_ready()
+                show(status)
             for digest, report in engine.wait(_WAIT_S):
                 run.handle(digest, report)
+    except Exception:
+        _save_what_runs(run)
+        raise
     finally:
         engine.close()
     show(status)
@@ -179,6 +201,16 @@ def run_jobs(
 
 def _needed_first(jobs: Mapping[str, Job], order: Callable[[Job], _Turn]) -> Iterable[str]:
     return sorted(jobs, key=lambda digest: (order(jobs[digest]), digest))
+
+
+def _save_what_runs(run: _Run) -> None:
+    """Stop, and save what can be, after an error that ends the call."""
+    with watchdog.saving():
+        run.engine.stop()
+        while run.status.running:
+            for digest, report in run.engine.wait(_WAIT_S):
+                with suppress(OSError):  # the first one is told
+                    run.handle(digest, report)
 
 
 def _stop_and_wait(run: _Run, show: Show) -> None:

@@ -63,7 +63,7 @@ class Store:
             raise StoreError(f'{path}: is no cost of a job: {error}') from error
 
     def save(self, job: Job, results: Mapping[str, bytes], cost: Cost) -> None:
-        """Keep what a finished job gave; its state goes.
+        """Keep what a finished job gave; its state goes, and why it failed before.
 
         Raises:
             OSError: the disk does not take it.
@@ -74,17 +74,21 @@ class Store:
             content = (json.dumps(asdict(cost), indent=1) + '\n').encode()
             self._write_folder(folder, {_JOB: to_json(job), **results, _COST: content})
         self._state(digest).unlink(missing_ok=True)
+        self._failure(digest).unlink(missing_ok=True)
 
     def _write_folder(self, folder: Path, contents: Mapping[str, bytes]) -> None:
-        partial = folder.with_name(f'.{folder.name}.{os.getpid()}.part')
+        partial = folder.with_name(f'.{folder.name}.{os.uname().nodename}.{os.getpid()}.part')
+        shutil.rmtree(partial, ignore_errors=True)  # of one that was killed and had our number
         try:
             with files.naming(folder):
                 partial.mkdir(parents=True)
                 for name, content in contents.items():
                     files.write_atomically(partial / name, content)
+                if not self.has(folder.name):  # a copy that was cut off may be there
+                    shutil.rmtree(folder, ignore_errors=True)
                 partial.rename(folder)
         except OSError:
-            if not folder.is_dir():  # someone else was faster: the bytes are the same
+            if not self.has(folder.name):  # someone else was faster: the bytes are the same
                 raise
         finally:
             shutil.rmtree(partial, ignore_errors=True)
@@ -112,9 +116,12 @@ class Store:
 
     def save_failure(self, digest: str, trace: str) -> None:
         """Keep why a job cannot be done, for who is to mend it."""
-        path = self.folder / 'failures' / f'{digest}.txt'
+        path = self._failure(digest)
         path.parent.mkdir(parents=True, exist_ok=True)
         files.write_atomically(path, trace.encode())
+
+    def _failure(self, digest: str) -> Path:
+        return self.folder / 'failures' / f'{digest}.txt'
 
     def _state(self, digest: str) -> Path:
         return self.folder / 'states' / digest

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from uav_collect.errors import CheckpointError
 from uav_collect.studies.jobs.jobs import Job
 
 
@@ -79,7 +80,15 @@ class Lost:
 
 @dataclass(frozen=True, kw_only=True)
 class Failed:
-    """The job cannot be done: it would fail again."""
+    """The job failed, maybe for a reason that passes, as a full disk: its state stays."""
+
+    why: str  # one line
+    trace: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class StateRefused:
+    """The job cannot go on from the state that was kept of it; from its beginning it can."""
 
     why: str  # one line
     trace: str
@@ -95,4 +104,13 @@ class Stopped:
     """The worker left the job unfinished, as it was asked to."""
 
 
-JobReport = JobEvent | Lost | Failed | Stopping | Stopped
+JobEnd = Finished | Lost | Failed | StateRefused | Stopped
+JobReport = JobEvent | JobEnd | Stopping
+
+
+def failure_of(error: BaseException, trace: str) -> Failed | StateRefused:
+    """What is reported of a job that raised an error."""
+    why = f'{type(error).__name__}: {error}'
+    if isinstance(error, CheckpointError):
+        return StateRefused(why=why, trace=trace)
+    return Failed(why=why, trace=trace)
