@@ -1,18 +1,19 @@
 """Draws the figures of the paper's evaluation from trainings and missions that it has done."""
 
 import argparse
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from uav_collect import files
 from uav_collect.commands import options
-from uav_collect.commands.terminal import deferred_interruption, Interruption, say
+from uav_collect.commands.terminal import deferred_interruption, Interruption, say, write_files
 from uav_collect.config.packages import extra_remedy, is_there
-from uav_collect.errors import TrainingRunError
+from uav_collect.errors import in_one_line, reason_of, TrainingRunError
 from uav_collect.kernels.patience import waiting_for
-from uav_collect.limits import FAILED
+from uav_collect.limits import FAILED, UNUSABLE
 
 if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
     from uav_collect.commands.figures_plan import FiguresPlan
@@ -104,17 +105,19 @@ def run(arguments: argparse.Namespace) -> int:
         return 0
     plan.check_disk()
     drawn = _Drawn(arguments, plan)
-    drawn.draw_whole()
-    status = _run_jobs(arguments, plan, drawn) if plan.missing else 0
-    drawn.report()
-    return status
+    status = 0
+    if plan.missing:
+        drawn.draw_whole()
+        status = _run_jobs(arguments, plan, drawn)
+    unwritten = drawn.finish()
+    return status or unwritten
 
 
 def _run_jobs(arguments: argparse.Namespace, plan: 'FiguresPlan', drawn: '_Drawn') -> int:
     from uav_collect.commands.figures_display import jobs_display
     from uav_collect.studies.jobs.schedule import run_jobs
 
-    n_done = -1
+    n_done = len(plan.jobs) - len(plan.missing)  # what these give is drawn
 
     with deferred_interruption() as interruption, jobs_display(plan) as show_jobs:
 
@@ -167,34 +170,71 @@ def _engine(arguments: argparse.Namespace) -> 'JobEngine':
             return ProcessEngine(arguments.workers or len(os.sched_getaffinity(0)))
 
 
+@contextmanager
+def _put_off(what: str) -> Iterator[None]:
+    """Say an error and go on: what raised it is done again when no job runs any more."""
+    try:
+        yield
+    except Exception as error:  # whatever it is, jobs of hours must not end with it
+        say(f'{what} cannot be drawn yet: {in_one_line(reason_of(error))}')
+
+
 class _Drawn:
-    """The studies that are drawn and judged: each once, as soon as all of its jobs are done."""
+    """The studies that are drawn and judged: each once, as soon as all of its jobs are done.
+
+    What cannot be drawn or written keeps no job from being done: it is tried again at the end.
+    """
 
     def __init__(self, arguments: argparse.Namespace, plan: 'FiguresPlan') -> None:
         self._plan, self._folder = plan, arguments.output / plan.scale.name
         self._results: Path = arguments.results or self._folder / 'results.md'
         self._names: list[str] = []
+        self._tried: set[str] = set()
+        self._is_judged = False
 
     def draw_whole(self) -> None:
-        """Draw what can be drawn by now, and judge what can be judged."""
+        """Draw what can be drawn by now, and judge what can be judged; errors are only said."""
         from uav_collect.studies.findings import Findings
-        from uav_collect.studies.pictures.draw import draw
 
         whole = self._plan.complete_studies()
-        new = [name for name in whole if name not in self._names]
+        new = [name for name in whole if name not in self._tried]
         if not new:
             return
         findings = Findings(self._plan.store)
-        self._folder.mkdir(parents=True, exist_ok=True)
+        self._tried.update(new)
+        self._is_judged = False
         for name in new:
-            drawn = draw(whole[name], findings)
-            contents = {f'{name}.csv': drawn.table, **drawn.others}
-            for kind in ('png', 'pdf'):
-                contents[f'{name}.{kind}'] = drawn.picture(kind)
-            for file, content in contents.items():
-                files.write_atomically(self._folder / file, content)
-        self._names += new
-        self._judge(whole, findings)
+            with _put_off(name):
+                self._draw(name, whole[name], findings)
+        if not files.is_stream(self._results):  # which is written once, at the end
+            with _put_off(self._results.name):
+                self._judge(whole, findings)
+
+    def finish(self) -> int:
+        """Draw and judge what is not yet, say what was written; returns the exit status."""
+        from uav_collect.studies.findings import Findings
+
+        whole = self._plan.complete_studies()
+        findings = Findings(self._plan.store)
+        for name in whole:
+            if name not in self._names:
+                self._draw(name, whole[name], findings)
+        if whole and not self._is_judged:
+            self._judge(whole, findings)
+        self._report(whole)
+        is_all_written = len(self._names) == len(whole) and (self._is_judged or not whole)
+        return 0 if is_all_written else UNUSABLE
+
+    def _draw(self, name: str, study: 'Study', findings: 'Findings') -> None:
+        from uav_collect.studies.pictures.draw import draw
+
+        drawn = draw(study, findings)
+        contents = {f'{name}.csv': drawn.table, **drawn.others}
+        for kind in ('png', 'pdf'):
+            contents[f'{name}.{kind}'] = drawn.picture(kind)
+        self._folder.mkdir(parents=True, exist_ok=True)
+        if write_files({self._folder / file: content for file, content in contents.items()}):
+            self._names.append(name)
 
     def _judge(self, whole: Mapping[str, 'Study'], findings: 'Findings') -> None:
         from uav_collect.studies import catalogue
@@ -206,14 +246,14 @@ class _Drawn:
         not_run = [name for name in catalogue.study_names() if name not in whole]
         judged, spent = judge(whole, findings), spent_cost(plan.jobs_of(whole), plan.store)
         text = results_text(plan.scale, whole, judged, spent, not_run)
-        files.write_result(self._results, text.encode())
+        self._is_judged = write_files({self._results: text.encode()})
 
-    def report(self) -> None:
+    def _report(self, whole: Mapping[str, 'Study']) -> None:
         """Say what was written, and what could not be."""
         for name in self._names:
             print(self._folder / f'{name}.png')
-        if self._names:
+        if self._is_judged:
             print(self._results)
-        lacking = [name for name in self._plan.studies if name not in self._names]
+        lacking = [name for name in self._plan.studies if name not in whole]
         if lacking:
             say(f'not drawn, as jobs are missing: {", ".join(lacking)}')

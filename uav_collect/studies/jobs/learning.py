@@ -24,6 +24,7 @@ from uav_collect.studies.jobs.jobs import (
     SUMMARY,
     TrainingJob,
 )
+from uav_collect.training.config import TrainingConfig
 from uav_collect.training.progress import Budget, Progress
 from uav_collect.uav.policy_file import policy_bytes
 from uav_collect.uav.policy_network import FrozenPolicy
@@ -49,9 +50,7 @@ def run_training(
         DivergedError: it diverged at once.
         TrainingRunError: its decisions were too few for an update.
     """
-    torch.set_num_threads(1)  # others run beside; and the number decides the last bits of sums
-    keep_freed_memory()
-    trainer, rows = _trainer_of(job), []
+    trainer, rows = _trainer_of(job, job_config(job)), []
     if state is not None:
         trainer.restore(state.part('trainer'))
         rows = state.rows('rows', len(CURVE_COLUMNS))
@@ -78,8 +77,10 @@ def run_training(
     yield _results(job, policy, rows, trainer, diverged)
 
 
-def _trainer_of(job: TrainingJob) -> Trainer:
-    return Trainer([from_yaml(job.scenario)], job_config(job), job.algorithm, job.seed)
+def _trainer_of(job: TrainingJob, config: TrainingConfig) -> Trainer:
+    torch.set_num_threads(1)  # others run beside; and the number decides the last bits of sums
+    keep_freed_memory()
+    return Trainer([from_yaml(job.scenario)], config, job.algorithm, job.seed)
 
 
 def _rows(progress: Progress) -> list[list[float]]:
@@ -135,7 +136,7 @@ def measure_rates(job: TrainingJob, duration_s: float) -> Rates:
     settings = job_config(job)
     validation = replace(settings.validation, every_updates=_NEVER)
     config = replace(settings, validation=validation)
-    trainer = Trainer([from_yaml(job.scenario)], config, job.algorithm, job.seed)
+    trainer = _trainer_of(job, config)
     looks = trainer.run(Budget(decisions=job.decisions))
     next(looks, None)  # kernels are compiled
     begun_s = process_time()
