@@ -2,16 +2,14 @@
 
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import partial
-import json
 
 import numpy as np
 from uav_collect import files
 from uav_collect.analysis.metrics import metrics_row, mission_metrics, MissionMetrics
 from uav_collect.analysis.plan_shares import bound_metrics
-from uav_collect.analysis.statistics import estimates, mission_seeds
-from uav_collect.analysis.statistics import MEASURES as MEANS
+from uav_collect.analysis.statistics import mission_seeds
 from uav_collect.errors import PolicyMismatchError
 from uav_collect.missions.rollout import fly
 from uav_collect.planning.bound import bound_of
@@ -19,7 +17,7 @@ from uav_collect.recording.mission_folder import log_name
 from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.load import from_yaml
 from uav_collect.scenario.site import build_site
-from uav_collect.studies.jobs.jobs import FlightsJob, MISSIONS, PlansJob, SUMMARY
+from uav_collect.studies.jobs.jobs import FlightsJob, MISSIONS, PlansJob
 from uav_collect.uav.heuristics import RulePolicy
 from uav_collect.uav.policy import policy_named
 from uav_collect.uav.policy_file import policy_from_bytes
@@ -58,8 +56,7 @@ def run_flights(
     flown = [mission_metrics(log) for log in logs]
     rows = [_row(log, mission) for log, mission in zip(logs, flown, strict=True)]
     kept = {log_name(log.header.mission_seed): log.to_jsonl() for log in logs if job.keeps_logs}
-    summary = _summary(job, policy, flown)
-    yield {MISSIONS: _csv(MISSION_COLUMNS, rows), SUMMARY: summary, **kept}
+    yield {MISSIONS: _csv(MISSION_COLUMNS, rows), **kept}
 
 
 def run_plans(job: PlansJob, is_stopping: Callable[[], bool]) -> Iterator[FlightStep]:
@@ -122,21 +119,6 @@ def _visits(log: MissionLog) -> tuple[int, int]:
         if (column, row) not in first:
             visitors[column, row].add(uav)
     return sum(len(uavs) > 1 for uavs in visitors.values()), len(visitors)
-
-
-def _summary(
-    job: FlightsJob, policy: RulePolicy | LearnedPolicy, flown: Sequence[MissionMetrics]
-) -> bytes:
-    rows = estimates(flown, job.first_seed)
-    document = {
-        'policy': policy.name,
-        'version': policy.version,
-        'bandwidth': job.bandwidth,
-        'missions': job.n_missions,
-        'first_seed': job.first_seed,
-        'estimates': {measure.key: asdict(row) for measure, row in zip(MEANS, rows, strict=True)},
-    }
-    return (json.dumps(document, indent=1) + '\n').encode()
 
 
 def _csv(columns: Sequence[str], rows: Sequence[Sequence[float]]) -> bytes:

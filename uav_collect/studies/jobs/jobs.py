@@ -23,7 +23,7 @@ _DIGEST_LENGTH = 24  # hex digits: 96 bits
 MISSIONS = 'missions.csv'  # flights, plans
 POLICY = 'policy.safetensors'
 CURVE = 'curve.csv'
-SUMMARY = 'summary.json'
+SUMMARY = 'summary.json'  # trainings
 
 # A row for each validation. Of the training's own missions, which explore, what the last ones
 # gave; for QMIX these are synchronous.
