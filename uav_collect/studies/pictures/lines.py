@@ -56,7 +56,7 @@ def draw(study: LinesStudy, findings: Findings) -> Drawing:
             points = _points(line, measure, findings)
             if points is not None:
                 drawn.append((measure, line, points))
-    note = _note(study, [points for _, _, points in drawn])
+    note = _note(study, [(line, points) for _, line, points in drawn])
     figure, [row] = panels(1, len(study.measures), study.title, note, size_in=_SIZE_IN)
     rows: list[list[object]] = []
     for axes, measure in zip(row, study.measures, strict=True):
@@ -72,20 +72,24 @@ def draw(study: LinesStudy, findings: Findings) -> Drawing:
     return Drawing(figure=figure, table=files.csv_of([header, *rows]))
 
 
-def _note(study: LinesStudy, drawn: list[_Points]) -> str:
+def _note(study: LinesStudy, drawn: list[tuple[Line, _Points]]) -> str:
     """The caption: what was done, and of how many the numbers are."""
-    known = [point for points in drawn for point in points if point is not None]
-    missions = count_text([point.n_missions for point in known] or [0], 'mission')
-    trainings = [point.n_trainings for point in known if point.n_trainings]
+    known = [(line, point) for line, points in drawn for point in points if point is not None]
+    flown = [point.n_missions for line, point in known if line.policy != PLAN] or [0]
+    planned = [point.n_missions for line, point in known if line.policy == PLAN]
+    trainings = [point.n_trainings for _, point in known if point.n_trainings]
     paper = f'Fig. {study.figure} of the paper; ' if study.figure else ''
     parts = [
         f'{paper}{study.about}',
-        f'n = {missions}'
+        f'n = {count_text(flown, "mission")}'
         + (f' by each policy of {count_text(trainings, "training")}' if trainings else ''),
         f'mean and {CONFIDENCE_LEVEL:.0%} interval'
         + (f' of both; stars: {_BEST}' if any(it > 1 for it in trainings) else ''),
         'lines stand a little aside of each other',
     ]
+    if planned and min(planned) < max(flown):
+        missions = count_text(planned, 'mission')
+        parts.insert(2, f'plans of {missions}, those for which there is energy')
     return '; '.join(parts)
 
 
