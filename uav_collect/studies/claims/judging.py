@@ -59,6 +59,8 @@ class Evidence:
 
     def is_beside_among(self, number: int) -> bool:
         """Whether it is beside what was said even if it is one of many (Bonferroni)."""
+        if number == 1:  # its interval has said so
+            return self.status is ClaimStatus.FAILS
         chance = (1.0 - CONFIDENCE_LEVEL) / (2 * number)
         return self.errors_beside > student_quantile(1.0 - chance, self.n_least - 1)
 
