@@ -36,7 +36,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = _DESCRIPTION
     parser.add_argument('--list', action='store_true', help='list the studies, and do nothing')
     parser.add_argument(
-        '--only', nargs='+', metavar='STUDY', help='these studies (default: all, see --list)'
+        '--only',
+        nargs='+',
+        metavar='STUDY',
+        help='do and draw these studies (default: all, see --list)',
     )
     parser.add_argument(
         '--scale',
@@ -57,7 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--results',
         type=Path,
         metavar='FILE',
-        help='the table (default: results.md beside figures)',
+        help='the table of all that was found so far (default: results.md beside figures)',
     )
     parser.add_argument('--dry-run', action='store_true', help='say what it takes, and do nothing')
     _add_engine_options(parser)
@@ -117,7 +120,8 @@ def _run_jobs(arguments: argparse.Namespace, plan: 'FiguresPlan', drawn: '_Drawn
     from uav_collect.commands.figures_display import jobs_display
     from uav_collect.studies.jobs.schedule import run_jobs
 
-    n_done = len(plan.jobs) - len(plan.missing)  # what these give is drawn
+    jobs = plan.jobs_of(plan.asked)
+    n_done = len(jobs) - len(plan.missing)  # what these give is drawn
 
     with deferred_interruption() as interruption, jobs_display(plan) as show_jobs:
 
@@ -128,8 +132,8 @@ def _run_jobs(arguments: argparse.Namespace, plan: 'FiguresPlan', drawn: '_Drawn
                 n_done = status.done
                 drawn.draw_whole()
 
-        jobs = run_jobs(
-            plan.jobs,
+        ended = run_jobs(
+            jobs,
             plan.store,
             _engine(arguments),
             checkpoint_s=arguments.checkpoint_minutes * 60.0,
@@ -137,7 +141,7 @@ def _run_jobs(arguments: argparse.Namespace, plan: 'FiguresPlan', drawn: '_Drawn
             is_stopping=interruption.acknowledge,
             show=show,
         )
-    return _exit_status(plan, jobs, interruption)
+    return _exit_status(plan, ended, interruption)
 
 
 def _exit_status(plan: 'FiguresPlan', jobs: 'JobsStatus', interruption: Interruption) -> int:
@@ -197,7 +201,7 @@ class _Drawn:
         from uav_collect.studies.findings import Findings
 
         whole = self._plan.complete_studies()
-        new = [name for name in whole if name not in self._tried]
+        new = [name for name in self._asked_of(whole) if name not in self._tried]
         if not new:
             return
         findings = Findings(self._plan.store)
@@ -216,14 +220,18 @@ class _Drawn:
 
         whole = self._plan.complete_studies()
         findings = Findings(self._plan.store)
-        for name in whole:
+        asked = self._asked_of(whole)
+        for name in asked:
             if name not in self._names:
                 self._draw(name, whole[name], findings)
-        if whole and not self._is_judged:
+        if asked and not self._is_judged:
             self._judge(whole, findings)
         self._report(whole)
-        is_all_written = len(self._names) == len(whole) and (self._is_judged or not whole)
+        is_all_written = len(self._names) == len(asked) and (self._is_judged or not asked)
         return 0 if is_all_written else UNUSABLE
+
+    def _asked_of(self, whole: Mapping[str, 'Study']) -> list[str]:
+        return [name for name in self._plan.asked if name in whole]
 
     def _draw(self, name: str, study: 'Study', findings: 'Findings') -> None:
         from uav_collect.studies.pictures.draw import draw
@@ -254,6 +262,6 @@ class _Drawn:
             print(self._folder / f'{name}.png')
         if self._is_judged:
             print(self._results)
-        lacking = [name for name in self._plan.studies if name not in whole]
+        lacking = [name for name in self._plan.asked if name not in whole]
         if lacking:
             say(f'not drawn, as jobs are missing: {", ".join(lacking)}')

@@ -3,6 +3,7 @@
 import argparse
 from collections import Counter
 from collections.abc import Iterable, Mapping
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass
 from functools import cached_property
 import os
@@ -11,7 +12,7 @@ import shutil
 
 from uav_collect.commands.terminal import say
 from uav_collect.config.packages import extra_remedy, is_there
-from uav_collect.errors import ConfigError, TrainingRunError
+from uav_collect.errors import ConfigError, PolicyMismatchError, TrainingRunError
 from uav_collect.kernels.patience import waiting_for
 from uav_collect.scenario.load import from_yaml
 from uav_collect.studies import catalogue
@@ -37,9 +38,10 @@ class FiguresPlan:
     """The studies to draw, their jobs, which of them are missing, and what those cost."""
 
     scale: ScaleConfig
-    studies: Mapping[str, Study]
+    asked: tuple[str, ...]  # the studies to draw
+    studies: Mapping[str, Study]  # the others, too: what is found of them is judged with these
     needs: Mapping[str, frozenset[str]]  # digests of a study's jobs
-    jobs: Mapping[str, Job]
+    jobs: Mapping[str, Job]  # of all of them
     store: Store
     missing: frozenset[str]
     rates: Rates
@@ -57,8 +59,8 @@ class FiguresPlan:
             table.add_column(heading)
         for heading in ('jobs', 'missing'):
             table.add_column(heading, justify='right')
-        for name, study in self.studies.items():
-            needs = self.needs[name]
+        for name in self.asked:
+            study, needs = self.studies[name], self.needs[name]
             counts = str(len(needs)), str(len(needs & self.missing))
             table.add_row(name, str(study.figure or ''), f'{study.title}: {study.about}', *counts)
         console.print(table)
@@ -69,8 +71,9 @@ class FiguresPlan:
         missing = [self.jobs[digest] for digest in self.missing]
         counts = Counter(map(job_kind, missing))
         kinds = ', '.join(f'{counts[kind]} of {kind}' for kind in sorted(counts, reverse=True))
+        total = len(self.jobs_of(self.asked))
         lines = [
-            f'scale {self.scale.name}: {len(self.jobs)} jobs, several of which serve many studies;'
+            f'scale {self.scale.name}: {total} jobs, several of which serve many studies;'
             f' {len(missing)} missing{f": {kinds}" if kinds else ""}'
         ]
         if missing:
@@ -101,7 +104,7 @@ class FiguresPlan:
             )
 
     def complete_studies(self) -> dict[str, Study]:
-        """The studies whose jobs are all done by now."""
+        """The studies whose jobs are all done by now, asked for or not."""
         return {
             name: study
             for name, study in self.studies.items()
@@ -119,14 +122,13 @@ class FiguresPlan:
         """The jobs of each study, the one first that lacks the least."""
         jobs, cost_s = self.jobs, self.rates.cost_s
         return sorted(
-            self.needs.values(),
+            (self.needs[name] for name in self.asked),
             key=lambda needs: sum(cost_s(jobs[digest]) for digest in needs & self.missing),
         )
 
-    def jobs_of(self, studies: Mapping[str, Study]) -> dict[str, Job]:
+    def jobs_of(self, names: Iterable[str]) -> dict[str, Job]:
         """The jobs that studies need."""
-        digests = set().union(*(self.needs[name] for name in studies))
-        return {digest: self.jobs[digest] for digest in digests}
+        return _jobs_of(names, self.needs, self.jobs)
 
     def name_of(self, digest: str) -> str:
         """What a job is called, for people."""
@@ -149,19 +151,22 @@ def plan_figures(arguments: argparse.Namespace) -> FiguresPlan:
         ConfigError: there is no such scale or study, or a part of the scale does not fit.
         TrainingRunError: trainings are missing, and so is torch.
     """
-    scale = load_scale(arguments.scale)
+    scale, asked = load_scale(arguments.scale), _names(arguments.only)
     requests, needs, studies = Requests(scale), {}, {}
-    for name in _names(arguments.only):
-        studies[name] = catalogue.make_study(name, requests)
+    for name in catalogue.study_names():
+        # A scale may not fit a study that nobody asks for.
+        with nullcontext() if name in asked else suppress(ConfigError, PolicyMismatchError):
+            studies[name] = catalogue.make_study(name, requests)
         needs[name] = requests.take_new()
     store = Store(arguments.output)
-    missing = frozenset(store.missing(requests.jobs))
+    missing = frozenset(store.missing(_jobs_of(asked, needs, requests.jobs)))
     does_work = not (arguments.list or arguments.dry_run)
     if does_work and arguments.engine == 'local':
         _check_torch(requests.jobs[digest] for digest in missing)
     rates = _rates(scale, requests.jobs, store, missing, measures=does_work)
     return FiguresPlan(
         scale=scale,
+        asked=asked,
         studies=studies,
         needs=needs,
         jobs=requests.jobs,
@@ -170,6 +175,13 @@ def plan_figures(arguments: argparse.Namespace) -> FiguresPlan:
         rates=rates,
         n_slots=arguments.workers or len(os.sched_getaffinity(0)),
     )
+
+
+def _jobs_of(
+    names: Iterable[str], needs: Mapping[str, frozenset[str]], jobs: Mapping[str, Job]
+) -> dict[str, Job]:
+    wanted: set[str] = set().union(*(needs[name] for name in names))
+    return {digest: job for digest, job in jobs.items() if digest in wanted}
 
 
 def _names(asked: list[str] | None) -> tuple[str, ...]:

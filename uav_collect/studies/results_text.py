@@ -27,7 +27,7 @@ def results_text(
 
     Args:
         spent: what the jobs of the studies took.
-        not_run: studies that were not asked for, or lack a job.
+        not_run: studies that lack a job.
     """
     parts = [
         "# Results of the paper's studies",
