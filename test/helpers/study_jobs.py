@@ -62,6 +62,7 @@ def done_by(
     *,
     checkpoint_s: float = 1e6,
     is_stopping: Callable[[], bool] = lambda: False,
+    show: Callable[[JobsStatus], None] = lambda status: None,
 ) -> JobsStatus:
     return run_jobs(
         jobs,
@@ -70,7 +71,7 @@ def done_by(
         checkpoint_s=checkpoint_s,
         order=lambda job: (0, 0.0),
         is_stopping=is_stopping,
-        show=lambda status: None,
+        show=show,
     )
 
 

@@ -3,6 +3,8 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+import subprocess
+import sys
 
 import pytest
 from study_jobs import by_digest, done_by, flights, training
@@ -129,6 +131,37 @@ def test_a_job_that_another_process_has_done_meanwhile_is_counted(tmp_path: Path
     engine = Beside({digest_of(it): [[FOUND]] for it in (first, second)})
     assert done_by(engine, by_digest(first, second), store).done == 2
     assert len(engine.begun) == 1
+
+
+def test_a_job_is_left_to_the_command_that_does_it_and_taken_over_when_that_is_gone(
+    tmp_path: Path,
+) -> None:
+    first, second = training(seed=0), training(seed=1)
+    doing = f"""
+import sys
+from pathlib import Path
+from uav_collect.studies.jobs.reservations import reserving
+with reserving(Path({str(tmp_path)!r})) as reserved:
+    print(reserved.take({digest_of(first)!r}), flush=True)
+    sys.stdin.read()
+"""
+    engine = Scripted({digest_of(it): [[FOUND]] for it in (first, second)}, n_slots=2)
+    seen = []
+
+    def show(status: JobsStatus) -> None:
+        seen.append(len(status.elsewhere))
+        if status.done == 1:  # of two: what can be done is
+            other.kill()
+            other.wait()
+
+    with subprocess.Popen(
+        (sys.executable, '-c', doing), stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as other:
+        assert other.stdout is not None
+        assert other.stdout.readline() == 'True\n'
+        status = done_by(engine, by_digest(first, second), Store(tmp_path), show=show)
+    assert [task.job for task in engine.begun] == [second, first]
+    assert (status.done, seen[0], seen[-1]) == (2, 1, 0)
 
 
 def test_an_error_in_the_loop_saves_what_runs(tmp_path: Path) -> None:

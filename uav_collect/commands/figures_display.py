@@ -98,6 +98,7 @@ def _counts(status: JobsStatus) -> tuple[str, ...]:
     return (
         f'{status.done} of {status.total} jobs done',
         f'{len(status.running)} running{compiling}',
+        f'{len(status.elsewhere)} in another command' if status.elsewhere else '',
         lost,
         f'{failed} failed' if failed else '',
     )

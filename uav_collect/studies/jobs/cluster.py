@@ -6,6 +6,7 @@ what it did since its last state.
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from time import sleep
 from typing import Any
 
 import ray
@@ -88,6 +89,7 @@ class RayEngine:
             self._streams.clear()
             return [(digest, Stopped()) for digest in ended]
         if not self._streams:
+            sleep(timeout_s)
             return []
         streams = [*self._streams]
         ready, _ = ray.wait(streams, num_returns=1, timeout=timeout_s)

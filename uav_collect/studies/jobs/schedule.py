@@ -7,6 +7,7 @@ from typing import Protocol
 
 from uav_collect.kernels.stops import watchdog
 from uav_collect.studies.jobs.jobs import Job, job_inputs, POLICY
+from uav_collect.studies.jobs.reservations import Reservations, reserving
 from uav_collect.studies.jobs.store import Store
 from uav_collect.studies.jobs.worker_messages import (
     Advanced,
@@ -55,6 +56,7 @@ class JobsStatus:
     running: dict[str, float] = field(default_factory=dict)  # share done, by digest
     compiling: set[str] = field(default_factory=set)  # of them
     hosts: dict[str, str] = field(default_factory=dict)  # who does them
+    elsewhere: set[str] = field(default_factory=set)  # another command does them
     n_lost: int = 0
     failures: dict[str, str] = field(default_factory=dict)  # why, by digest
     blocked: set[str] = field(default_factory=set)  # need what failed
@@ -68,6 +70,7 @@ _Turn = tuple[int, float]
 class _Run:
     jobs: Mapping[str, Job]
     store: Store
+    reserved: Reservations
     engine: JobEngine
     checkpoint_s: float
     status: JobsStatus
@@ -84,11 +87,19 @@ class _Run:
                 self.waiting.remove(digest)
                 self.status.blocked.add(digest)
             elif not self.store.missing(inputs):
-                self.waiting.remove(digest)
-                if self.store.has(digest):  # another process was faster
-                    self.status.done += 1
-                else:
-                    self.start(digest)
+                self.start_or_wait(digest)
+
+    def start_or_wait(self, digest: str) -> None:
+        if not self.reserved.take(digest):
+            self.status.elsewhere.add(digest)
+            return
+        self.status.elsewhere.discard(digest)
+        self.waiting.remove(digest)
+        if self.store.has(digest):  # another command was faster
+            self.reserved.free(digest)
+            self.status.done += 1
+        else:
+            self.start(digest)
 
     def start(self, digest: str) -> None:
         job = self.jobs[digest]
@@ -129,6 +140,8 @@ class _Run:
                 self.begin_anew(digest, why, trace)
             case Lost(why=why):
                 self.retry(digest, why)
+        if isinstance(report, JobEnd):  # now that everything is kept
+            self.reserved.free(digest)
 
     def fail(self, digest: str, why: str, trace: str) -> None:
         self.status.failures[digest] = why
@@ -179,24 +192,30 @@ def run_jobs(
     """
     missing = store.missing(_needed_first(jobs, order))
     status = JobsStatus(total=len(jobs), done=len(jobs) - len(missing))
-    run = _Run(jobs, store, engine, checkpoint_s, status, missing)
     try:
-        while run.waiting or status.running:
-            if is_stopping():
-                _stop_and_wait(run, show)
-                break
-            with watchdog.saving():  # what is drawn may take longer than a signal may go unseen
-                run.start_ready()
-                show(status)
-            for digest, report in engine.wait(_WAIT_S):
-                run.handle(digest, report)
-    except Exception:
-        _save_what_runs(run)
-        raise
+        with reserving(store.folder) as reserved:
+            run = _Run(jobs, store, reserved, engine, checkpoint_s, status, missing)
+            try:
+                _do_all(run, is_stopping, show)
+            except Exception:
+                _save_what_runs(run)
+                raise
     finally:
         engine.close()
     show(status)
     return status
+
+
+def _do_all(run: _Run, is_stopping: Callable[[], bool], show: Show) -> None:
+    while run.waiting or run.status.running:
+        if is_stopping():
+            _stop_and_wait(run, show)
+            break
+        with watchdog.saving():  # what is drawn may take longer than a signal may go unseen
+            run.start_ready()
+            show(run.status)
+        for digest, report in run.engine.wait(_WAIT_S):
+            run.handle(digest, report)
 
 
 def _needed_first(jobs: Mapping[str, Job], order: Callable[[Job], _Turn]) -> Iterable[str]:

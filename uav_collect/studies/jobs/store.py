@@ -3,6 +3,7 @@
     STORE/jobs/DIGEST/      job.json, cost.json and the files that came out
     STORE/states/DIGEST     what an unfinished job goes on from
     STORE/failures/DIGEST   where a job failed
+    STORE/reserved          locked by who does which job
 
 Folders may be copied between machines; several processes may write one store.
 """
