@@ -45,9 +45,10 @@ from uav_collect.studies.study import (
 
 _Make = Callable[[Requests], Study]
 _QMIX_ALONE = 'with one UAV QMIX is AQMIX, as nobody waits'
+_OPTIMAL = 'the optimal bandwidth'
 _LINKS_ABOUT = (
     'nothing is trained: strong is the shipped policy, which learned where no message is lost or'
-    ' late; thin lines: twice as many UAVs, for which nothing is planned'
+    ' late; thin lines: twice as many UAVs, for which nothing is planned; optimal bandwidth'
 )
 
 
@@ -80,26 +81,26 @@ def _topology(requests: Requests) -> Study:
 
 def _learning_areas(requests: Requests) -> Study:
     fields, seeds = requests.scale.fields, requests.scale.seeds
-    panels = [
-        make_area_panel(requests, _cells(field), field, n_seeds)
-        for field, n_seeds in (
-            (fields.usual, seeds.usual),
-            (fields.large, seeds.large),
-            (fields.largest, seeds.largest),
-        )
-    ]
+    areas = (
+        (fields.usual, seeds.usual),
+        (fields.large, seeds.large),
+        (fields.largest, seeds.largest),
+    )
+    panels = [make_area_panel(requests, _cells(field), field, n_seeds) for field, n_seeds in areas]
+    trained_by = requests.trained_by(*(field.decisions for field, _ in areas))
     return CurvesStudy(
         name='learning-areas',
         figure=4,
         title='Learning on areas of different size',
-        about=f'each algorithm is trained on each area, {requests.trained_by}',
+        about=f'each algorithm is trained on each area, {trained_by}',
         panels=tuple(panels),
     )
 
 
 def _learning_uavs(requests: Requests) -> Study:
     panels = []
-    for n_uavs, (scenario, decisions, n_seeds) in fleets_of(requests).items():
+    fleets = fleets_of(requests)
+    for n_uavs, (scenario, decisions, n_seeds) in fleets.items():
         label = f'{n_uavs} UAV{"s" if n_uavs > 1 else ""}'
         trained = train_all(requests, scenario, decisions, n_seeds)
         panels.append(make_panel(requests, label, f'{n_uavs}_uavs', scenario, trained))
@@ -107,7 +108,7 @@ def _learning_uavs(requests: Requests) -> Study:
         name='learning-uavs',
         figure=5,
         title='Learning with different numbers of UAVs',
-        about=f'each algorithm is trained with each number of UAVs, {requests.trained_by};'
+        about=f'each algorithm is trained with each number of UAVs, {_trained(requests, fleets)};'
         f' {_QMIX_ALONE}',
         panels=tuple(panels),
     )
@@ -121,8 +122,9 @@ def _energy(requests: Requests) -> Study:
         name='energy',
         figure=6,
         title='Energy budgets',
-        about=f'trained with {field.uavs[0].energy_budget_kj:g} kJ, {requests.trained_by};'
-        ' tested with each budget',
+        about=f'trained with {field.uavs[0].energy_budget_kj:g} kJ, '
+        f'{requests.trained_by(scale.fields.usual.decisions)};'
+        f' tested with each budget and {_OPTIMAL}',
         over='energy budget of each UAV [kJ]',
         column='energy_budget_kj',
         values=scale.budgets_kj,
@@ -140,8 +142,8 @@ def _density(requests: Requests) -> Study:
         name='density',
         figure=7,
         title='Density of the demand',
-        about=f'trained at a density of {field.demand.cell_share:g}, {requests.trained_by};'
-        ' tested at each',
+        about=f'trained at a density of {field.demand.cell_share:g}, '
+        f'{requests.trained_by(scale.fields.usual.decisions)}; tested at each with {_OPTIMAL}',
         over='data density [data cells per cell]',
         column='density_share',
         values=scale.densities,
@@ -158,8 +160,8 @@ def _uavs(requests: Requests) -> Study:
         name='uavs',
         figure=8,
         title='Number of UAVs',
-        about=f'each algorithm is trained with each number of UAVs, {requests.trained_by};'
-        f' {_QMIX_ALONE}',
+        about=f'each algorithm is trained with each number of UAVs, {_trained(requests, fleets)};'
+        f' {_QMIX_ALONE}; tested with {_OPTIMAL}',
         over='number of UAVs',
         column='n_uavs',
         values=tuple(map(float, fleets)),
@@ -178,7 +180,8 @@ def _range(requests: Requests) -> Study:
         name='range',
         figure=9,
         title='Communication range',
-        about=f'each algorithm is trained with each range, {requests.trained_by}',
+        about=f'each algorithm is trained with each range, {requests.trained_by(decisions)};'
+        f' tested with {_OPTIMAL}',
         over='communication range between UAVs [m]',
         column='contact_range_m',
         values=scale.ranges_m,
@@ -211,7 +214,7 @@ def _kernel(requests: Requests) -> Study:
         figure=10,
         title='Learning of AQMIX with kernels of different size',
         about=f'AQMIX is trained with each kernel (mixer.pool_side) on {_cells(config)},'
-        f' {requests.trained_by}',
+        f' {requests.trained_by(config.decisions)}',
         panels=(panel,),
     )
 
@@ -224,8 +227,8 @@ def _csi(requests: Requests) -> Study:
         name='csi',
         figure=11,
         title='Channel estimation error',
-        about=f'trained on the small field with perfect channels, {requests.trained_by};'
-        ' tested with each error',
+        about='trained on the small field with perfect channels, '
+        f'{requests.trained_by(scale.fields.small.decisions)}; tested with each error',
         over='variance of the channel estimation error',
         column='csi_error_variance',
         values=scale.csi_errors,
@@ -243,7 +246,8 @@ def _bandwidth(requests: Requests) -> Study:
         figure=12,
         title='Optimal and equal bandwidth over the density of the demand',
         about=f'trained on the small field with its own density and perfect channels, '
-        f'{requests.trained_by}; tested at each density with a channel estimation error of '
+        f'{requests.trained_by(scale.fields.small.decisions)};'
+        ' tested at each density with a channel estimation error of '
         f'{scale.bandwidth_csi_error:g}',
         over='data density [data cells per cell]',
         column='density_share',
@@ -263,8 +267,8 @@ def _trajectories(requests: Requests) -> Study:
         name='trajectories',
         figure=13,
         title='One mission as each learned policy flies it',
-        about=f'each algorithm is trained on the small field, {requests.trained_by};'
-        ' the best in validation flies',
+        about=f'each algorithm is trained on the small field, '
+        f'{requests.trained_by(config.decisions)}; the best in validation flies, with {_OPTIMAL}',
         scenario=field,
         mission_seed=seed,
         flown={label: requests.log_mission(one, field, seed) for label, one in trained.items()},
@@ -305,27 +309,29 @@ def _delay(requests: Requests) -> Study:
 
 def _runs(requests: Requests) -> Study:
     fields, seeds = requests.scale.fields, requests.scale.seeds
-    areas = [
+    areas = (
+        (fields.small, seeds.small),
+        (fields.usual, seeds.usual),
+        (fields.large, seeds.large),
+        (fields.largest, seeds.largest),
+    )
+    of_areas = [
         _task(requests, _cells(field), field_of(field), field.decisions, n_seeds)
-        for field, n_seeds in (
-            (fields.small, seeds.small),
-            (fields.usual, seeds.usual),
-            (fields.large, seeds.large),
-            (fields.largest, seeds.largest),
-        )
+        for field, n_seeds in areas
     ]
-    fleets = [
-        _task(requests, f'{n_uavs} UAVs', scenario, decisions, n_seeds)
-        for n_uavs, (scenario, decisions, n_seeds) in fleets_of(requests).items()
-    ]
+    fleets = fleets_of(requests)
+    of_fleets = [_task(requests, f'{n_uavs} UAVs', *fleet) for n_uavs, fleet in fleets.items()]
+    decisions = [field.decisions for field, _ in areas]
+    decisions += [n_decisions for _, n_decisions, _ in fleets.values()]
     return RunsStudy(
         name='runs',
         figure=None,
         title='Algorithms over all areas and over all fleets, training by training',
-        about=f'each algorithm is trained for each task, {requests.trained_by}; {_QMIX_ALONE}',
+        about=f'each algorithm is trained for each task, {requests.trained_by(*decisions)};'
+        f' {_QMIX_ALONE}; tested with {_OPTIMAL}',
         suites=(
-            Suite(label='areas', key='areas', tasks=tuple(areas)),
-            Suite(label='fleets', key='fleets', tasks=tuple(fleets)),
+            Suite(label='areas', key='areas', tasks=tuple(of_areas)),
+            Suite(label='fleets', key='fleets', tasks=tuple(of_fleets)),
         ),
     )
 
@@ -357,6 +363,10 @@ _MAKERS: Mapping[str, _Make] = {
     'loss': _loss,
     'delay': _delay,
 }
+
+
+def _trained(requests: Requests, fleets: Mapping[int, tuple[Scenario, int, int]]) -> str:
+    return requests.trained_by(*(decisions for _, decisions, _ in fleets.values()))
 
 
 def _cells(config: FieldConfig) -> str:

@@ -36,12 +36,17 @@ class Requests:
         self._asked.add(digest)
         return digest
 
-    @property
-    def trained_by(self) -> str:
-        """The settings of all trainings, for a caption; a study names what it sets besides."""
+    def trained_by(self, *decisions: int) -> str:
+        """The settings of trainings, for a caption; a study names what it sets besides.
+
+        Args:
+            decisions: how many each takes.
+        """
         trainings = self.scale.trainings
         text = ', '.join(f'{key} = {value}' for key, value in trainings.set.items())
-        return f'preset {trainings.preset}{f" with {text}" if text else ""}'
+        least, most = min(decisions), max(decisions)
+        count = f'{least:,}' if least == most else f'{least:,} to {most:,}'
+        return f'preset {trainings.preset}{f" with {text}" if text else ""}, {count} decisions'
 
     def take_new(self) -> frozenset[str]:
         """The jobs asked for since the last call."""

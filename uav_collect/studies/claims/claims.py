@@ -80,6 +80,8 @@ CLAIMS = tuple(
          'Time and efficiency rise with the density of the demand.'),
         (7, 'density', tests.aqmix_best_over_densities,
          'AQMIX is better than the others at every density.'),
+        (7, 'density', tests.complete_at_every_density,
+         'AQMIX generalises: trained at one density, it collects all data at every one.'),
         (8, 'uavs', tests.faster_but_less_efficient,
          'More UAVs make AQMIX and QMIX faster and less efficient.'),
         (8, 'uavs', tests.second_uav_of_aqmix,
@@ -117,7 +119,7 @@ CLAIMS = tuple(
         (12, 'bandwidth', tests.marginal_gain_when_sparse,
          'At low density the gain of the optimal bandwidth is marginal.'),
         (12, 'bandwidth', tests.gain_grows_with_density,
-         'The gain of the optimal bandwidth grows with the density.'),
+         'The gain of the optimal bandwidth grows with the density and becomes substantial.'),
         (13, 'trajectories', tests.less_overlap,
          'UAVs of AQMIX share the area: their ways overlap less than those of QMIX and AIQL.'),
     )

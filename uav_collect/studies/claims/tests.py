@@ -192,6 +192,15 @@ def aqmix_best_over_densities(results: StudyResults) -> Iterator[Evidence]:
     return _Tests(results, 'density').ahead_everywhere()
 
 
+def complete_at_every_density(results: StudyResults) -> Iterator[Evidence]:
+    """Data collected by policies of AQMIX, which learned at one density."""
+    tests = _Tests(results, 'density')
+    for index in range(len(tests.values)):
+        what = f'{tests.at(index)}: data collected by {AQMIX}'
+        collected = tests.samples((AQMIX, index), COLLECTED)
+        yield is_within(what, COLLECTED.unit, mean_of, collected, low=ALL_PERCENT)
+
+
 def faster_but_less_efficient(results: StudyResults) -> Iterator[Evidence]:
     """Each fleet against the next larger one."""
     tests = _Tests(results, 'uavs')
@@ -333,7 +342,7 @@ def marginal_gain_when_sparse(results: StudyResults) -> Iterator[Evidence]:
 
 
 def gain_grows_with_density(results: StudyResults) -> Iterator[Evidence]:
-    """What the optimal bandwidth gains at the largest density against the smallest."""
+    """What the optimal bandwidth gains at the largest density, and against the smallest."""
     tests = _Tests(results, 'bandwidth')
     samples = [
         tests.samples((label, index), EFFICIENCY)
@@ -342,6 +351,8 @@ def gain_grows_with_density(results: StudyResults) -> Iterator[Evidence]:
     ]
     what = f'gain of efficiency, density {tests.names[-1]} less {tests.names[0]}'
     yield is_positive(what, 'percentage points', _larger_gain, *samples, one=100.0)
+    what = f'gain of efficiency at density {tests.names[-1]}'
+    yield is_within(what, '%', change_percent, *samples[:2], low=MARGINAL_PERCENT)
 
 
 def less_overlap(results: StudyResults) -> Iterator[Evidence]:

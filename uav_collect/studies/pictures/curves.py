@@ -41,7 +41,7 @@ def draw(study: CurvesStudy, findings: Findings) -> Drawing:
         f'Fig. {study.figure} of the paper; {study.about}; n = {count_text(trainings, "training")}'
         ' of each, mean and standard deviation; rules and plans:'
         f' {count_text(missions, "mission")}.'
-        ' Above: missions that explore; below: validation'
+        ' Above: missions that explore; below: validation, bandwidth shared equally'
     )
     measures = (REWARD, EFFICIENCY)
     figure, grid = panels(2, len(study.panels), study.title, note, size_in=_SIZE_IN)

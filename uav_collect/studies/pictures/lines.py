@@ -87,6 +87,8 @@ def _note(study: LinesStudy, drawn: list[tuple[Line, _Points]]) -> str:
         + (f' of both; stars: {_BEST}' if any(it > 1 for it in trainings) else ''),
         'lines stand a little aside of each other',
     ]
+    if study.names:
+        parts.append('the horizontal axis is not to scale')
     if planned and min(planned) < max(flown):
         missions = count_text(planned, 'mission')
         parts.insert(2, f'plans of {missions}, those for which there is energy')
