@@ -7,7 +7,6 @@ from contextlib import nullcontext, suppress
 from dataclasses import dataclass
 from functools import cached_property
 import os
-from pathlib import Path
 import shutil
 
 from uav_collect.commands.terminal import say
@@ -16,6 +15,7 @@ from uav_collect.errors import ConfigError, PolicyMismatchError, TrainingRunErro
 from uav_collect.kernels.patience import waiting_for
 from uav_collect.scenario.load import from_yaml
 from uav_collect.studies import catalogue
+from uav_collect.studies.comparisons import field_of
 from uav_collect.studies.jobs.costs import disk_bytes, GUESSED_RATES, Rates, rates_of, spent_cost
 from uav_collect.studies.jobs.jobs import (
     digest_of,
@@ -227,10 +227,6 @@ def _rates(
 
 def _usual_training(scale: ScaleConfig, trainings: list[Job], first: TrainingJob) -> TrainingJob:
     """A training on the usual field where one is missing: others take about as long a decision."""
-    name = scale.fields.usual.scenario
-    usual = (
-        job
-        for job in trainings
-        if isinstance(job, TrainingJob) and Path(name).stem in job.scenario.splitlines()[0]
-    )
+    field = field_of(scale.fields.usual).to_yaml()
+    usual = (it for it in trainings if isinstance(it, TrainingJob) and it.scenario == field)
     return next((job for job in usual if job.algorithm == 'aqmix'), first)
