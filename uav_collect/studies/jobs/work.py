@@ -1,20 +1,16 @@
 """Does a job in this process: a stream of events that ends with its results.
 
-Every engine runs this one function, so results do not depend on the engine. One process compiles
-kernels, while others that need them wait for its copy.
+Every engine runs this one function, so results do not depend on the engine.
 """
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
-import fcntl
 from itertools import islice
 import os
 import socket
 from time import monotonic, process_time
 
 from uav_collect.kernels.compile import (
-    cache_folder,
     kernels_are_cached,
     kernels_are_compiled,
     sources_digest,
@@ -70,30 +66,15 @@ def run_job(task: WorkItem, is_stopping: Callable[[], bool] = lambda: False) -> 
     Raises:
         ValueError: the job cannot be done: `ConfigError`, `PolicyMismatchError` and such.
     """
-    return _compile_in_turn(task.job, _perform(task, is_stopping))
+    return _compiling_said(task.job, _perform(task, is_stopping))
 
 
-def _compile_in_turn(job: Job, events: Iterator[JobEvent]) -> Iterator[JobEvent]:
-    """Events of a job; where its kernels are not compiled yet, up to the first step in turn."""
-    if not kernels_are_compiled() or kernels_are_cached(kernels_of(job)):
-        yield from events
-        return
-    yield from islice(events, 1)
-    yield Compiling()
-    with _compile_lock():
-        if not kernels_are_cached(kernels_of(job)):
-            yield from islice(events, 1)
+def _compiling_said(job: Job, events: Iterator[JobEvent]) -> Iterator[JobEvent]:
+    """Events of a job; where its kernels are not compiled yet, that its first step does it."""
+    if kernels_are_compiled() and not kernels_are_cached(kernels_of(job)):
+        yield from islice(events, 1)
+        yield Compiling()
     yield from events
-
-
-@contextmanager
-def _compile_lock() -> Iterator[None]:
-    """Hold this machine's lock for compiling kernels."""
-    folder = cache_folder()
-    folder.mkdir(parents=True, exist_ok=True)
-    with (folder / 'studies.lock').open('w') as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
-        yield
 
 
 def kernels_of(job: Job) -> tuple[Callable[..., object], ...]:
