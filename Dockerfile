@@ -1,6 +1,6 @@
 # uav_collect ready to fly over ROS 2:
 #   docker build -t uav_collect .
-#   docker run --rm --user "$(id -u)" -v "$PWD/runs:/uav_collect/runs" uav_collect mission
+#   mkdir -p runs && docker run --rm --user "$(id -u)" -v "$PWD/runs:/uav_collect/runs" uav_collect mission
 # Without a command it lists what there is. "--target tools" is what builds it, for development.
 
 FROM python:3.12-slim-bookworm AS tools

@@ -52,7 +52,7 @@ MISSION_OPTIONS = \
   $(if $(UAVS),--uavs '$(UAVS)') \
   $(ARGS)
 
-#<LIST       the loggers: CSV, TSV, xlsx, GeoJSON or KML
+#<LIST       the loggers: CSV, TSV, xlsx, GeoJSON, KML or KMZ
 #<UAVS       how many fly (2)
 #<ARGS       any further arguments of the command, see ARGS=--help
 FIELD_OPTIONS = \
@@ -61,7 +61,7 @@ FIELD_OPTIONS = \
   $(ARGS)
 
 #>SCENARIO   name in config/scenarios, or a YAML file (paper_10x10)
-#>ALGORITHM  aqmix, qmix or aiql (aqmix)
+#>ALGORITHM  aqmix, qmix, aiql, branches, imitation or module:Name (aqmix)
 #>PRESET     name in config/training, or a YAML file (strong)
 #>MINUTES    how long to train each seed (30)
 #>SEED       of weights, exploration and missions; several as SEED='0 1 2' (0)

@@ -24,7 +24,7 @@ BUILD = TemporaryDirectory(prefix=f'{NAME}-', ignore_cleanup_errors=True)  # end
 # The oldest versions that were tried; those of make setup are pinned in requirements/.
 MISSIONS = [
     *('numpy>=1.26', 'PyYAML>=6.0', 'rich>=13.7', 'numba>=0.60', 'scipy>=1.11'),
-    *('matplotlib>=3.8', 'pillow>=10.2', 'websockets>=13.0'),
+    *('matplotlib>=3.6', 'pillow>=10.2', 'websockets>=13.0'),
     *('rosbags>=0.11.9', 'lz4>=4.3', 'backports.zstd>=1.0; python_version < "3.14"'),
     *('pyproj>=3.6', 'openpyxl>=3.1', 'defusedxml>=0.7.1'),
     *('cvxpy>=1.5', 'clarabel>=0.9', 'gymnasium>=1.0', 'pettingzoo>=1.25'),

@@ -40,7 +40,7 @@ _SAVE_S = '120'  # how long the trainer may take to save before it is killed
 # Launch arguments that are the trainer's parameters, with defaults in nodes.yaml; what each does.
 _OF_TRAINER = {
     'scenario': 'name of a shipped scenario, or path of a YAML file',
-    'algorithm': 'how it learns: aqmix or aiql',
+    'algorithm': 'how it learns: aqmix, aiql, or module:Name of a class of yours',
     'preset': 'settings of the training: paper, strong, refine or a YAML file',
     'seed': 'of weights and missions',
     'minutes': 'how long to train [min]; 0: 60',

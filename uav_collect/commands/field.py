@@ -28,8 +28,9 @@ if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
 _DESCRIPTION = """
 Reads where loggers stand, proposes cells as large as the radio allows, a base and a fleet, and
 writes a scenario, NAME.yaml, with the unit of each value and the reason for it, and a map,
-NAME.png. LIST is a table (CSV, TSV, xlsx) or a map (GeoJSON, KML). All its problems are reported
-at once. The exit status is 0 if both files were written, 2 if not.
+NAME.png. LIST is a table (CSV, TSV, xlsx) or a map (GeoJSON, KML, KMZ). All its problems are
+reported at once. Defaults that are not given here are in config/fields/usual.yaml. The exit status
+is 0 if both files were written, 2 if not.
 """
 _LENGTH = options.number_from(0.1, 10_000.0, 'm')
 _COLUMNS_KEY = re.compile(r'\bcolumns: \{([^{}]*)\}')
@@ -116,26 +117,37 @@ def _add_reading(parser: argparse.ArgumentParser) -> None:
 def _add_proposed(parser: argparse.ArgumentParser) -> None:
     """What is not to be proposed."""
     parser.add_argument(
-        '--base', metavar='PLACE', help='where UAVs start and land: LAT,LON or X,Y or a sensor'
+        '--base',
+        metavar='PLACE',
+        help='where UAVs start and land: LAT,LON or X,Y or a sensor'
+        ' (default: an open cell at the southern edge)',
     )
     parser.add_argument('--altitude', type=_LENGTH, metavar='M', help='at which UAVs fly [m]')
     parser.add_argument(
-        '--airframe', metavar='NAME', help='the craft, one of config/airframes.yaml'
+        '--airframe',
+        metavar='NAME',
+        help='the craft, one of config/airframes.yaml',
     )
     parser.add_argument(
         '--battery-wh',
         type=options.number_from(0.1, 1e5, 'Wh'),
         metavar='WH',
-        help='of each UAV [Wh]',
+        help='battery of each UAV [Wh]',
     )
     parser.add_argument(
         '--speed',
         nargs='+',
         type=options.number_from(0.1, 100.0, 'm/s'),
         metavar='MPS',
-        help='one speed of all UAVs, or one of each in turn, as 10 15 [m/s]',
+        help='one speed of all UAVs, or one of each in turn, as 10 15 [m/s]'
+        ' (default: that which takes the craft farthest)',
     )
-    parser.add_argument('--cell-size', type=_LENGTH, metavar='M', help='side of a cell [m]')
+    parser.add_argument(
+        '--cell-size',
+        type=_LENGTH,
+        metavar='M',
+        help='side of a cell [m] (default: as large as the radio allows)',
+    )
     parser.add_argument(
         '--data-mbit',
         nargs=2,

@@ -49,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--policy',
         default='sweep',
         metavar='POLICY',
-        help='who flies, as of evaluate (default: %(default)s)',
+        help='who flies, as of evaluate, but not best (default: %(default)s)',
     )
     _add_battery(parser)
     parser.add_argument(

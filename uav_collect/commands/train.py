@@ -29,8 +29,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--courses',
         metavar='NAME|FILE',
-        help='learn on courses that are drawn anew all the time, in place of scenarios: anywhere,'
-        ' or a YAML file (with --preset anywhere, or one that extends it)',
+        help='learn on courses that are drawn anew all the time, in place of scenarios: anywhere'
+        ' or taught (with --algorithm imitation), or a YAML file (with --preset anywhere, or one'
+        ' that extends it)',
     )
     add_learning_options(parser)
     options.add_budget_options(parser, _MINUTES, 'how long to train each seed')
@@ -73,8 +74,9 @@ def add_learning_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--preset',
         metavar='NAME|FILE',
-        help='settings of the training: paper, strong, refine (to go on from a policy), anywhere'
-        f' (for courses) or a YAML file (default: {_PRESET}; of courses {_COURSES_PRESET})',
+        help='settings of the training: a name that list shows, as strong, paper, refine (to'
+        ' go on from a policy), anywhere and imitation (for courses), or a YAML file'
+        f' (default: {_PRESET}; of courses {_COURSES_PRESET})',
     )
     options.add_assignments(parser, '--override', 'replace values of the preset')
     parser.add_argument(

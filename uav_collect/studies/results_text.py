@@ -45,9 +45,9 @@ def results_text(
         'said of learning is measured in the last fifth of trainings. '
         f'Fewer than {MIN_TRAININGS} trainings decide nothing, and the interval of '
         f'{MIN_TRAININGS} hardly leaves their range, which holds the truth three times in four. '
-        'Of many numbers one is beside a statement by chance: it fails by one that would be so in '
-        f'no more than {1 - CONFIDENCE_LEVEL:.0%} of such statements (Bonferroni). Beside the '
-        'verdict stands the margin of the number that decides: how far it is from where the '
+        'Of many numbers one may miss by chance: a statement of many fails only by a miss that no '
+        f'more than {1 - CONFIDENCE_LEVEL:.0%} of such statements would have (Bonferroni). Beside '
+        'the verdict stands the margin of the number that decides: how far it is from where the '
         'statement turns, in per cent or percentage points; negative, how far beside it.',
         *_other_method(scale.trainings.preset),
         "How the paper's words are read:\n\n" + '\n'.join(f'- {it}' for it in READINGS),
