@@ -93,7 +93,8 @@ def _start(context: LaunchContext) -> list:
     arguments.made('bandwidth', lambda: allocator_named(of_agents['bandwidth']))
     if bag:
         arguments.new_folder('output_dir', Path(bag))
-    if arguments.flag('rviz'):
+    has_rviz, has_viewer = arguments.flag('rviz'), arguments.flag('view')
+    if has_rviz:
         arguments.package('rviz', 'rviz2')
     arguments.check()
     choice = _choice(of_world['scenario'], scenario, of_agents, output_dir) if is_best else ''
@@ -109,8 +110,8 @@ def _start(context: LaunchContext) -> list:
             _node('uav_agent', {**of_agents, **own}, arguments=['--id', str(number)])
             for number in range(1, scenario.n_uavs + 1)
         ),
-        *([_rviz()] if arguments.flag('rviz') else []),
-        *([_node('viewer', own)] if arguments.flag('view') else []),
+        *([_rviz()] if has_rviz else []),
+        *([_node('viewer', own)] if has_viewer else []),
     ]
 
 

@@ -29,6 +29,7 @@ MAX_DECISIONS = 10**12  # of a training
 MAX_LAYER_SIZE = 4096  # of a network that learns
 GUARD_AFTER = 12  # decisions without news after which a UAV's guard decides, unless users say else
 MAX_GUARD_AFTER = 10_000
+NO_AGENT = 'none'  # in logs, the policy of a UAV that had no agent as the mission began
 
 BEST = 'best'  # stands for the policy that does best in sampled missions of the scenario at hand
 LOOKAHEAD = 'lookahead'  # and a colon, before the rule that a policy looks ahead with

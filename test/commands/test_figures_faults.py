@@ -22,6 +22,7 @@ def drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> _Drawn:
     plan = Namespace(
         scale=Namespace(name='tiny'),
         store=None,
+        asked=('whole',),
         studies=whole,
         complete_studies=lambda: whole,
         jobs_of=lambda _: {},

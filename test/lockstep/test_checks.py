@@ -9,6 +9,7 @@ from fleets import Pilots
 import pytest
 from tiny_world import tiny, uav
 from uav_collect.lockstep.checks import (
+    join_problem,
     MOST_CHARACTERS,
     names_problem,
     observation_problem,
@@ -117,3 +118,24 @@ def test_names_are_short_and_printable() -> None:
         'policy has 201 characters: must have at most 200'
     )
     assert problem('a\x1b[2J') == "policy is 'a\\x1b[2J': must be printable"
+
+
+@pytest.mark.parametrize(
+    ('field', 'value', 'words'),
+    [
+        ('guard_after', -2, 'guard_after is -2: must be -1..10000'),
+        ('guard_after', 10_001, 'guard_after is 10001: must be -1..10000'),
+        ('policy', 'none', "policy is 'none': must be another name"),
+        ('host', 'a\nb', 'host is '),
+    ],
+)
+def test_a_request_to_join_is_refused_by_the_field_that_no_log_could_have(
+    field: str, value: object, words: str
+) -> None:
+    request = SimpleNamespace(
+        agent_instance='i', host='h', policy='sweep', policy_version='rule', allocator='exact',
+        guard_after=-1,
+    )  # fmt: skip
+    assert join_problem(request) is None
+    setattr(request, field, value)
+    assert str(join_problem(request)).startswith(words)

@@ -98,6 +98,22 @@ def test_a_recorder_that_falls_silent_while_it_waits_is_gone() -> None:
     assert recorders.take_off(SILENT_S + 0.1, AWAITED) == CLEAR
 
 
+def test_a_recorder_that_was_ready_and_falls_silent_is_awaited_again() -> None:
+    recorders = watch(n_expected=1)
+    recorders.add(report(), 0.0)
+    assert recorders.take_off(SILENT_S, AWAITED) == CLEAR
+    gone = recorders.take_off(SILENT_S + 0.1, AWAITED)
+    assert (gone.is_clear, gone.unready) == (False, ('a recorder that is not there yet',))
+
+
+def test_a_mission_that_did_not_take_off_takes_no_time_from_the_next() -> None:
+    recorders = watch(n_expected=1)
+    assert not recorders.take_off(0.0, AWAITED).is_clear
+    recorders.rest()
+    assert not recorders.take_off(TIMEOUT_S + 1.0, AWAITED).is_clear
+    assert recorders.take_off(2 * TIMEOUT_S + 1.1, AWAITED).is_clear
+
+
 def test_expected_recorders_are_awaited_before_they_are_heard_of() -> None:
     recorders = watch(n_expected=2)
     recorders.add(report(), 0.0)

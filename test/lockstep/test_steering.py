@@ -12,6 +12,14 @@ def steering(n_missions: int = 0, factor: float = 0.0) -> Steering:
     return Steering(schedule, SimulationPacer(factor, lambda: 0.0), TIMEOUT_S)
 
 
+def wait(asked: Steering, duration_s: float) -> None:
+    """Look at the clock often, as a world does, while an agent does not answer."""
+    asked.look(0.0)
+    asked.ask()
+    for number in range(1, 101):
+        asked.look(number * duration_s / 100.0)
+
+
 def n_events(asked: Steering, at_most: int = 9) -> int:
     """How many events may happen now, one after the other."""
     return sum(asked.lets_pass(float(event)) for event in range(at_most))
@@ -81,12 +89,29 @@ def test_a_pause_outlives_missions_and_answers_say_so() -> None:
 
 def test_while_paused_no_agent_is_late() -> None:
     asked = steering()
-    assert asked.is_overdue(TIMEOUT_S + 1.0)
+    wait(asked, TIMEOUT_S + 1.0)
+    assert asked.is_overdue()
     asked.pause(is_flying=True, awaited=1)
-    assert not asked.is_overdue(TIMEOUT_S + 1.0)
+    assert not asked.is_overdue()
+
+
+def test_an_agent_that_is_asked_anew_has_its_whole_time() -> None:
+    asked = steering()
+    wait(asked, TIMEOUT_S + 1.0)
+    asked.ask()
+    assert not asked.is_overdue()
+
+
+def test_what_the_world_itself_stood_still_counts_against_no_agent() -> None:
+    asked = steering()
+    asked.look(100.0)
+    asked.ask()
+    asked.look(100.0 + 2.0 * TIMEOUT_S)
+    assert not asked.is_overdue()
 
 
 def test_agents_get_as_long_as_was_said_last() -> None:
     asked = steering()
     asked.change_timeout(2.0 * TIMEOUT_S)
-    assert not asked.is_overdue(TIMEOUT_S + 1.0)
+    wait(asked, TIMEOUT_S + 1.0)
+    assert not asked.is_overdue()

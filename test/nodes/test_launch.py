@@ -223,6 +223,7 @@ def test_who_is_asked_to_end_may_do_so_by_the_signal(description: Made, status: 
         ('real_time_factor', 'nan', 'must be a number from 0.0 to 1,000.0'),
         ('real_time_factor', '1e9', 'must be a number from 0.0 to 1,000.0'),
         ('rviz', 'maybe', 'must be true or false'),
+        ('view', 'yes', 'must be true or false'),
         ('rviz', 'true', 'the package rviz2 is not installed'),
     ],
 )

@@ -11,9 +11,10 @@ import numpy as np
 from uav_collect.errors import in_one_line, UavCollectError
 from uav_collect.film.shown import new_runs, News, unpacked_maps
 from uav_collect.kernels.arrays import Bools
+from uav_collect.limits import NO_AGENT
 from uav_collect.missions.given_actions import GivenActions
 from uav_collect.missions.reflight import FlownBy, fly_again, Reflight
-from uav_collect.recording.mission_log import MissionLog, NO_AGENT
+from uav_collect.recording.mission_log import MissionLog
 from uav_collect.recording.mission_messages import MessagePlace
 from uav_collect.scenario.site import Site
 from uav_collect.uav.action_codes import FAILSAFE, NONE

@@ -7,11 +7,13 @@ from collections.abc import Iterable
 import math
 from typing import Any
 
+from uav_collect.limits import MAX_GUARD_AFTER, NO_AGENT
 from uav_collect.uav.action_codes import HOME, NONE
 from uav_collect.uav.actions import cell_at, neighbour
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.view import VIEW_CELLS
 
+_PILOT_NAMES = ('agent_instance', 'host', 'policy', 'policy_version', 'allocator')
 MOST_CHARACTERS = 200  # of a name that others choose
 _ENERGY_TOLERANCE = 1e-9  # relative; what adding up may round
 _PLACE_TOLERANCE_M = 1e-6  # the same
@@ -30,6 +32,16 @@ def names_problem(message: Any, fields: Iterable[str]) -> str | None:
     """What is wrong with the names in a message; None if nothing is."""
     problems = (name_problem(field, getattr(message, field)) for field in fields)
     return next(filter(None, problems), None)
+
+
+def join_problem(request: Any) -> str | None:
+    """What is wrong with a request to fly a UAV; None if nothing is."""
+    problem = names_problem(request, _PILOT_NAMES)
+    if problem is None and not NONE <= request.guard_after <= MAX_GUARD_AFTER:
+        return f'guard_after is {request.guard_after}: must be {NONE}..{MAX_GUARD_AFTER}'
+    if problem is None and request.policy == NO_AGENT:
+        return f'policy is {NO_AGENT!r}: must be another name, which stands for no agent'
+    return problem
 
 
 def radio_problem(msg: Any, briefing: Briefing, uav: int) -> str | None:

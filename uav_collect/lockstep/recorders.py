@@ -5,7 +5,7 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from typing import NamedTuple
 
-SILENT_S = 5.0  # a recorder that waits says so twice a second: one that is silent so long is gone
+SILENT_S = 5.0  # a recorder says each other second how it is: one that is silent so long is gone
 _MOST_RECORDERS = 64  # kept in mind
 _MOST_TOPICS = 3  # named of one recorder
 
@@ -77,8 +77,12 @@ class RecorderWatch:
         if unready and now_s - self._since_s <= self._timeout_s:
             return TakeOff(is_clear=False, unready=unready)
         self._since_s = None
-        self._give_up(frozenset(awaited))
+        self._give_up(now_s, frozenset(awaited))
         return TakeOff(is_clear=True, unready=unready)
+
+    def rest(self) -> None:
+        """No mission is ready to take off: the next one waits its whole time."""
+        self._since_s = None
 
     def _unready(self, now_s: float, awaited: frozenset[str]) -> tuple[str, ...]:
         waiting = [
@@ -88,7 +92,7 @@ class RecorderWatch:
             and not each.is_given_up
             and now_s - each.heard_s <= SILENT_S
         ]
-        n_absent = self._n_expected - self._n_ready(awaited) - len(waiting)
+        n_absent = self._n_expected - self._n_ready(now_s, awaited) - len(waiting)
         if n_absent == 1:
             waiting.append('a recorder that is not there yet')
         elif n_absent > 1:
@@ -103,11 +107,14 @@ class RecorderWatch:
         more = f' and {len(topics) - _MOST_TOPICS} more' if len(topics) > _MOST_TOPICS else ''
         return ', '.join(topics[:_MOST_TOPICS]) + more
 
-    def _n_ready(self, awaited: frozenset[str]) -> int:
-        return sum(not self._lacks(each, awaited) for each in self._recorders.values())
+    def _n_ready(self, now_s: float, awaited: frozenset[str]) -> int:
+        return sum(
+            now_s - each.heard_s <= SILENT_S and not self._lacks(each, awaited)
+            for each in self._recorders.values()
+        )
 
-    def _give_up(self, awaited: frozenset[str]) -> None:
+    def _give_up(self, now_s: float, awaited: frozenset[str]) -> None:
         """Let no later mission wait for those that were not ready for this one."""
         for each in self._recorders.values():
             each.is_given_up = bool(self._lacks(each, awaited))
-        self._n_expected = min(self._n_expected, self._n_ready(awaited))
+        self._n_expected = min(self._n_expected, self._n_ready(now_s, awaited))

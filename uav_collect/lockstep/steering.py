@@ -7,7 +7,7 @@ the world is paused has decided, and its event is complete.
 
 from dataclasses import dataclass
 
-from uav_collect.lockstep.schedule import MissionSchedule, SimulationPacer
+from uav_collect.lockstep.schedule import LONGEST_LOOK_S, MissionSchedule, SimulationPacer
 
 Answer = tuple[bool, str]  # whether it is done, and what happens now or why not
 
@@ -21,6 +21,8 @@ class Steering:
     decision_timeout_s: float  # that an agent has to answer, by the wall clock
     is_paused: bool = False
     n_steps: int = 0  # events that may happen although the world is paused
+    _waited_s: float = 0.0  # that the agent which is asked has had to answer
+    _looked_s: float = 0.0  # monotonic time
 
     def begin(self) -> None:
         """A mission starts: its time counts from 0, and it takes no step of the one before."""
@@ -79,9 +81,18 @@ class Steering:
         """Let agents take so long from now on, the one that decides now included."""
         self.decision_timeout_s = decision_timeout_s
 
-    def is_overdue(self, waited_s: float) -> bool:
+    def ask(self) -> None:
+        """An agent is asked: its time to answer begins."""
+        self._waited_s = 0.0
+
+    def look(self, now_s: float) -> None:
+        """Let monotonic time pass; where this process stood still, it counts against no agent."""
+        self._waited_s += min(now_s - self._looked_s, LONGEST_LOOK_S)
+        self._looked_s = now_s
+
+    def is_overdue(self) -> bool:
         """Whether an agent had its time to answer; while the world is paused, all have time."""
-        return not self.is_paused and waited_s > self.decision_timeout_s
+        return not self.is_paused and self._waited_s > self.decision_timeout_s
 
     def lets_pass(self, time_s: float) -> bool:
         """Whether the next event, at a simulated time, may happen now; that uses a step up."""

@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from uav_collect.errors import PolicyMismatchError
-from uav_collect.limits import is_lookahead_name
+from uav_collect.limits import is_lookahead_name, NO_AGENT
 from uav_collect.lockstep.published_policy import checked_policy, PolicyKey, PublishedPolicy
 from uav_collect.missions.reflight import FlownBy
-from uav_collect.recording.mission_log import MissionHeader, NO_AGENT, UavHeader
+from uav_collect.recording.mission_log import MissionHeader, UavHeader
 from uav_collect.scenario.load import fingerprint
 from uav_collect.scenario.site import Site
 from uav_collect.uav.action_codes import NONE

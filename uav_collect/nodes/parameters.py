@@ -150,8 +150,13 @@ def help_text(parameters: Sequence[Parameter]) -> str:
     return '\n'.join([*lines, *(parameter.help for parameter in parameters)])
 
 
+def is_namespace(text: str) -> bool:
+    """Whether a text may be the name of a world, as a or north/a; '' is that of one without."""
+    return not text or bool(re.fullmatch(r'[A-Za-z_]\w*(/[A-Za-z_]\w*)*', text, re.ASCII))
+
+
 def _namespace(text: str) -> str:
-    if text and not re.fullmatch(r'[A-Za-z_]\w*(/[A-Za-z_]\w*)*', text, re.ASCII):
+    if not is_namespace(text):
         raise argparse.ArgumentTypeError(f'{text!r} must be a ROS name, as a or north/a')
     return text
 

@@ -37,7 +37,6 @@ from uav_collect.uav.action_codes import ACTION_NAMES, HOME, REASON_NAMES
 FORMAT = 'uav_collect mission log'
 FORMAT_VERSION = 1
 MOST_LOG_BYTE = 1 << 28  # some 700,000 events
-NO_AGENT = 'none'  # stands for the policy of a UAV that had no agent as the mission began
 
 Events = NDArray[np.void]  # of EVENT_DTYPE
 

@@ -8,7 +8,7 @@ from uav_collect.config.installed import shared_folders
 from uav_collect.config.yaml_text import shown
 from uav_collect.errors import PolicyMismatchError
 from uav_collect.kernels.arrays import Row
-from uav_collect.limits import BEST, is_code_name, is_lookahead_name, LOOKAHEAD
+from uav_collect.limits import BEST, is_code_name, is_lookahead_name, LOOKAHEAD, NO_AGENT
 from uav_collect.scenario.model import Scenario
 from uav_collect.uav.action_codes import NONE
 from uav_collect.uav.belief import Belief
@@ -275,8 +275,10 @@ def checked_name(file: Path) -> str:
     Raises:
         PolicyMismatchError: no policy's file can have this name.
     """
-    if file.stem in (STRONG, BEST, TOPIC, *(heuristic.label for heuristic in Heuristic)):
-        raise PolicyMismatchError(f'{file}: must not be called as another policy is: rename it')
+    if file.stem in (STRONG, BEST, TOPIC, NO_AGENT, *(heuristic.label for heuristic in Heuristic)):
+        raise PolicyMismatchError(
+            f'{file}: must not be called as another policy is, nor none: rename it'
+        )
     # The same in every locale, and for files whose names are of another.
     name = os.fsencode(file.stem).decode(errors='backslashreplace')
     if not name.isprintable():

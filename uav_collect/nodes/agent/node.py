@@ -11,7 +11,7 @@ from typing import Any
 import uuid
 
 from rclpy.clock import Clock, ClockType
-from uav_collect.errors import ConfigError, NodeError, PolicyMismatchError
+from uav_collect.errors import AllocationError, ConfigError, NodeError, PolicyMismatchError
 from uav_collect.limits import BEST, UNUSABLE
 from uav_collect.lockstep.checks import observation_problem, radio_problem
 from uav_collect.lockstep.inbox import Inbox
@@ -51,7 +51,7 @@ def _gives_up_on_error(callback: Callable[..., None]) -> Callable[..., None]:
     def guarded(agent: 'AgentNode', *arguments: Any) -> None:
         try:
             callback(agent, *arguments)
-        except (ConfigError, PolicyMismatchError) as error:
+        except (AllocationError, ConfigError, PolicyMismatchError) as error:
             agent._give_up(str(error))
 
     return guarded
@@ -361,6 +361,7 @@ class AgentNode(ProcessNode):
                 self._inbox.lose_step()
             self._join_anew()
 
+    @_gives_up_on_error
     def _answer_observations(self) -> None:
         """Decide for each observation that is due, and publish what follows from it."""
         if not self._is_member or self._inbox is None:

@@ -7,6 +7,7 @@ some, and no clock ends that early.
 
 from collections.abc import Callable
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
@@ -49,6 +50,8 @@ def check_choices(policy: str, candidates: str, allocator: str) -> None:
             if name != STRONG:
                 policy_named(name)
         allocator_named(allocator)
+        if allocator == 'cvxpy':  # it loads late: what is missing is to be missed before take-off
+            import_module('uav_collect.physics.bandwidth_convex')
     except ValueError as error:
         raise NodeError(str(error)) from error
 

@@ -11,10 +11,11 @@ from uav_collect.nodes.topics import publisher, Topic
 from uav_collect_msgs.msg import RecorderStatus
 
 _REPEATED_S = 0.5  # as long as something is missing
+_ALIVE_S = 2.0  # between two messages when nothing is, so that worlds know that it is there
 
 
 class StatusPublisher:
-    """Publishes the status of a recorder when it has changed, and while it waits for something."""
+    """Publishes the status of a recorder when it has changed, and now and then."""
 
     def __init__(self, node: ProcessNode, topic: Topic, bag: Path) -> None:
         """Say nothing yet."""
@@ -38,7 +39,7 @@ class StatusPublisher:
             waits_for=[*waits_for],
         )
         now_s = time.monotonic()
-        is_due = bool(waits_for) and now_s - self._said_s > _REPEATED_S
+        is_due = now_s - self._said_s > (_REPEATED_S if waits_for else _ALIVE_S)
         if status != self._said or is_due:
             self._said, self._said_s = status, now_s
             self._publisher.publish(status)

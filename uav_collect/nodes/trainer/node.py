@@ -37,6 +37,7 @@ from uav_collect.learning.replay import replay_bytes
 from uav_collect.learning.units import reward_units
 from uav_collect.limits import FAILED, UNUSABLE
 from uav_collect.nodes import topics
+from uav_collect.nodes.convert import stamp
 from uav_collect.nodes.parameters import help_text, wrapped
 from uav_collect.nodes.process import parse_arguments, ProcessNode, run_node
 from uav_collect.nodes.sealing import seals_of_bag
@@ -246,7 +247,7 @@ class TrainerNode(ProcessNode):
         self._sequence += 1
         self._policy_pub.publish(
             Policy(
-                stamp=self.get_clock().now().to_msg(),
+                stamp=stamp(time.time()),  # wall-clock time, whatever ROS takes for its clock
                 version=self._version,
                 trainer_instance=self._instance,
                 sequence=self._sequence,

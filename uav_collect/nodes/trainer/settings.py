@@ -4,9 +4,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rclpy.node import Node
-from uav_collect.errors import TrainingRunError
+from uav_collect.errors import NodeError, TrainingRunError
 from uav_collect.limits import MAX_DECISIONS, MAX_SEED
-from uav_collect.nodes.parameters import declare, Parameter, values_of
+from uav_collect.nodes.parameters import declare, is_namespace, Parameter, values_of
 from uav_collect.scenario.load import load, parse_override
 from uav_collect.training.config import load_preset
 from uav_collect.training.folder import BEGINNING, BEST_POLICY
@@ -149,9 +149,17 @@ class TrainerSettings:
 
 
 def read_settings(node: Node) -> TrainerSettings:
-    """Declare the parameters and read them, once: they do not change while the node runs."""
+    """Declare the parameters and read them, once: they do not change while the node runs.
+
+    Raises:
+        NodeError: a world cannot have such a name.
+    """
     declare(node, PARAMETERS)
-    return TrainerSettings(**values_of(node, PARAMETERS))
+    settings = TrainerSettings(**values_of(node, PARAMETERS))
+    for name in settings.namespaces:
+        if not is_namespace(name.removeprefix('/')):
+            raise NodeError(f'worlds has {name!r}: must be ROS names, as a or north/a')
+    return settings
 
 
 def planned_run(settings: TrainerSettings) -> PlannedRun:

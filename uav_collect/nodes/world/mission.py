@@ -10,6 +10,8 @@ from typing import Any
 from builtin_interfaces.msg import Time
 from uav_collect.analysis.metrics import mission_metrics, MissionMetrics, OUTCOME_CODES
 from uav_collect.kernels.arrays import Row, row_of
+from uav_collect.limits import NO_AGENT
+from uav_collect.lockstep.checks import name_problem
 from uav_collect.lockstep.published_policy import PublishedPolicy
 from uav_collect.lockstep.roster import Pilot
 from uav_collect.lockstep.steering import Answer
@@ -27,7 +29,6 @@ from uav_collect.recording.mission_log import (
     FaultRecord,
     header_line,
     MissionHeader,
-    NO_AGENT,
 )
 from uav_collect.scenario.model import FAULT_KINDS
 from uav_collect.scenario.site import Site
@@ -181,7 +182,9 @@ class MissionInFlight:
         if refusal or pending is None:
             return refusal
         decision = convert.decision_from_msg(msg)
-        refusal = self.simulation.refusal(pending.event, decision)
+        refusal = self.simulation.refusal(pending.event, decision) or name_problem(
+            'policy_version', msg.policy_version
+        )
         if refusal is None:
             pending.decision = decision
             pending.policy_version = msg.policy_version

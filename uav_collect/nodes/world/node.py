@@ -12,7 +12,7 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from uav_collect.config.arguments import Parser
 from uav_collect.errors import ConfigError, NodeError
 from uav_collect.limits import BEST, FAILED
-from uav_collect.lockstep.checks import names_problem
+from uav_collect.lockstep.checks import join_problem
 from uav_collect.lockstep.published_policy import PolicyStore
 from uav_collect.lockstep.roster import Pilot, Roster
 from uav_collect.lockstep.schedule import MissionSchedule, SimulationPacer
@@ -52,8 +52,9 @@ _TICK_S = 0.005
 _MOST_CLOCK_S = 2.0**31 - 1e6  # ROS counts seconds in 32 bits
 _WAITING_PERIOD_S = 5.0  # between two lines that say for whom the world waits
 _OTHER_WORLD_S = 0.5  # how long a starting world listens for one that is there already
-_PILOT_NAMES = ('agent_instance', 'host', 'policy', 'policy_version', 'allocator')
-_GATHER_S = 3.5  # from the start, for agents to join a world that does not wait for all of them
+_GATHER_S = (
+    3.0  # from when it can be asked, for agents to join a world that does not wait for all of them
+)
 
 
 class WorldNode(ProcessNode):
@@ -84,7 +85,7 @@ class WorldNode(ProcessNode):
         self._steering = Steering(self._schedule, self._pacer, settings.decision_timeout_s)
         self.mission: MissionInFlight | None = None
         self._clock_s = 0.0  # simulated time of all missions before
-        self._asked_s = self._begun_s = self._gathering_since_s = time.monotonic()
+        self._begun_s = self._gathering_since_s = time.monotonic()
         self._is_stopping = False
         self._logged_s = 0.0
         self._logged_missing: list[int] = []
@@ -101,6 +102,7 @@ class WorldNode(ProcessNode):
 
     def _open(self) -> None:
         self._rivals.is_open = True
+        self._gathering_since_s = time.monotonic()
         instance = self._identity.instance
         self._n_served = 0  # UAVs whose topics there are
         self._pubs = WorldPublishers(self, self._names)
@@ -147,7 +149,7 @@ class WorldNode(ProcessNode):
             response.retry = True  # it will hear of this world's
             response.reason = f'another scenario is flown, {self.site.scenario.name}'
             return response
-        problem = names_problem(request, _PILOT_NAMES)
+        problem = join_problem(request)
         if problem is not None:
             response.reason = problem
             self._diagnostics.warn('join refused', f'a request to join is refused: {problem}')
@@ -255,13 +257,14 @@ class WorldNode(ProcessNode):
 
     def go_on(self) -> None:
         """Do what may happen now, and be patient with agents anew."""
-        self._asked_s = time.monotonic()
+        self._steering.ask()
         self._advance()
 
     # The mission.
 
     def _tick(self) -> None:
         now_s = time.monotonic()
+        self._steering.look(now_s)
         if self._is_stopping or now_s - self._begun_s < _OTHER_WORLD_S:
             return
         if self._rivals.gives_way:
@@ -275,8 +278,10 @@ class WorldNode(ProcessNode):
         for lost in self.roster.remove_silent(now_s):
             self._say_lost(lost)
         if self.mission is not None:
-            self._keep_time(self.mission, now_s)
-        elif self._schedule.next_seed is not None and self._is_fleet_ready(now_s):
+            self._keep_time(self.mission)
+        elif self._schedule.next_seed is None:
+            self._recorders.rest()
+        elif self._is_fleet_ready(now_s):
             self._start_mission()
         self._control.inform(now_s)
         if self._diagnostics.is_due(now_s):
@@ -289,6 +294,7 @@ class WorldNode(ProcessNode):
         )
         if not missing or has_gathered:
             return self._recorders.are_ready(self.roster.present, now_s)
+        self._recorders.rest()
         if missing != self._logged_missing or now_s - self._logged_s > _WAITING_PERIOD_S:
             self._logged_missing, self._logged_s = missing, now_s
             self.get_logger().info(f'waiting for {", ".join(f"UAV {uav}" for uav in missing)}')
@@ -350,7 +356,7 @@ class WorldNode(ProcessNode):
         for message in mission.radio_before(event):
             self._pubs.publish_radio(uav, message)
         self._pubs.publish_observation(uav, mission.request_decision(event))
-        self._asked_s = time.monotonic()
+        self._steering.ask()
         self._pubs.publish_time(mission.clock_start_s + event.view.time_s, is_event=True)
 
     def _refuse(self, uav: int, what: str, msg: Any, why: str) -> None:
@@ -381,14 +387,14 @@ class WorldNode(ProcessNode):
             self._pubs.publish_observation(event.uav + 1, mission.final_observation(event))
         self._viewers.note_event(event, decision)
 
-    def _keep_time(self, mission: MissionInFlight, now_s: float) -> None:
+    def _keep_time(self, mission: MissionInFlight) -> None:
         """See to what is due: the clock, viewers, an agent that has not answered in time."""
         time_s = mission.time_s
         if not self._pacer.is_unlimited:
             time_s = self._pacer.pass_until(mission.next_time_s)
             self._pubs.publish_time(mission.clock_start_s + time_s)
         self._viewers.publish(time_s)
-        if mission.pending is not None and self._steering.is_overdue(now_s - self._asked_s):
+        if mission.pending is not None and self._steering.is_overdue():
             event = mission.pending.event
             text = f'UAV {event.uav + 1}: no answer to decision {event.decision} within'
             limit = f'{self._steering.decision_timeout_s:g} s'

@@ -57,6 +57,10 @@ class WorldRecorders:
         self._say(answer, now_s)
         return answer.is_clear
 
+    def rest(self) -> None:
+        """No mission is ready to take off: the next one waits its whole time."""
+        self._watch.rest()
+
     def _say(self, answer: TakeOff, now_s: float) -> None:
         said, self._said = self._said, answer.unready
         if not answer.unready:
