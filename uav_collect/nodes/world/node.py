@@ -52,9 +52,7 @@ _TICK_S = 0.005
 _MOST_CLOCK_S = 2.0**31 - 1e6  # ROS counts seconds in 32 bits
 _WAITING_PERIOD_S = 5.0  # between two lines that say for whom the world waits
 _OTHER_WORLD_S = 0.5  # how long a starting world listens for one that is there already
-_GATHER_S = (
-    3.0  # from when it can be asked, for agents to join a world that does not wait for all of them
-)
+_GATHER_S = 3.0  # for agents to join a world, once it can be asked, that does not wait for all
 
 
 class WorldNode(ProcessNode):
