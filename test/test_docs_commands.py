@@ -16,7 +16,7 @@ ABROAD = {
     'export',
     'fastdds',
     'pip',
-    'ray',
+    '.venv/bin/ray',
     'rviz2',
     'source',
 }  # programs that are not ours
