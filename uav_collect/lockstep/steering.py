@@ -86,7 +86,7 @@ class Steering:
         self._waited_s = 0.0
 
     def look(self, now_s: float) -> None:
-        """Let monotonic time pass; where this process stood still, it counts against no agent."""
+        """Let monotonic time pass; one look at most where this process stood still."""
         self._waited_s += min(now_s - self._looked_s, LONGEST_LOOK_S)
         self._looked_s = now_s
 

@@ -83,7 +83,7 @@ class WorldNode(ProcessNode):
         self._steering = Steering(self._schedule, self._pacer, settings.decision_timeout_s)
         self.mission: MissionInFlight | None = None
         self._clock_s = 0.0  # simulated time of all missions before
-        self._begun_s = self._gathering_since_s = time.monotonic()
+        self._begun_s = time.monotonic()
         self._is_stopping = False
         self._logged_s = 0.0
         self._logged_missing: list[int] = []

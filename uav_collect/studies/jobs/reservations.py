@@ -2,11 +2,13 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+import errno
 import fcntl
 import os
 from pathlib import Path
 
 _FILE = 'reserved'  # in the store: of each job that somebody does, one byte is locked
+_TAKEN = (errno.EACCES, errno.EAGAIN)  # by another process: POSIX leaves open which it is
 _DIGITS = 15  # of a digest: its byte's number, which must fit 63 bits
 
 
@@ -24,15 +26,13 @@ class Reservations:
         """Reserve a job; returns whether it is ours, as it also is where nothing can be locked."""
         try:
             self._lock(digest, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except (BlockingIOError, PermissionError):  # either may come, says POSIX
-            return False
-        except OSError:
-            pass  # a file system without locks
+        except OSError as error:  # of another kind where the file system has no locks
+            return error.errno not in _TAKEN
         return True
 
     def free(self, digest: str) -> None:
         """Let others do a job."""
-        with suppress(OSError):  # likewise
+        with suppress(OSError):  # as above
             self._lock(digest, fcntl.LOCK_UN)
 
     def _lock(self, digest: str, how: int) -> None:
