@@ -210,7 +210,7 @@ format: $(DEVELOPED)  ## let ruff mend what it can
 	@$(VENV)/bin/ruff check --fix
 	@$(VENV)/bin/ruff format
 
-bench: $(BUILT) $(LEARNS)  ## measure, each figure beside its peer or limit; BENCHES=bench/bandwidth.py for one
+bench: $(BUILT) $(DEVELOPED) $(LEARNS)  ## measure, each figure beside its peer or limit; BENCHES=bench/bandwidth.py for one
 	@. install/setup.sh && for bench in $(BENCHES); do $(VENV)/bin/python $$bench $(ARGS) || exit; done
 
 clean:  ## remove what was built

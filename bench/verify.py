@@ -31,11 +31,11 @@ from rich.console import Console
 from uav_collect.commands.ros_processes import Fleet, FleetProcess, ros_parameters
 from uav_collect.nodes import topics
 from uav_collect.nodes.middleware import use_quick_discovery
-from uav_collect.recording.bag_reader import messages
+from uav_collect.recording.bag_messages import messages
 from uav_collect.recording.mission_folder import log_name
 from uav_collect.scenario.load import load, with_uavs
 from uav_collect.scenario.model import Scenario
-from uav_collect.uav.policy import frozen_policy, shipped_policies, TOPIC
+from uav_collect.uav.policy import ANYWHERE, frozen_policy, shipped_policies, TOPIC
 from uav_collect.uav.policy_file import policy_bytes
 from uav_collect_msgs.msg import Policy
 
@@ -155,12 +155,13 @@ def wait_until(condition: Callable[[], bool], process: FleetProcess | None = Non
 
 def cases() -> list[Case]:
     """Every shipped policy over what it is for, rules, and what goes wrong."""
-    found = []
-    for name in shipped_policies():
-        scenario, fleet, _ = name.rsplit('_', 2)
-        flown = with_uavs(load(scenario), int(fleet.removeprefix('n')))
-        found.append(Case(name=name, scenario=flown, policy=name))
     small = load('paper_8x8')
+    found = [Case(name=ANYWHERE, scenario=small, policy=ANYWHERE)]
+    for name in shipped_policies():
+        if name != ANYWHERE:
+            scenario, fleet, _ = name.rsplit('_', 2)
+            flown = with_uavs(load(scenario), int(fleet.removeprefix('n')))
+            found.append(Case(name=name, scenario=flown, policy=name))
     found += [Case(name=rule, scenario=small, policy=rule) for rule in RULES]
     found += [
         Case(name='published, exploring', scenario=small, policy=TOPIC, kind=PUBLISHED),

@@ -213,15 +213,14 @@ def stepping_rows(layout: Layout, peer_us: float) -> Iterator[tuple[str, ...]]:
 
 def rows() -> Iterator[tuple[str, ...]]:
     """One row per way to fly and number of missions."""
-    *flown_us, paper_us, egocentric_us = in_new_process(
-        '--interpreted', UAV_COLLECT_KERNELS='interpreted'
-    )
+    peers_us = in_new_process('--interpreted', UAV_COLLECT_KERNELS='interpreted')
+    flown_us, stepped_us = peers_us[: len(RULES)], peers_us[len(RULES) :]
     for rule, peer_us in zip(RULES, flown_us, strict=True):
         yield from rollout_rows(rule, peer_us)
     logs_us = median(partial(log_once, 1000))
     yield 'hert, as logs', '1000', '', f'{logs_us:.2f}', f'{1e6 / logs_us:,.0f}', '', '', ''
-    yield from stepping_rows(Layout.EGOCENTRIC, egocentric_us)
-    yield from stepping_rows(Layout.PAPER, paper_us)
+    for layout, peer_us in zip(Layout, stepped_us, strict=True):
+        yield from stepping_rows(layout, peer_us)
 
 
 def flatness(cost_us: float, at_64_us: float) -> str:
