@@ -79,7 +79,7 @@ CASES = (
          f"data_mbit is '-1': {DATA}"),
     Case('no amount', 'sensor_id,x_m,y_m,data_mbit\na,1,2,\n', 2, f"data_mbit is '': {DATA}"),
     Case('larger than the area', 'sensor_id,x_m,y_m\na,0,0\nb,600,10\n', 0,
-         'sensors span 600.0 m x 10.0 m: must fit into the area, 500 m x 500 m'),
+         'sensors span 600 m x 10 m: must fit into the area, 500 m x 500 m'),
     Case('open quote', 'sensor_id,x_m,y_m\n"a,1,2\n', 0,
          'is not valid CSV: unexpected end of data'),
     Case('without a fix', 'id,lat,lon\na,46.7812,-117.0891\nb,46.78,-117.0875\nnofix,0,0\n', 4,
@@ -152,9 +152,9 @@ def test_of_many_problems_twenty_are_shown_and_the_others_counted() -> None:
             '[400, 0]',
             'sensor_id,x_m,y_m\na,10,20\nb,450,30\nc,20,40\n',
             (
-                'sensors.csv:2: x_m,y_m of sensor a lies at x = -390.0 m, y = 20.0 m in the area: '
+                'sensors.csv:2: x_m,y_m of sensor a lies at x = -390 m, y = 20 m in the area: '
                 'must be from 0 to 500 m',
-                'sensors.csv:4: x_m,y_m of sensor c lies at x = -380.0 m, y = 40.0 m in the area: '
+                'sensors.csv:4: x_m,y_m of sensor c lies at x = -380 m, y = 40 m in the area: '
                 'must be from 0 to 500 m',
             ),
         ),
@@ -180,7 +180,7 @@ def test_places_too_far_for_the_area_are_named_before_their_span() -> None:
     assert problems_of(f'id,x_m,y_m,mbit\n{rows}odd,30000,5,1\n') == (
         'sensors.csv:11: x_m,y_m is 30000, 5: lies 30 km from the others: must be put right, or '
         'the area larger',
-        'sensors.csv: sensors span 30000.0 m x 8.0 m: must fit into the area, 500 m x 500 m',
+        'sensors.csv: sensors span 30000 m x 8 m: must fit into the area, 500 m x 500 m',
     )
 
 

@@ -12,9 +12,9 @@ from itertools import pairwise
 import numpy as np
 from uav_collect.kernels.arrays import Bools, Floats, Ints
 from uav_collect.scenario.model import AreaConfig, Point, Polygon, Scenario
+from uav_collect.scenario.rounding import ROUNDING_M
 
 NO_ZONE = -1
-_BORDER_M = 1e-6  # as near to a line is on it: what projections round away
 _ZONE_REACH = 0.5  # of the longer side of all else, as far as zones are shown beyond it
 _RIM = 0.01  # of the longer side, about outlines
 
@@ -142,7 +142,7 @@ def _turns(edge: tuple[Point, Point], x_m: Floats, y_m: Floats) -> tuple[Ints, B
     crosses = (ay_m > y_m) != (by_m > y_m)
     aside_m2 = (x_m - ax_m) * north_m - (y_m - ay_m) * east_m
     is_east = crosses & ((aside_m2 < 0.0) == (north_m > 0.0))
-    is_near = _distances_m(x_m - ax_m, y_m - ay_m, east_m, north_m) <= _BORDER_M
+    is_near = _distances_m(x_m - ax_m, y_m - ay_m, east_m, north_m) <= ROUNDING_M
     return np.where(is_east, 1 if north_m > 0.0 else -1, 0), is_near
 
 
@@ -181,7 +181,7 @@ def _span(one_m: float, other_m: float, size_m: float, n_cells: int) -> tuple[in
 
 def _within(start_m: float, end_m: float, strips: Ints, size_m: float) -> tuple[Floats, Floats]:
     """Between which shares of an edge it lies inside columns, or rows, their borders apart."""
-    lows_m, highs_m = strips * size_m + _BORDER_M, (strips + 1) * size_m - _BORDER_M
+    lows_m, highs_m = strips * size_m + ROUNDING_M, (strips + 1) * size_m - ROUNDING_M
     way_m = end_m - start_m
     if way_m == 0.0:
         is_inside = (lows_m < start_m) & (start_m < highs_m)

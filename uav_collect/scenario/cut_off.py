@@ -32,7 +32,7 @@ def _in_closed_cells(scenario: Scenario) -> Iterator[tuple[Keys, str]]:
         for index, sensor in enumerate(scenario.sensors.entries):
             why = _why_closed(scenario, cell_of(area, (sensor.x_m, sensor.y_m)))
             if why is not None:
-                place = f'sensor {sensor.id} at x = {sensor.x_m:g} m, y = {sensor.y_m:g} m'
+                place = f'sensor {sensor.id} at x = {sensor.x_m:.10g} m, y = {sensor.y_m:.10g} m'
                 remedy = 'leave it out, or let the area have its cell'
                 what = f'is {place}: must be in an open cell, but {why}; {remedy}'
                 yield ('sensors', 'entries', index), what

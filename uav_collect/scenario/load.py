@@ -28,6 +28,7 @@ from uav_collect.scenario.model import (
     Scenario,
 )
 from uav_collect.scenario.named_cells import area_of, cell_at, with_zones_of_cells
+from uav_collect.scenario.rounding import without_rounding
 
 if TYPE_CHECKING:
     from uav_collect.scenario.plane import OnArea
@@ -284,8 +285,9 @@ def _read_list(path: Path, config: CsvSensors, area: AreaConfig, *, needs_data: 
 
 def _checked(document: Document) -> Scenario:
     """The scenario of a document that stands alone, its parts at peace with each other."""
-    scenario = validated(Scenario, document)
+    as_written = validated(Scenario, document)
     area_of(document)
+    scenario = without_rounding(as_written)
     problems = [
         document.problem(keys, what)
         for wrong in (
@@ -318,9 +320,9 @@ def _wrong_uavs(scenario: Scenario) -> Iterator[tuple[Keys, str]]:
             what = f'is {shown(uav.start_m)}: must be the centre of a cell of the area'
             yield (*keys, 'start', 'position_m'), what
         if uav.home_m[0] > area.width_m or uav.home_m[1] > area.height_m:
-            allowed = f'from 0 to {area.width_m:g} m'
+            allowed = f'from 0 to {area.width_m:.10g} m'
             if area.height_m != area.width_m:
-                allowed = f'x {allowed}, y from 0 to {area.height_m:g} m'
+                allowed = f'x {allowed}, y from 0 to {area.height_m:.10g} m'
             what = f'is {shown(uav.home_m)}: must be {allowed}'
             yield (*keys, 'home', 'position_m'), what
         if uav.energy_budget_kj <= uav.energy_margin_kj:
@@ -344,7 +346,7 @@ def _wrong_sensors(scenario: Scenario) -> Iterator[tuple[Keys, str]]:
             ('y_m', sensor.y_m, area.height_m),
         ):
             if value > most_m:
-                yield (*keys, key), f'is {value:g}: must be from 0 to {most_m:g} m'
+                yield (*keys, key), f'is {value:.10g}: must be from 0 to {most_m:.10g} m'
 
 
 def _too_many_sensors(scenario: Scenario) -> Iterator[tuple[Keys, str]]:

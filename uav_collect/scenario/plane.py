@@ -1,6 +1,7 @@
 """Places of a list in the plane of a scenario's area."""
 
 from collections.abc import Sequence
+import math
 from typing import NamedTuple
 
 from uav_collect.config.yaml_text import shown, shown_path
@@ -9,6 +10,7 @@ from uav_collect.scenario.earth import east_north_m
 from uav_collect.scenario.grids import lat_lon_of
 from uav_collect.scenario.odd_places import Pair
 from uav_collect.scenario.places import Places
+from uav_collect.scenario.rounding import on_edge, ROUNDING_M
 
 _DIGITS = 6  # micrometres: drops the rounding noise of a difference of large coordinates
 
@@ -71,7 +73,7 @@ def on_area(places: Places, *, origin: Pair | None, width_m: float, height_m: fl
         corner = middle[0] - width_m / 2, middle[1] - height_m / 2
     else:
         corner = (0.0, 0.0) if places.is_angular else anchor
-    placed = _moved(plane.sensors_m, corner)
+    placed = [on_edge(it, width_m, height_m) for it in _moved(plane.sensors_m, corner)]
     _check_inside(places, placed, width_m, height_m)
     return OnArea(
         tuple(
@@ -121,31 +123,32 @@ def _moved(points: Sequence[Pair], corner: Pair) -> tuple[Pair, ...]:
 
 def _reference(anchor: Pair, corner: Pair) -> dict[str, object]:
     lat_deg, lon_deg = anchor[0], (anchor[1] + 180) % 360 - 180
-    position_m = [round(0.0 - metres, _DIGITS) for metres in corner]
+    x_m, y_m = (round(0.0 - metres, _DIGITS) for metres in corner)
+    position_m = on_edge((x_m, y_m), math.inf, math.inf)
     return {'lat_deg': lat_deg, 'lon_deg': lon_deg, 'position_m': position_m}
 
 
 def _check_span(places: Places, plane: Plane, width_m: float, height_m: float) -> None:
     points = [*plane.sensors_m, *(plane.boundary_m or ())]
     spans_m = [max(values) - min(values) for values in zip(*points, strict=True)]
-    if spans_m[0] <= width_m and spans_m[1] <= height_m:
+    if spans_m[0] <= width_m + ROUNDING_M and spans_m[1] <= height_m + ROUNDING_M:
         return
     raise ConfigError(
         *(f'{line}: must be put right, or the area larger' for line in places.far),
-        f'{shown_path(places.path)}: sensors span {spans_m[0]:.1f} m x {spans_m[1]:.1f} m: '
-        f'must fit into the area, {width_m:g} m x {height_m:g} m',
+        f'{shown_path(places.path)}: sensors span {spans_m[0]:.10g} m x {spans_m[1]:.10g} m: '
+        f'must fit into the area, {width_m:.10g} m x {height_m:.10g} m',
     )
 
 
 def _check_inside(places: Places, placed: Sequence[Pair], width_m: float, height_m: float) -> None:
     allowed = (
-        f'from 0 to {width_m:g} m'
+        f'from 0 to {width_m:.10g} m'
         if width_m == height_m
-        else f'x from 0 to {width_m:g} m, y from 0 to {height_m:g} m'
+        else f'x from 0 to {width_m:.10g} m, y from 0 to {height_m:.10g} m'
     )
     problems = [
         f'{sensor.where}: {",".join(places.names)} of sensor {sensor.id} lies at '
-        f'x = {x_m:.1f} m, y = {y_m:.1f} m in the area: must be {allowed}'
+        f'x = {x_m:.10g} m, y = {y_m:.10g} m in the area: must be {allowed}'
         for sensor, (x_m, y_m) in zip(places.sensors, placed, strict=True)
         if not (0 <= x_m <= width_m and 0 <= y_m <= height_m)
     ]
