@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from tiny_world import tiny, uav
 from uav_collect.errors import ConfigError
-from uav_collect.scenario.area import open_cells
+from uav_collect.scenario.area import cell_of, open_cells
 from uav_collect.scenario.load import load
 from uav_collect.scenario.model import AreaConfig, Point, Polygon
-from uav_collect.scenario.ways import cell_of, HOME_ITSELF, reached_cells, ways_home
+from uav_collect.scenario.ways import HOME_ITSELF, reached_cells, ways_home
 from uav_collect.uav.briefing import brief
 
 CELL_M = 50.0

@@ -38,7 +38,7 @@ def legal_at(
 def test_cells_count_from_the_south_west_row_by_row(
     briefing: Briefing, x_m: float, y_m: float, cell: int
 ) -> None:
-    assert actions.cell_at(briefing, x_m, y_m) == cell
+    assert actions.cell_under(briefing, x_m, y_m) == cell
 
 
 @pytest.mark.parametrize(

@@ -17,11 +17,10 @@ from uav_collect.limits import GUARD_AFTER
 from uav_collect.missions.rollout import fly
 from uav_collect.missions.simulation import fly_by_agents, Simulation
 from uav_collect.recording.mission_log import from_jsonl, MissionLog
-from uav_collect.scenario.area import open_cells
+from uav_collect.scenario.area import cell_of, open_cells
 from uav_collect.scenario.load import load
 from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
-from uav_collect.scenario.ways import cell_of
 from uav_collect.uav.action_codes import (
     BACKWARD,
     BY_POLICY,

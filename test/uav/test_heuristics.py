@@ -25,6 +25,7 @@ from uav_collect.uav.view import LocalView
 
 SPEEDS_MPS = ([5.0], [5.0, 10.0], [10.0, 5.0], [5.0, 5.0, 5.0], [5.0, 10.0, 7.5, 12.0, 3.0])
 RULES = tuple(rule.label for rule in Heuristic)
+HOLE = [[150.0, 150.0], [250.0, 150.0], [250.0, 250.0], [150.0, 250.0]]  # cells of 50 m
 
 
 def scenario_of(
@@ -193,6 +194,28 @@ def test_the_sweep_flies_as_well_from_every_corner() -> None:
         for at in ({'cell': [row, column]} for row in (0, 9) for column in (0, 9))
     )
     assert others == pytest.approx([here] * 3, rel=0.03)
+
+
+@pytest.mark.parametrize('border', ['east', 'north', 'both'])
+@pytest.mark.parametrize('has_hole', [False, True])
+def test_a_home_on_the_areas_border_is_flown_to_as_one_just_inside(
+    border: str, has_hole: bool
+) -> None:
+    width_m, height_m = (600.0, 300.0) if has_hole else (500.0, 500.0)
+    on_m = width_m if border != 'north' else 25.0, height_m if border != 'east' else 25.0
+
+    def flown(home_m: Sequence[float]) -> list[int]:
+        home = {'position_m': [*home_m]}
+        fleet = [{'speed_mps': speed_mps, 'home': home} for speed_mps in (3.0, 10.0, 12.0)]
+        values = {'fleet.uavs': fleet, 'radio.contact_range_m': 100.0}
+        if has_hole:
+            scenario = odd_areas.corridor(6, 12, **{'area.no_fly': [HOLE], **values})
+        else:
+            scenario = load('paper_10x10', values)
+        actions: list[int] = logs(scenario, 'sweep', 1)[0].events['action'].tolist()
+        return actions
+
+    assert flown(on_m) == flown([place_m - 1e-6 for place_m in on_m])
 
 
 @pytest.mark.parametrize('range_m', [50.0, 200.0])

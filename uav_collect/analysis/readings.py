@@ -19,7 +19,7 @@ from uav_collect.physics.radio import uplink_rate_bps
 from uav_collect.recording.mission_log import MissionHeader, MissionLog
 from uav_collect.scenario.site import Site
 from uav_collect.uav.action_codes import HOME, HOVER
-from uav_collect.uav.actions import cell_at
+from uav_collect.uav.actions import cell_under
 from uav_collect.uav.agent import Allocator, allocator_named, new_workspace, Workspace
 from uav_collect.uav.briefing import Briefing, briefing_of
 from uav_collect.uav.view import LocalView, new_view_rows, ViewRows
@@ -117,7 +117,7 @@ class ReadingFinder:
         """
         uav = int(event['uav']) - 1
         visits = self._visits[uav]
-        cell = int(cell_at(self._radio.briefing, float(event['x_m']), float(event['y_m'])))
+        cell = int(cell_under(self._radio.briefing, float(event['x_m']), float(event['y_m'])))
         visits.counts[cell] += visits.has_moved
         visits.has_moved = event['action'] not in (HOVER, HOME)
         visits.n_decisions += 1
@@ -156,7 +156,7 @@ def is_left(log: MissionLog, site: Site, demand_bit: Floats) -> Bools:
     """
     hovers, briefing = log.events[log.events['action'] == HOVER], briefing_of(site)
     places_m = zip(hovers['x_m'].tolist(), hovers['y_m'].tolist(), strict=True)
-    served = {int(cell_at(briefing, x_m, y_m)) for x_m, y_m in places_m}
+    served = {int(cell_under(briefing, x_m, y_m)) for x_m, y_m in places_m}
     return (demand_bit > 0.0) & ~np.isin(site.cell, [*served])
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from uav_collect.fields.ground import Ground
 from uav_collect.kernels.arrays import Bools, Floats, Ints
 from uav_collect.limits import MAX_CELLS_PER_SIDE
-from uav_collect.scenario.area import are_inside, open_cells
+from uav_collect.scenario.area import are_inside, cell_of, cells_of, open_cells
 from uav_collect.scenario.model import AreaConfig, Point, Polygon
 from uav_collect.scenario.ways import reached_cells
 
@@ -62,10 +62,7 @@ class CellGrid:
     @cached_property
     def sensor_cell(self) -> Ints:
         """The cell of each sensor, (S,)."""
-        # The area's north and east edges belong to its last cells, as for a site.
-        last = np.array([self.n_columns - 1, self.n_rows - 1])
-        columns, rows = np.clip(self.position_m // self.cell_size_m, 0, last).astype(np.int64).T
-        return np.asarray(rows * self.n_columns + columns)
+        return cells_of(self.area, self.position_m)
 
     @cached_property
     def is_open(self) -> Bools:
@@ -95,7 +92,7 @@ class CellGrid:
     def base_cell(self) -> int:
         """Where UAVs start: as asked, else the southernmost cell near the field's middle line."""
         if self.ground.base_m is not None:
-            return self.cell_at(self.from_corner((self.ground.base_m,))[0])
+            return cell_of(self.area, self.from_corner((self.ground.base_m,))[0])
         rows, columns = np.divmod(np.flatnonzero(self.part == self.main_part), self.n_columns)
         middle = (float(self.position_m[:, 0].mean()) / self.cell_size_m) - 0.5
         best = np.lexsort((columns, np.abs(columns - middle), rows))[0]
@@ -129,12 +126,6 @@ class CellGrid:
         """Whether a place from the corner lies over a cell."""
         x_m, y_m = place_m
         return 0 <= x_m <= self.area.width_m and 0 <= y_m <= self.area.height_m
-
-    def cell_at(self, place_m: Point) -> int:
-        """The cell of a place from the corner; beyond the cells, the nearest."""
-        column, row = (math.floor(each / self.cell_size_m) for each in place_m)
-        column = min(max(column, 0), self.n_columns - 1)
-        return min(max(row, 0), self.n_rows - 1) * self.n_columns + column
 
     def centre_m(self, cell: int) -> Point:
         """The middle of a cell, from the corner."""

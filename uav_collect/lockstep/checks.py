@@ -9,7 +9,7 @@ from typing import Any
 
 from uav_collect.limits import MAX_GUARD_AFTER, NO_AGENT
 from uav_collect.uav.action_codes import HOME, NONE
-from uav_collect.uav.actions import cell_at, neighbour
+from uav_collect.uav.actions import cell_under, neighbour
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.view import VIEW_CELLS
 
@@ -63,7 +63,7 @@ def observation_problem(msg: Any, briefing: Briefing, uav: int, n_sensors: int) 
     problem = _place_problem(msg, briefing)
     if problem is not None:
         return problem
-    cell = cell_at(briefing, msg.x_m, msg.y_m)
+    cell = cell_under(briefing, msg.x_m, msg.y_m)
     if msg.cell != cell or not (0 <= cell < len(briefing.is_open) and briefing.is_open[cell]):
         return f'cell is {msg.cell}: must be the one that the UAV is in'
     most_j = briefing.energy_budget_j[uav] * (1.0 + _ENERGY_TOLERANCE)

@@ -31,7 +31,7 @@ from uav_collect.kernels.compile import cache_folder
 from uav_collect.planning.problem import PlanProblem, problem_of
 from uav_collect.planning.relaxation import climb, least_completion_s, least_energy_j
 from uav_collect.planning.search import Aim, best_routes, Routes, search
-from uav_collect.scenario.area import open_cells
+from uav_collect.scenario.area import cell_of, open_cells
 from uav_collect.scenario.load import fingerprint
 from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import Site
@@ -121,13 +121,10 @@ def flight_actions(scenario: Scenario, plan: Plan) -> tuple[list[int], ...]:
     """The actions that fly a plan, by UAV; after the last one the UAV flies home."""
     area = scenario.area
     cells_of_area = OpenCells(area.n_rows, area.n_columns, open_cells(area).tolist())
-    starts = [
-        [int(coordinate_m / area.cell_size_m) for coordinate_m in uav.start_m]
-        for uav in scenario.uavs
-    ]
+    starts = [cell_of(area, uav.start_m) for uav in scenario.uavs]
     return tuple(
-        _flight(cells_of_area, row * area.n_columns + column, cells)[1]
-        for (column, row), cells in zip(starts, plan.cells, strict=True)
+        _flight(cells_of_area, start, cells)[1]
+        for start, cells in zip(starts, plan.cells, strict=True)
     )
 
 

@@ -35,7 +35,13 @@ from uav_collect.uav.action_codes import (
     N_ACTIONS,
     ROW_STEP,
 )
-from uav_collect.uav.actions import cell_at, home_duration_s, move_duration_s, neighbour, opposite
+from uav_collect.uav.actions import (
+    cell_under,
+    home_duration_s,
+    move_duration_s,
+    neighbour,
+    opposite,
+)
 from uav_collect.uav.briefing import Briefing, briefing_of
 from uav_collect.uav.view import VIEW_CELLS
 from uav_collect.world.sensor_field import lay_out
@@ -129,7 +135,7 @@ class PairSearch:
     def start_places(self) -> list[int]:
         """Where the UAVs begin, (U,)."""
         x_m, y_m = self.briefing.start_x_m, self.briefing.start_y_m
-        cells = [cell_at(self.briefing, x_m[uav], y_m[uav]) for uav in range(N_UAVS)]
+        cells = [cell_under(self.briefing, x_m[uav], y_m[uav]) for uav in range(N_UAVS)]
         return [self.places.index[cell, 0] for cell in cells]
 
     def best_action(self, known: Known, turn: PairTurn, place: int, other: int) -> int:

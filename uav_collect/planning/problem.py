@@ -9,7 +9,7 @@ from uav_collect.kernels.arrays import Floats, Ints, new_row, Row, row_of
 from uav_collect.kernels.compile import kernel
 from uav_collect.physics.bandwidth import EQUAL, EXACT, share_bandwidth
 from uav_collect.scenario.site import Site
-from uav_collect.uav.actions import cell_at
+from uav_collect.uav.actions import start_cells
 from uav_collect.uav.briefing import Briefing, briefing_of
 from uav_collect.uav.open_ways import OpenCells
 from uav_collect.world.dynamics import draw_channel
@@ -81,7 +81,7 @@ def problem_of(site: Site, mission_seed: int, allocator: str) -> PlanProblem:
         n_columns=briefing.n_columns,
         is_open=briefing.is_open,
         total_bit=math.fsum(demand_bit),
-        start_cell=_start_cells(briefing),
+        start_cell=_int_row(start_cells(briefing)),
         cell=_int_row(cells),
         way_m=row_of(way_m.ravel().tolist()),
         nearest=_int_row(np.argsort(between_m, axis=1, kind='stable').ravel().tolist()),
@@ -112,11 +112,6 @@ def _int_row(values: Sequence[int]) -> Row[int]:
     return row
 
 
-def _start_cells(briefing: Briefing) -> Row[int]:
-    places = zip(briefing.start_x_m, briefing.start_y_m, strict=True)
-    return _int_row([cell_at(briefing, x_m, y_m) for x_m, y_m in places])
-
-
 def _allowances_j(briefing: Briefing) -> Row[float]:
     pairs = zip(briefing.energy_budget_j, briefing.energy_margin_j, strict=True)
     return row_of(
@@ -145,7 +140,7 @@ def ways_m(briefing: Briefing, cells: Ints) -> Floats:
 def _lead_around(briefing: Briefing, cells: Ints, way_m: Floats) -> None:
     """Write the ways that lead around closed cells."""
     n_cells, n_uavs = len(cells), briefing.n_uavs
-    n_moving, starts = n_cells + n_uavs, [int(cell) for cell in _start_cells(briefing)]
+    n_moving, starts = n_cells + n_uavs, start_cells(briefing)
     open_cells = OpenCells(briefing.n_rows, briefing.n_columns, briefing.is_open)
     if open_cells.has_closed:
         moves = open_cells.moves_between([*cells.tolist(), *starts])

@@ -31,7 +31,7 @@ from uav_collect.scenario.area import mean_data_cells
 from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import Site
 from uav_collect.uav.action_codes import COLUMN_STEP, HOVER, N_ACTIONS, NONE, ROW_STEP
-from uav_collect.uav.actions import cell_at, neighbour, opposite
+from uav_collect.uav.actions import neighbour, opposite, start_cells
 from uav_collect.uav.belief import Belief
 from uav_collect.uav.briefing import Briefing, briefing_of
 from uav_collect.uav.view import LocalView, VIEW_CELLS
@@ -78,7 +78,7 @@ class UnknownDemand:
         briefing = briefing_of(site)
         check_alike(site, briefing, 1, MAX_CELLS)
         self.briefing = briefing
-        self._start = cell_at(briefing, briefing.start_x_m[0], briefing.start_y_m[0])
+        [self._start] = start_cells(briefing)
         self._search = _new_search(briefing, self._start, counts, is_independent)
 
     @property

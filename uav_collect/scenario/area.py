@@ -99,6 +99,21 @@ def mean_data_cells(scenario: Scenario) -> float:
     return float(n_open) if isinstance(share, str) else share * n_open
 
 
+def cell_of(area: AreaConfig, place_m: Point) -> int:
+    """The cell of a place, as `cells_of` has it."""
+    return int(cells_of(area, np.array([place_m]))[0])
+
+
+def cells_of(area: AreaConfig, places_m: Floats) -> Ints:
+    """The cells of places (N, 2) [m], (N,); beyond the area, the nearest.
+
+    A border belongs to the cell east or north of it, those of the area to its last cells.
+    """
+    last = area.n_columns - 1, area.n_rows - 1
+    columns, rows = np.clip(places_m // area.cell_size_m, 0, last).astype(np.int64).T
+    return np.asarray(rows * area.n_columns + columns)
+
+
 def cell_centres_m(area: AreaConfig) -> Floats:
     """Where the cells' centres are [m], (C, 2)."""
     x_m = (np.arange(area.n_columns) + 0.5) * area.cell_size_m

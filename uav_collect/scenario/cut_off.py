@@ -1,13 +1,13 @@
 """What must not lie in closed cells, and what they must not cut off from the UAVs."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from uav_collect.config.yaml_text import Keys, shown
 from uav_collect.kernels.arrays import Ints
-from uav_collect.scenario.area import NO_ZONE, open_cells, zone_over_cells
-from uav_collect.scenario.model import ListedSensors, Scenario
-from uav_collect.scenario.ways import cell_of, reached_cells
+from uav_collect.scenario.area import cell_of, cells_of, NO_ZONE, open_cells, zone_over_cells
+from uav_collect.scenario.model import AreaConfig, ListedSensor, ListedSensors, Scenario
+from uav_collect.scenario.ways import reached_cells
 
 _MAX_NAMED = 3  # cells in one line
 
@@ -29,13 +29,18 @@ def _in_closed_cells(scenario: Scenario) -> Iterator[tuple[Keys, str]]:
                 what = f'is {shown(place_m)}: must be in an open cell, but {why}'
                 yield ('fleet', 'uavs', index, key, 'position_m'), what
     if isinstance(scenario.sensors, ListedSensors):
-        for index, sensor in enumerate(scenario.sensors.entries):
-            why = _why_closed(scenario, cell_of(area, (sensor.x_m, sensor.y_m)))
-            if why is not None:
+        sensors = scenario.sensors.entries
+        for index, (sensor, cell) in enumerate(zip(sensors, _cells(area, sensors), strict=True)):
+            if (why := _why_closed(scenario, cell)) is not None:
                 place = f'sensor {sensor.id} at x = {sensor.x_m:.10g} m, y = {sensor.y_m:.10g} m'
                 remedy = 'leave it out, or let the area have its cell'
                 what = f'is {place}: must be in an open cell, but {why}; {remedy}'
                 yield ('sensors', 'entries', index), what
+
+
+def _cells(area: AreaConfig, sensors: Sequence[ListedSensor]) -> list[int]:
+    places_m = np.array([(sensor.x_m, sensor.y_m) for sensor in sensors])
+    return [int(cell) for cell in cells_of(area, places_m)]
 
 
 def _why_closed(scenario: Scenario, cell: int) -> str | None:
@@ -93,8 +98,9 @@ def _listed_in_cells(scenario: Scenario) -> dict[int, str]:
     if not isinstance(scenario.sensors, ListedSensors):
         return {}
     found: dict[int, str] = {}
-    for sensor in scenario.sensors.entries:
-        found.setdefault(cell_of(scenario.area, (sensor.x_m, sensor.y_m)), sensor.id)
+    sensors = scenario.sensors.entries
+    for sensor, cell in zip(sensors, _cells(scenario.area, sensors), strict=True):
+        found.setdefault(cell, sensor.id)
     return found
 
 

@@ -27,7 +27,7 @@ from uav_collect.scenario.model import (
     ListedSensors,
     Scenario,
 )
-from uav_collect.scenario.named_cells import area_of, cell_at, with_zones_of_cells
+from uav_collect.scenario.named_cells import area_of, row_and_column, with_zones_of_cells
 from uav_collect.scenario.rounding import without_rounding
 
 if TYPE_CHECKING:
@@ -197,7 +197,7 @@ def _place_of(document: Document, keys: Keys, area: AreaConfig) -> dict[str, Any
     if not isinstance(place, dict) or [*place] != ['cell']:
         allowed = '{cell: [row, column]} or {position_m: [x, y]}'
         raise ConfigError(document.problem(keys, f'is {shown(place)}: must be {allowed}'))
-    row, column = cell_at(document, (*keys, 'cell'), place['cell'], area)
+    row, column = row_and_column(document, (*keys, 'cell'), place['cell'], area)
     return {'position_m': ((column + 0.5) * area.cell_size_m, (row + 0.5) * area.cell_size_m)}
 
 

@@ -37,7 +37,7 @@ def area_of(document: Document) -> AreaConfig:
     return area
 
 
-def cell_at(document: Document, keys: Keys, cell: object, area: AreaConfig) -> _Cell:
+def row_and_column(document: Document, keys: Keys, cell: object, area: AreaConfig) -> _Cell:
     """Row and column of a cell that stands at a path.
 
     Raises:
@@ -110,7 +110,7 @@ def _rectangles(
     problems: list[str] = []
     for index, cell in enumerate(cells):
         try:
-            found.add(cell_at(document, (*keys, 'cells', index), cell, area))
+            found.add(row_and_column(document, (*keys, 'cells', index), cell, area))
         except ConfigError as error:
             problems += error.problems
     if problems:

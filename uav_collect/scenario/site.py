@@ -8,7 +8,7 @@ from uav_collect.kernels import keyed_random
 from uav_collect.kernels.arrays import Bools, Floats, Ints, Row
 from uav_collect.kernels.compile import kernel
 from uav_collect.kernels.keyed_random import draw_poisson, draw_uniform, shuffle_first
-from uav_collect.scenario.area import open_cells
+from uav_collect.scenario.area import cells_of, open_cells
 from uav_collect.scenario.model import DrawnSensors, ListedSensors, Scenario
 
 _BIT_PER_MBIT = 1e6
@@ -114,11 +114,9 @@ def _listed_site(scenario: Scenario, listed: ListedSensors) -> Site:
     area = scenario.area
     amounts = scenario.demand.data_mbit == 'csv'
     position_m = np.array([[sensor.x_m, sensor.y_m] for sensor in listed.entries])
-    # The area's north and east edges belong to its last cells.
-    last = area.n_columns - 1, area.n_rows - 1
-    column, row = np.minimum(position_m // area.cell_size_m, last).astype(np.int64).T
-    order = np.argsort(row * area.n_columns + column, kind='stable')
-    cell = (row * area.n_columns + column)[order]
+    cell = cells_of(area, position_m)
+    order = np.argsort(cell, kind='stable')
+    cell = cell[order]
     data_mbit = [sensor.data_mbit if amounts else None for sensor in listed.entries]
     return Site(
         scenario=scenario,

@@ -12,7 +12,7 @@ from heapq import heappop, heappush
 import math
 from typing import NamedTuple
 
-from uav_collect.scenario.area import open_cells
+from uav_collect.scenario.area import cell_of, open_cells
 from uav_collect.scenario.model import AreaConfig, Point
 
 HOME_ITSELF = -1  # as the next place of a way home
@@ -77,13 +77,6 @@ def reached_cells(area: AreaConfig, start: int) -> set[int]:
                 reached.add(near)
                 waiting.append(near)
     return reached
-
-
-def cell_of(area: AreaConfig, place_m: Point) -> int:
-    """The cell that holds a place; the area's north and east borders belong to its last cells."""
-    column = min(int(place_m[0] // area.cell_size_m), area.n_columns - 1)
-    row = min(int(place_m[1] // area.cell_size_m), area.n_rows - 1)
-    return row * area.n_columns + column
 
 
 def _straight_m(from_m: Point, to_m: Point) -> float:

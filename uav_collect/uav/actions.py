@@ -25,11 +25,20 @@ _MAX_NAMED = 2  # UAVs in one line
 
 
 @kernel
-def cell_at(briefing: Briefing, x_m: float, y_m: float) -> int:
-    """The cell that holds a point of the area."""
+def cell_under(briefing: Briefing, x_m: float, y_m: float) -> int:
+    """The cell whose centre a UAV is over, or what is inside it.
+
+    Of a place on a border, `scenario.area.cell_of` says which cell it belongs to.
+    """
     column = int(x_m / briefing.cell_size_m)
     row = int(y_m / briefing.cell_size_m)
     return row * briefing.n_columns + column
+
+
+def start_cells(briefing: Briefing) -> list[int]:
+    """Where the UAVs start, (U,)."""
+    places = zip(briefing.start_x_m, briefing.start_y_m, strict=True)
+    return [cell_under(briefing, x_m, y_m) for x_m, y_m in places]
 
 
 @kernel
@@ -61,7 +70,7 @@ def move_duration_s(briefing: Briefing, uav: int) -> float:
 def home_duration_s(briefing: Briefing, uav: int, x_m: float, y_m: float) -> float:
     """Time to fly home from a cell's centre, straight where no closed cell is in the way."""
     if briefing.has_obstacles == 1:
-        place = uav * len(briefing.is_open) + cell_at(briefing, x_m, y_m)
+        place = uav * len(briefing.is_open) + cell_under(briefing, x_m, y_m)
         return briefing.home_m[place] / briefing.speed_mps[uav]
     east_m = briefing.home_x_m[uav] - x_m
     north_m = briefing.home_y_m[uav] - y_m
@@ -89,7 +98,7 @@ def on_way_home(
         that is done.
     """
     first, size_m = uav * len(briefing.is_open), briefing.cell_size_m
-    cell = cell_at(briefing, x_m, y_m)
+    cell = cell_under(briefing, x_m, y_m)
     left_m = (1.0 - share) * briefing.home_m[first + cell]
     via = briefing.home_via[first + cell]
     while via >= 0 and left_m <= briefing.home_m[first + via]:
@@ -118,7 +127,7 @@ def home_way_m(briefing: Briefing, index: int, place_m: Point) -> tuple[Point, .
     corners_m = [place_m]
     if briefing.has_obstacles:
         first = index * len(briefing.is_open)
-        cell = int(briefing.home_via[first + cell_at(briefing, *place_m)])
+        cell = int(briefing.home_via[first + cell_under(briefing, *place_m)])
         while cell >= 0:
             row, column = divmod(cell, briefing.n_columns)
             size_m = briefing.cell_size_m
@@ -151,7 +160,10 @@ def may_move(
     briefing: Briefing, uav: int, x_m: float, y_m: float, energy_left_j: float, action: int
 ) -> bool:
     """Whether a move stays inside the area and leaves the way home and the margin."""
-    if neighbour(briefing, cell_at(briefing, x_m, y_m), ROW_STEP[action], COLUMN_STEP[action]) < 0:
+    if (
+        neighbour(briefing, cell_under(briefing, x_m, y_m), ROW_STEP[action], COLUMN_STEP[action])
+        < 0
+    ):
         return False
     after_j = energy_left_j - briefing.flight_power_w[uav] * move_duration_s(briefing, uav)
     x_m += COLUMN_STEP[action] * briefing.cell_size_m

@@ -11,7 +11,7 @@ from uav_collect.physics.radio import (
     path_gain,
     reference_gain,
 )
-from uav_collect.scenario.area import mean_data_cells, open_cells
+from uav_collect.scenario.area import cell_of, mean_data_cells, open_cells
 from uav_collect.scenario.model import DrawnSensors, ListedSensors, RadioConfig, Scenario
 from uav_collect.scenario.site import known_complete_cells, Site
 from uav_collect.scenario.ways import ways_home
@@ -47,6 +47,7 @@ class Briefing(NamedTuple):
     start_y_m: Row[float]
     home_x_m: Row[float]
     home_y_m: Row[float]
+    home_cell: Row[int]
     energy_budget_j: Row[float]
     energy_margin_j: Row[float]  # to be left when home
 
@@ -91,6 +92,7 @@ def _brief(scenario: Scenario, is_known: Ints) -> Briefing:
         start_y_m=row_of([uav.start_m[1] for uav in uavs]),
         home_x_m=row_of([uav.home_m[0] for uav in uavs]),
         home_y_m=row_of([uav.home_m[1] for uav in uavs]),
+        home_cell=row_of([cell_of(area, uav.home_m) for uav in uavs]),
         energy_budget_j=row_of([uav.energy_budget_j for uav in uavs]),
         energy_margin_j=row_of([uav.energy_margin_j for uav in uavs]),
     )

@@ -306,7 +306,7 @@ def _next(future: Future) -> int:
 @kernel
 def _look(briefing: Briefing, future: Future, uav: int) -> LocalView:
     rows, x_m, y_m = future.view_rows, future.x_m[uav], future.y_m[uav]
-    cell = actions.cell_at(briefing, x_m, y_m)
+    cell = actions.cell_under(briefing, x_m, y_m)
     for index in range(VIEW_CELLS):
         seen = actions.neighbour(briefing, cell, index // 3 - 1, index % 3 - 1)
         rows.region_bit[index] = future.cell_bit[seen] if seen >= 0 else 0.0

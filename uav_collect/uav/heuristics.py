@@ -12,7 +12,6 @@ import math
 from uav_collect.kernels.arrays import new_row, Row
 from uav_collect.kernels.compile import kernel
 from uav_collect.kernels.keyed_random import draw_uniform, EXPLORATION
-from uav_collect.uav import actions
 from uav_collect.uav.action_codes import HOME, HOVER, N_ACTIONS
 from uav_collect.uav.belief import Belief
 from uav_collect.uav.briefing import Briefing
@@ -226,7 +225,7 @@ def _next_of_sweep(
     if target < 0 and briefing.contact_range_m <= 0.0:
         return _LAND
     if target < 0:
-        target = actions.cell_at(briefing, briefing.home_x_m[uav], briefing.home_y_m[uav])
+        target = briefing.home_cell[uav]
     return target
 
 

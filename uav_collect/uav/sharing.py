@@ -10,8 +10,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from uav_collect.kernels.arrays import filled_row, Floats, Row
+from uav_collect.uav.actions import start_cells
 from uav_collect.uav.briefing import Briefing
-from uav_collect.uav.tour import Area, area_of, order_of, start_cells, Tour, tour_of, TourKind
+from uav_collect.uav.tour import Area, area_of, order_of, Tour, tour_of, TourKind
 
 _LATE = 1.1  # times the planned one until UAVs that are done may help others
 _MOVES_PER_PLACE = 2.0  # planned for a place of a tour from which cells are seen: detours, hovers

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from enum import Enum
 from typing import NamedTuple
 
+from uav_collect.uav.actions import start_cells
 from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.open_ways import OpenCells
 from uav_collect.uav.shortening import shortened
@@ -59,13 +60,6 @@ def area_of(briefing: Briefing) -> Area:
         is_right=2.0 * briefing.home_x_m[0] > briefing.n_columns * briefing.cell_size_m,
         is_low=2.0 * briefing.home_y_m[0] <= briefing.n_rows * briefing.cell_size_m,
     )
-
-
-def start_cells(briefing: Briefing) -> list[int]:
-    """Where the UAVs start, (U,)."""
-    places = zip(briefing.start_x_m, briefing.start_y_m, strict=True)
-    size_m, n_columns = briefing.cell_size_m, briefing.n_columns
-    return [int(y_m / size_m) * n_columns + int(x_m / size_m) for x_m, y_m in places]
 
 
 def order_of(area: Area) -> list[int]:

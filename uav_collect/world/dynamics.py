@@ -223,7 +223,7 @@ def look(
     """
     time_s = mission.leg_end_s[uav]
     x_m, y_m = mission.leg_end_x_m[uav], mission.leg_end_y_m[uav]
-    cell = actions.cell_at(briefing, x_m, y_m)
+    cell = actions.cell_under(briefing, x_m, y_m)
     mission.clock_s[0] = time_s
     for index in range(VIEW_CELLS):
         seen = actions.neighbour(briefing, cell, index // 3 - 1, index % 3 - 1)
@@ -335,7 +335,7 @@ def _hover(
 @kernel
 def _move(briefing: Briefing, mission: Mission, uav: int, action: int) -> None:
     x_m, y_m = mission.leg_end_x_m[uav], mission.leg_end_y_m[uav]
-    cell = actions.cell_at(briefing, x_m, y_m)
+    cell = actions.cell_under(briefing, x_m, y_m)
     target = actions.neighbour(briefing, cell, ROW_STEP[action], COLUMN_STEP[action])
     mission.n_visits[uav * len(mission.cell_bit) + target] += 1
     duration_s = actions.move_duration_s(briefing, uav)

@@ -12,7 +12,7 @@ from uav_collect.kernels.arrays import new_row, Row, row_of
 from uav_collect.kernels.compile import kernel
 from uav_collect.scenario.site import Site
 from uav_collect.uav.action_codes import HOVER, NONE
-from uav_collect.uav.actions import cell_at
+from uav_collect.uav.actions import cell_under
 from uav_collect.uav.briefing import Briefing
 from uav_collect.world.dynamics import end_s, Mission, next_uav
 
@@ -228,7 +228,7 @@ def _upload_reward(
     start_s: float,
     stop_s: float,
 ) -> float:
-    cell = cell_at(briefing, mission.leg_end_x_m[uav], mission.leg_end_y_m[uav])
+    cell = cell_under(briefing, mission.leg_end_x_m[uav], mission.leg_end_y_m[uav])
     reward = 0.0
     for sensor in range(terms.first_sensor[cell], terms.first_sensor[cell + 1]):
         up_s = mission.leg_start_s[uav] + mission.upload_s[sensor]
