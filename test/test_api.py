@@ -3,9 +3,9 @@
 import ast
 from functools import partial
 from pathlib import Path
-import subprocess
 import sys
 
+from processes import completed
 import pytest
 from random_policies import header, saved
 from tiny_world import tiny
@@ -43,9 +43,7 @@ def collect_below(situation: Situation) -> int:
 def loaded_by(statement: str) -> set[str]:
     """Which packages a statement loads."""
     script = f'{statement}\nimport sys; print(*sys.modules)'
-    shown = subprocess.run(
-        [sys.executable, '-c', script], capture_output=True, text=True, check=True
-    ).stdout
+    shown = completed(sys.executable, '-c', script).stdout
     return {name.partition('.')[0] for name in shown.split()}
 
 

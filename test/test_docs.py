@@ -11,14 +11,13 @@ from pathlib import Path
 import re
 import shlex
 import signal
-import subprocess
 import sys
 from typing import Any
 
 from bags import HandMadeBag
 from documents import all_blocks, blocks, DOCUMENTS, made, name_of, page, ROOT
 from interpreted import interpreted
-from processes import Processes
+from processes import completed, Processes
 import pytest
 from uav_collect.__main__ import main
 from uav_collect.missions.rollout import fly
@@ -286,14 +285,7 @@ def in_a_process_of_its_own(arguments: list[str], folder: Path) -> str:
     """What Python prints that runs in a folder, with the tutorial's policy in it."""
     (folder / 'my_policies.py').write_text('\n\n'.join(blocks(OWN_POLICY, 'python')[:2]))
     variables = {'PYTHONPATH': str(ROOT), 'UAV_COLLECT_KERNELS': 'interpreted'}
-    return subprocess.run(
-        [sys.executable, *arguments],
-        check=True,
-        cwd=folder,
-        env=os.environ | variables,
-        capture_output=True,
-        text=True,
-    ).stdout
+    return completed(sys.executable, *arguments, cwd=folder, env=os.environ | variables).stdout
 
 
 @pytest.mark.parametrize('name', ['nearest', 'Rows'])
@@ -323,10 +315,7 @@ def test_the_program_of_the_tutorial_reads_a_bag(tmp_path: Path) -> None:
     bag.add_scenario(build_site(scenario))
     bag.add_mission(log, 'flown-0')
     bag.writer.close()
-    done = subprocess.run(
-        [sys.executable, '-c', program, str(tmp_path / 'bag')],
-        capture_output=True, text=True, check=True,
-    )  # fmt: skip
+    done = completed(sys.executable, '-c', program, tmp_path / 'bag')
     assert done.stdout.count("mission_id='flown-0'") == 2
 
 

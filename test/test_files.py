@@ -4,8 +4,8 @@ import errno
 import math
 import os
 from pathlib import Path
-import subprocess
 
+from processes import Processes, wait_until
 import pytest
 from uav_collect import files
 
@@ -122,18 +122,25 @@ def test_a_pipe_that_nobody_reads_is_refused_and_none_is_a_file_of_ours(tmp_path
         files.write_atomically(pipe, b'new')
 
 
-def test_a_pipe_that_was_checked_is_written_not_replaced(tmp_path: Path) -> None:
+def test_a_pipe_that_was_checked_is_written_not_replaced(
+    processes: Processes, tmp_path: Path
+) -> None:
     pipe = tmp_path / 'pipe'
     os.mkfifo(pipe)
-    with subprocess.Popen(['cat', str(pipe)], stdout=subprocess.PIPE) as reader:
-        while True:  # until the reader has come
-            try:
-                files.check_writable(pipe)
-                break
-            except OSError as error:
-                assert error.errno == errno.ENXIO
-        files.write_result(pipe, b'new')
-        assert reader.communicate()[0] == b'new'
+    reader = processes.run('reader', 'cat', str(pipe))
+
+    def has_come() -> bool:
+        try:
+            files.check_writable(pipe)
+        except OSError as error:
+            assert error.errno == errno.ENXIO
+            return False
+        return True
+
+    wait_until(has_come)
+    files.write_result(pipe, b'new')
+    assert reader.wait_for_exit() == 0
+    assert reader.output == 'new'
     assert pipe.is_fifo()
 
 

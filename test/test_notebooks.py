@@ -3,10 +3,10 @@
 import os
 from pathlib import Path
 import re
-import subprocess
 import sys
 
 from documents import ROOT
+from processes import completed
 import pytest
 
 NOTEBOOKS = ROOT / 'examples' / 'notebooks'
@@ -35,16 +35,8 @@ def test_every_notebook_is_run() -> None:
 def test_a_notebook_runs_to_its_end(name: str, tmp_path: Path) -> None:
     few = {'UAV_COLLECT_NOTEBOOK_MISSIONS': '2', 'UAV_COLLECT_NOTEBOOK_TRAINING': SHORT}
     few |= {'PYTHONPATH': str(ROOT), 'UAV_COLLECT_KERNELS': 'interpreted'}
-    done = subprocess.run(
-        [sys.executable, NOTEBOOKS / f'{name}.py'],
-        cwd=tmp_path,
-        env=os.environ | few,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=600,
-    )
-    assert done.returncode == 0, done.stderr
+    notebook = NOTEBOOKS / f'{name}.py'
+    done = completed(sys.executable, notebook, cwd=tmp_path, env=os.environ | few)
     assert '2 missions from seed 0' in done.stdout
     folder = tmp_path / 'runs' / 'notebooks'
     assert [file for file in LEFT[name] if not (folder / file).is_file()] == []

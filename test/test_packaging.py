@@ -7,14 +7,14 @@ import os
 from pathlib import Path
 import re
 import shutil
-import subprocess
+import signal
 import sys
 from typing import NamedTuple
 import venv
 
 from catkin_pkg.package import parse_package
 from node_starts import said_at_start
-from processes import Processes
+from processes import completed, Processes, wait_until
 import pytest
 import uav_collect
 from uav_collect.__main__ import SUMMARIES
@@ -367,16 +367,11 @@ def test_a_clone_that_cannot_be_built_is_refused_before_anything_is_fetched(
     clone = tmp_path / folder
     clone.mkdir()
     shutil.copytree(ROOT / 'tools', clone / 'tools')
-    done = subprocess.run(
-        ['sh', 'tools/make_venv.sh', '.venv', 'wheels'],
-        cwd=clone,
-        env={**os.environ, 'LC_ALL': 'C'},
-        capture_output=True,
-        check=False,
-    )
-    assert (done.returncode, done.stdout) == (1, b'')
-    assert done.stderr.startswith(b'set-up: the path of the repository must be of A-Z')
-    assert done.stderr.count(b'\n') == 1
+    command = ('sh', 'tools/make_venv.sh', '.venv', 'wheels')
+    done = completed(*command, status=1, cwd=clone, env={**os.environ, 'LC_ALL': 'C'})
+    assert done.stdout == ''
+    assert done.stderr.startswith('set-up: the path of the repository must be of A-Z')
+    assert done.stderr.count('\n') == 1
     assert [it.name for it in clone.iterdir()] == ['tools']
 
 
@@ -384,46 +379,34 @@ def test_a_step_of_the_set_up_says_what_it_does_and_that_it_lasts(tmp_path: Path
     said = tmp_path / 'said'
     step = f"until grep -q still '{said}'; do :; done; exit 7"
     with said.open('w') as file:
-        done = subprocess.run(
-            ['sh', 'tools/step.sh', 'waiting (a second)', 'sh', '-c', step],
+        completed(
+            *('sh', 'tools/step.sh', 'waiting (a second)', 'sh', '-c', step),
+            status=7,
             cwd=ROOT,
             env={**os.environ, 'SET_UP_LINE_EVERY_S': '0.01'},
             stdout=file,
-            check=False,
-            timeout=600,
         )
     first, second, *_ = said.read_text().splitlines()
-    assert done.returncode == 7
     assert first == 'set-up: waiting (a second)'
     assert re.fullmatch(r'set-up: still waiting, for \d+ s', second)
 
 
-def test_a_step_that_is_ended_ends_all_that_it_runs() -> None:
-    command = ['sh', 'tools/step.sh', 'waiting', 'sh', '-c', 'sleep 3600 & echo begun; wait']
-    step = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
-    assert step.stdout is not None
-    assert [step.stdout.readline(), step.stdout.readline()] == ['set-up: waiting\n', 'begun\n']
-    step.terminate()
-    step.communicate(timeout=600)  # until nobody is left who could write
-    assert step.returncode == 143
+def test_a_step_that_is_ended_ends_all_that_it_runs(processes: Processes) -> None:
+    run = ('sh', '-c', 'sleep 3600 & echo begun; wait')
+    step = processes.run('step', 'sh', str(ROOT / 'tools' / 'step.sh'), 'waiting', *run)
+    step.wait_for('begun')
+    assert step.output == 'set-up: waiting\nbegun\n'
+    step.send(signal.SIGTERM)
+    assert step.wait_for_exit() == 143
+    wait_until(lambda: processes.survivors() == [])
 
 
 def test_the_python_of_the_set_up_finds_the_package_from_anywhere(tmp_path: Path) -> None:
     environment = {key: value for key, value in os.environ.items() if key != 'PYTHONPATH'}
     venv.create(tmp_path / 'python', with_pip=False, symlinks=True)
-    subprocess.run(['sh', ROOT / 'tools' / 'link_package.sh', 'python'], cwd=tmp_path, check=True)
-    found = subprocess.run(
-        [
-            tmp_path / 'python' / 'bin' / 'python',
-            '-c',
-            'import uav_collect as it; print(it.__file__)',
-        ],
-        cwd=tmp_path,
-        env=environment,
-        stdout=subprocess.PIPE,
-        text=True,
-        check=True,
-    )
+    completed('sh', ROOT / 'tools' / 'link_package.sh', 'python', cwd=tmp_path)
+    python, script = tmp_path / 'python/bin/python', 'import uav_collect as it; print(it.__file__)'
+    found = completed(python, '-c', script, cwd=tmp_path, env=environment)
     assert Path(found.stdout.strip()) == ROOT / 'uav_collect' / '__init__.py'
 
 
@@ -481,13 +464,8 @@ def test_colcon_finds_both_packages(arguments: tuple[str, ...], tmp_path: Path) 
     (tmp_path / 'src' / 'uav_collect').symlink_to(ROOT)
     colcon = shutil.which('colcon', path=Path(sys.executable).parent)
     assert colcon, 'colcon is missing: run "make test"'
-    listing = subprocess.run(
-        [colcon, '--log-base', '/dev/null', 'list', *arguments],
-        cwd=tmp_path if arguments else ROOT,
-        capture_output=True,
-        text=True,
-        check=True,
-    ).stdout
+    command = (colcon, '--log-base', '/dev/null', 'list', *arguments)
+    listing = completed(*command, cwd=tmp_path if arguments else ROOT).stdout
     packages = {(line.split()[0], line.split()[-1]) for line in listing.splitlines()}
     assert packages == {
         ('uav_collect', '(ros.ament_python)'),
@@ -508,13 +486,10 @@ def test_the_stand_in_is_built_only_where_no_other_prefix_has_the_package(
     (tmp_path / prefix / 'share' / 'tf2_msgs').mkdir(parents=True)
     (tmp_path / prefix / 'share' / 'tf2_msgs' / 'package.xml').touch()
     prefixes = f'/nowhere:{tmp_path / prefix}' if prefix else ''
-    printed = subprocess.run(
-        ['sh', str(ROOT / 'tools' / 'packages_to_build.sh')],
+    printed = completed(
+        *('sh', ROOT / 'tools' / 'packages_to_build.sh'),
         cwd=tmp_path,  # what was built here before, in install, counts for nothing
         env={**os.environ, 'AMENT_PREFIX_PATH': prefixes},
-        capture_output=True,
-        text=True,
-        check=True,
     ).stdout
     assert printed.split() == ['.', 'msg_defs', *(['stand_ins/tf2_msgs'] if is_built else [])]
 
@@ -548,11 +523,7 @@ try:
 finally:
     print(*sys.modules)
 """
-    loaded = (
-        subprocess.run([sys.executable, '-c', script], capture_output=True, text=True, check=True)
-        .stdout.splitlines()[-1]
-        .split()
-    )
+    loaded = completed(sys.executable, '-c', script).stdout.splitlines()[-1].split()
     heavy = {'torch', 'numba', 'llvmlite', 'scipy', 'cvxpy', 'clarabel', 'matplotlib', 'rosbags'}
     generating = {'em', 'lark'}  # what messages are made by
     assert 'uav_collect.nodes.agent.node' in loaded

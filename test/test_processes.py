@@ -3,7 +3,7 @@
 import signal
 import sys
 
-from processes import Processes
+from processes import completed, Processes
 import pytest
 from ros_domains import own_domain
 
@@ -43,3 +43,16 @@ def test_a_child_in_a_session_of_its_own_is_found_and_killed(processes: Processe
     assert len(processes.survivors()) == 1
     processes.close()
     assert processes.survivors() == []
+
+
+def test_a_command_that_fails_shows_what_it_said() -> None:
+    script = 'import sys; print("so far"); sys.exit("the reason")'
+    with pytest.raises(AssertionError, match=r'ended with 1:\nso far\nthe reason'):
+        completed(sys.executable, '-c', script)
+    assert completed(sys.executable, '-c', script, status=1).stderr == 'the reason\n'
+
+
+def test_a_command_that_does_not_end_shows_what_it_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr('processes.DEADLINE_S', 1.0)
+    with pytest.raises(AssertionError, match=r"sleep 600'\nruns after 1.0 s; b'up\\n'"):
+        completed('sh', '-c', 'echo up; exec sleep 600')

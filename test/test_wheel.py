@@ -7,13 +7,13 @@ import os
 from pathlib import Path
 import re
 import stat
-import subprocess
 import sys
 from zipfile import ZipFile
 
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 from packaging.version import Version
+from processes import completed
 import pytest
 import uav_collect
 from uav_collect.config.packages import PACKAGES
@@ -26,9 +26,7 @@ BUILD = 'import sys; from setuptools import build_meta; build_meta.build_wheel(s
 @pytest.fixture(scope='module')
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ZipFile]:
     folder = tmp_path_factory.mktemp('wheel')
-    subprocess.run(
-        [sys.executable, '-c', BUILD, str(folder)], cwd=ROOT, check=True, capture_output=True
-    )
+    completed(sys.executable, '-c', BUILD, folder, cwd=ROOT)
     [path] = folder.iterdir()
     assert path.name == f'uav_collect-{uav_collect.__version__}-py3-none-any.whl'
     with ZipFile(path) as file:
@@ -153,19 +151,12 @@ def test_what_is_unpacked_somewhere_finds_its_files_and_starts_its_nodes(
     python.write_text(f'#!/bin/sh\nexec "{sys.executable}" "$@"\n')
     python.chmod(0o755)
     environment = {**os.environ, 'PYTHONPATH': str(site), 'AMENT_PREFIX_PATH': ''}
-    listed = subprocess.run(
-        [python, '-m', 'uav_collect', 'list'],
-        **{'cwd': tmp_path, 'env': environment, 'check': True, 'capture_output': True},
-        text=True,
-    ).stdout
+    there = {'cwd': tmp_path, 'env': environment}
+    listed = completed(python, '-m', 'uav_collect', 'list', **there).stdout
     assert '  paper_10x10_n2_aqmix  ' in listed
     starter = tmp_path / 'lib' / 'uav_collect' / 'control'
     starter.chmod(0o755)
-    started = subprocess.run(
-        ['sh', starter, '--help'],
-        **{'cwd': tmp_path, 'env': environment, 'check': False, 'capture_output': True},
-        text=True,
-    )
+    started = completed('sh', starter, '--help', status=None, **there)
     said = started.stdout + started.stderr
     assert re.search(r'^usage: control |^error: \w+ is missing: ', said, re.MULTILINE), said
 

@@ -1,9 +1,8 @@
 """Tiny trainings that several modules look at."""
 
 import os
-import subprocess
 
-from processes import Processes, RunningProcess
+from processes import completed, Processes, RunningProcess
 import pytest
 from tiny_world import tiny
 from train_command import DECISIONS, ENVIRONMENT, Finished, PRESET, ROOT, Start, TRAIN
@@ -23,12 +22,8 @@ def settings(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
 def finished(settings: list[str], tmp_path_factory: pytest.TempPathFactory) -> Finished:
     """A run that nothing interrupted, and what it said."""
     folder = tmp_path_factory.mktemp('finished') / 'run'
-    done = subprocess.run(
-        [*TRAIN, *settings, '--output', str(folder)], env={**os.environ, **ENVIRONMENT},
-        capture_output=True, text=True, check=False, cwd=ROOT,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    return folder, done
+    command = (*TRAIN, *settings, '--output', folder)
+    return folder, completed(*command, env=os.environ | ENVIRONMENT, cwd=ROOT)
 
 
 @pytest.fixture

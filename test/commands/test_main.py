@@ -5,19 +5,17 @@ from pathlib import Path
 import subprocess
 import sys
 
-from processes import complaints
+from processes import complaints, completed
 import pytest
 from uav_collect.__main__ import main, SUMMARIES
 
 
 def run(*arguments: str, **options: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, '-m', 'uav_collect', *arguments],
-        text=True,
-        check=False,
+    return completed(
+        *(sys.executable, '-m', 'uav_collect', *arguments),
+        status=None,
         cwd=Path(__file__).parents[2],
         env={key: value for key, value in os.environ.items() if key != 'PYTHONUNBUFFERED'},
-        stderr=subprocess.PIPE,
         **options,
     )
 
@@ -30,13 +28,7 @@ def test_help_lists_the_commands_without_loading_them() -> None:
         'heavy = {"numpy", "numba", "rich", "yaml", "rclpy"} & set(sys.modules)\n'
         'assert not heavy, heavy'
     )
-    done = subprocess.run(
-        [sys.executable, '-c', program],
-        text=True,
-        capture_output=True,
-        check=True,
-        cwd=Path(__file__).parents[2],
-    )
+    done = completed(sys.executable, '-c', program, cwd=Path(__file__).parents[2])
     assert all(f'  {name} ' in done.stdout for name in SUMMARIES)
 
 

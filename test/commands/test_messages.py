@@ -2,9 +2,8 @@
 
 from pathlib import Path
 import shutil
-import subprocess
 
-from processes import complaints
+from processes import complaints, completed
 import pytest
 from uav_collect.__main__ import main
 from uav_collect.commands import messages
@@ -46,5 +45,5 @@ def test_a_node_that_pip_has_installed_finds_messages_with_nothing_sourced(
     python.write_text('#!/bin/sh\necho "$AMENT_PREFIX_PATH"\n')
     python.chmod(0o755)
     environment = {'PATH': '/usr/bin:/bin', 'AMENT_PREFIX_PATH': before}
-    shown = subprocess.run(['sh', node], env=environment, check=True, capture_output=True)
-    assert shown.stdout.decode().strip() == ':'.join(filter(None, (str(tmp_path), before)))
+    shown = completed('sh', node, env=environment)
+    assert shown.stdout.strip() == ':'.join(filter(None, (str(tmp_path), before)))

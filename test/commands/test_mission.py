@@ -8,8 +8,8 @@ import signal
 import sys
 from urllib.request import urlopen
 
-from fleets import Fleet, wait_until
-from processes import executable, Processes, RunningProcess
+from fleets import Fleet
+from processes import executable, Processes, RunningProcess, wait_until
 import pytest
 from random_policies import header, saved
 from scripted_logs import fly, uav

@@ -8,12 +8,11 @@ import os
 from pathlib import Path
 import re
 import shutil
-import subprocess
 import sys
 
 from bags import ABORTED, HandMadeBag, STARTED
 import numpy as np
-from processes import complaints
+from processes import complaints, completed
 import pytest
 from uav_collect.__main__ import main
 from uav_collect.analysis import trajectories
@@ -85,10 +84,8 @@ def test_report_of_a_folder_or_a_log_prints_and_draws(
 
 def test_report_waits_for_no_compiler(report_folder: Path, tmp_path: Path) -> None:
     kernels = {'XDG_CACHE_HOME': str(tmp_path / 'cache'), 'UAV_COLLECT_KERNELS': ''}
-    done = subprocess.run(
-        [sys.executable, '-m', 'uav_collect', 'report', str(report_folder)],
-        env={**os.environ, **kernels}, capture_output=True, text=True, check=True,
-    )  # fmt: skip
+    command = (sys.executable, '-m', 'uav_collect', 'report', report_folder)
+    done = completed(*command, env=os.environ | kernels)
     assert '% of the clairvoyant plan' in done.stdout
     assert not list((tmp_path / 'cache').rglob('*.nbi'))
 

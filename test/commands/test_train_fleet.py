@@ -7,9 +7,8 @@ import re
 import signal
 import sys
 
-from fleets import wait_until
 from growing_bag import n_kept
-from processes import DEADLINE_S, Processes, RunningProcess
+from processes import DEADLINE_S, Processes, RunningProcess, wait_until
 import pytest
 from tiny_world import tiny, uav
 from uav_collect.commands.ros_processes import ros_parameters

@@ -5,7 +5,6 @@ import fcntl
 import os
 from pathlib import Path
 import shutil
-import subprocess
 import sys
 
 import pytest
@@ -22,6 +21,7 @@ from uav_collect.training.run_record import read_run
 from uav_collect.uav.policy_file import load_policy
 
 pytest.importorskip('torch', reason='training needs torch')
+from processes import completed
 from uav_collect.learning.learner import Learner
 
 
@@ -276,9 +276,7 @@ def test_help_does_not_load_torch(command: str) -> None:
         'heavy = {"torch", "tensorboard", "numba", "matplotlib"} & set(sys.modules)\n'
         'assert not heavy, heavy'
     )
-    done = subprocess.run(
-        [sys.executable, '-c', program], capture_output=True, text=True, check=True, cwd=ROOT
-    )
+    done = completed(sys.executable, '-c', program, cwd=ROOT)
     assert done.stdout.startswith('usage: ')
 
 

@@ -4,11 +4,11 @@ from importlib.util import find_spec
 import os
 from pathlib import Path
 import re
-import subprocess
 import sys
 
 from documents import blocks, page
 import numpy as np
+from processes import completed
 import pytest
 from uav_collect.environments.parallel import parallel_env
 from uav_collect.scenario.load import load
@@ -72,12 +72,8 @@ def test_an_adapter_trains_where_its_package_is(package: str, example: str, amou
     if find_spec(package) is None:
         pytest.skip(f'needs {package}, which is in no requirements: pip install {package}')
     environment = {'UAV_COLLECT_KERNELS': 'interpreted', 'PYTHONPATH': str(ROOT)}
-    subprocess.run(
-        [sys.executable, ROOT / 'examples' / example, amount, '100'],
-        env=os.environ | environment,
-        check=True,
-        timeout=600,
-    )
+    program = ROOT / 'examples' / example
+    completed(sys.executable, program, amount, '100', env=os.environ | environment)
 
 
 def test_advantages_are_discounted_sums_of_errors_that_stop_where_missions_do() -> None:

@@ -5,12 +5,12 @@ from dataclasses import replace
 import math
 from pathlib import Path
 import shutil
-import subprocess
 
 from matplotlib.colors import to_rgb
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
+from processes import completed
 import pytest
 from scripted_logs import fly, header, uav
 from tiny_world import tiny
@@ -118,8 +118,7 @@ def test_an_mp4_has_all_frames(tmp_path: Path) -> None:
     flown, path = film(ASIDE), tmp_path / 'film.mp4'
     write_mp4(flown, path, lambda _: None)
     words = ('ffprobe', '-v', 'error', '-count_frames', '-of', 'csv=p=0', '-show_entries')
-    asked = [*words, 'stream=width,height,nb_read_frames', str(path)]
-    said = subprocess.run(asked, check=True, capture_output=True, text=True).stdout
+    said = completed(*words, 'stream=width,height,nb_read_frames', path).stdout
     n_last = round(animation._LAST_S / animation._FRAME_S)
     width, height = flown.picture.size
     assert said.split() == [f'{width},{height},{flown.n_frames + n_last}']

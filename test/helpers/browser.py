@@ -4,13 +4,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 import os
 import shutil
-import time
 from typing import Any
 
+from processes import DEADLINE_S, wait_until
 import pytest
 
 _NAMES = ('chromium', 'chromium-browser', 'google-chrome')
-_LONGEST_S = 600.0
 _LOOK_MS = 20
 _MISSING = 'needs a browser: apt install chromium'
 
@@ -41,7 +40,7 @@ class Watched:
 
     def __init__(self, browser: object) -> None:
         self.page: Page = browser.new_page()  # type: ignore[attr-defined]
-        self.page.set_default_timeout(1000.0 * _LONGEST_S)
+        self.page.set_default_timeout(1000.0 * DEADLINE_S)
         self.requests: list[str] = []
         self.errors: list[str] = []
         self.page.on('request', lambda request: self.requests.append(request.url))
@@ -57,10 +56,13 @@ class Watched:
 
         Playwright's own way has the page evaluate text, which a page of ours does not allow.
         """
-        deadline_s = time.monotonic() + _LONGEST_S
-        while not self._holds(condition):
-            assert time.monotonic() < deadline_s, f'not within {_LONGEST_S:g} s: {condition}'
-            self.page.wait_for_timeout(_LOOK_MS)
+        try:
+            wait_until(
+                lambda: self._holds(condition),
+                meanwhile=lambda: self.page.wait_for_timeout(_LOOK_MS),
+            )
+        except AssertionError as late:
+            raise AssertionError(f'{condition}: {late}') from None
 
     def _holds(self, condition: str) -> bool:
         try:

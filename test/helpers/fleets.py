@@ -8,10 +8,9 @@ from contextlib import contextmanager
 from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
-import time
 from typing import Any
 
-from processes import DEADLINE_S, Processes, RunningProcess
+from processes import DEADLINE_S, Processes, RunningProcess, wait_until
 from uav_collect.limits import GUARD_AFTER
 from uav_collect.missions.event_log import mission_header
 from uav_collect.missions.rollout import fly
@@ -26,9 +25,7 @@ from uav_collect.uav.messages import Decision, RadioMessage
 from uav_collect.uav.policy import guard_for, policy_for
 
 _SPEEDS_MPS = (5.0, 10.0, 7.5, 12.5)
-_POLL_S = 0.005
 _LISTEN_S = 0.02
-_PATIENCE = 9.0  # times as long as a condition takes to judge, until it is judged again
 
 
 def scenario_of(n_uavs: int = 2, **overrides: object) -> Scenario:
@@ -184,21 +181,6 @@ class Fleet:
             raise AssertionError(f'{count}\n{self.processes.outputs()}') from None
 
 
-def wait_until(condition: Callable[[], bool], deadline_s: float = DEADLINE_S) -> None:
-    """Wait until something holds.
-
-    Raises:
-        AssertionError: it did not in time.
-    """
-    end_s = time.monotonic() + deadline_s
-    while (now_s := time.monotonic()) < end_s:
-        if condition():
-            return
-        # Who reads files again and again would take the processor that others need to write them.
-        time.sleep(max(_POLL_S, _PATIENCE * (time.monotonic() - now_s)))
-    raise AssertionError(f'not within {deadline_s} s')
-
-
 class Listener:
     """A node of the test that keeps what it hears."""
 
@@ -213,10 +195,7 @@ class Listener:
         Raises:
             AssertionError: it did not in time.
         """
-        end_s = time.monotonic() + DEADLINE_S
-        while not condition():
-            assert time.monotonic() < end_s, f'not within {DEADLINE_S} s'
-            self._executor.spin_once(timeout_sec=_LISTEN_S)
+        wait_until(condition, meanwhile=lambda: self._executor.spin_once(timeout_sec=_LISTEN_S))
 
 
 @contextmanager

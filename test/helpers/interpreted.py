@@ -3,8 +3,9 @@
 from collections.abc import Callable
 import os
 from pathlib import Path
-import subprocess
 import sys
+
+from processes import completed
 
 _HELPERS = Path(__file__).parent
 _ROOT = _HELPERS.parents[1]
@@ -19,7 +20,4 @@ def interpreted(function: Callable[[], str]) -> str:
         'PYTHONPATH': os.pathsep.join(path for path in paths if path),
     }
     script = f'import {source.stem}; print({source.stem}.{name}(), end="")'
-    done = subprocess.run(
-        [sys.executable, '-c', script], env=environment, check=True, capture_output=True, text=True
-    )
-    return done.stdout
+    return completed(sys.executable, '-c', script, env=environment).stdout

@@ -6,6 +6,8 @@ from pathlib import Path
 import subprocess
 import sys
 
+from processes import completed
+
 ROOT = Path(__file__).parents[2]
 
 
@@ -31,6 +33,4 @@ def without(folder: Path, modules: Iterable[str], versions: Mapping[str, str]) -
 
 def run(environment: Mapping[str, str], *arguments: str) -> subprocess.CompletedProcess[str]:
     """Run Python to its end."""
-    return subprocess.run(
-        [sys.executable, *arguments], env=environment, text=True, capture_output=True, check=False
-    )
+    return completed(sys.executable, *arguments, status=None, env=environment)

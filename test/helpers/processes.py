@@ -9,22 +9,84 @@ Use it through the fixture `processes`:
     assert processes.survivors() == []
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 import os
 from pathlib import Path
 import re
 import select
+import shlex
 import signal
 import subprocess
 import time
+from typing import Any
 import uuid
 
 # For what should take seconds: others may have the processor, or compile kernels for it first.
 DEADLINE_S = 600.0
 _POLL_S = 0.02
+_LOOK_S = 0.005  # at what takes no time to judge
+_PATIENCE = 9.0  # times as long as a condition takes to judge, until it is judged again
 _TAIL_CHARACTERS = 4000
 _MARK = 'UAV_COLLECT_TEST'  # inherited by every process of a test, however far down
+
+
+def wait_until(
+    condition: Callable[[], object],
+    deadline_s: float = DEADLINE_S,
+    *,
+    meanwhile: Callable[[], object] | None = None,
+) -> None:
+    """Wait until something holds.
+
+    Args:
+        condition: whether it does.
+        deadline_s: how long to wait [s].
+        meanwhile: done before each next look, and takes a moment; sleeps if there is nothing.
+
+    Raises:
+        AssertionError: it did not in time.
+    """
+    end_s = time.monotonic() + deadline_s
+    while (now_s := time.monotonic()) < end_s:
+        if condition():
+            return
+        if meanwhile is not None:
+            meanwhile()
+            continue
+        # Who reads files again and again would take the processor that others need to write them.
+        time.sleep(max(_LOOK_S, _PATIENCE * (time.monotonic() - now_s)))
+    raise AssertionError(f'not within {deadline_s} s')
+
+
+def completed(
+    *command: object,
+    status: int | None = 0,
+    **options: Any,  # noqa: ANN401
+) -> 'subprocess.CompletedProcess[str]':
+    """Run a command to its end; what it says comes back, or stands in the failure.
+
+    Args:
+        command: its words.
+        status: with which it has to end; None: any.
+        options: of `subprocess.run`.
+
+    Raises:
+        AssertionError: it ended otherwise, or not by the deadline.
+    """
+    words = [str(word) for word in command]
+    try:
+        done = subprocess.run(
+            words, check=False, text=True, timeout=DEADLINE_S,
+            **{'stdout': subprocess.PIPE, 'stderr': subprocess.PIPE, **options},
+        )  # fmt: skip
+    except subprocess.TimeoutExpired as late:
+        said = f'{late.stdout}\n{late.stderr}'
+        raise AssertionError(f'{shlex.join(words)}\nruns after {DEADLINE_S} s; {said}') from None
+    if status not in (None, done.returncode):
+        said = f'{done.stdout or ""}{done.stderr or ""}'
+        raise AssertionError(f'{shlex.join(words)}\nended with {done.returncode}:\n{said}')
+    return done
 
 
 def complaints(output: str) -> list[str]:
@@ -71,8 +133,8 @@ class RunningProcess:
 
     @property
     def output(self) -> str:
-        """Everything written so far."""
-        return self._output_file.read_text(errors='replace')
+        """Everything written so far, as it was written."""
+        return self._output_file.read_bytes().decode(errors='replace')
 
     @property
     def is_running(self) -> bool:

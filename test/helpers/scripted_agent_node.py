@@ -4,12 +4,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
-import time
 from typing import Any
 
 from fleets import Pilots
 import numpy as np
-from processes import DEADLINE_S
+from processes import wait_until
 import rclpy
 from steered_world import SteeredWorld
 from uav_collect.lockstep.inbox import Inbox
@@ -92,12 +91,11 @@ class ScriptedAgents:
 
     def wait_until(self, condition: Callable[[], bool], what: str = '') -> None:
         """Listen until something holds; a failure says what, and the latest diagnostics."""
-        end_s = time.monotonic() + DEADLINE_S
-        while not condition():
-            if time.monotonic() >= end_s:
-                last = self.heard[topics.DIAGNOSTICS.name][-1:]
-                raise AssertionError(f'{what}: not within {DEADLINE_S} s; {last}')
-            self._executor.spin_once(timeout_sec=_WAIT_S)
+        try:
+            wait_until(condition, meanwhile=lambda: self._executor.spin_once(timeout_sec=_WAIT_S))
+        except AssertionError as late:
+            last = self.heard[topics.DIAGNOSTICS.name][-1:]
+            raise AssertionError(f'{what}: {late}; {last}') from None
 
     def call(self, client: Any, request: Any) -> Any:  # noqa: ANN401
         """The answer of a service."""

@@ -4,9 +4,9 @@ from collections.abc import Callable
 from itertools import product
 import os
 from pathlib import Path
-import subprocess
 import sys
 
+from processes import completed
 import pytest
 import uav_collect
 from uav_collect.kernels.compile import kernels_are_cached, sources_digest
@@ -47,7 +47,7 @@ def test_kernels_count_as_cached_once_they_were_compiled(
     monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
     assert not kernels_are_cached([flight_energy_j])
     script = 'from uav_collect.physics import energy; energy.flight_energy_j(50.0, 5.0, 144.0)'
-    subprocess.run([sys.executable, '-c', script], check=True)
+    completed(sys.executable, '-c', script)
     assert kernels_are_cached([flight_energy_j])
     assert not kernels_are_cached([flight_energy_j, carry_out])
 
@@ -66,14 +66,11 @@ def doubled(tmp_path: Path, *, most_bytes: int | None = None, way: str = '.') ->
             'print(c.kernel(doubled)(21))\n'
         )
     limit = [] if most_bytes is None else ['prlimit', f'--fsize={most_bytes}']
-    done = subprocess.run(
-        [*limit, sys.executable, str(tmp_path / way / script.name)],
-        env={
-            **os.environ, 'PYTHONPATH': str(Path(uav_collect.__file__).parents[1]),
-            'XDG_CACHE_HOME': str(tmp_path / 'cache'), 'PYTHONDONTWRITEBYTECODE': '1',
-        },
-        capture_output=True, text=True, check=True,
-    )  # fmt: skip
+    environment = {
+        **os.environ, 'PYTHONPATH': str(Path(uav_collect.__file__).parents[1]),
+        'XDG_CACHE_HOME': str(tmp_path / 'cache'), 'PYTHONDONTWRITEBYTECODE': '1',
+    }  # fmt: skip
+    done = completed(*limit, sys.executable, tmp_path / way / script.name, env=environment)
     # How long that takes is said on a busy machine.
     said = done.stderr.splitlines(keepends=True)
     return done.stdout, ''.join(it for it in said if not it.startswith('compiling kernels'))
@@ -122,6 +119,6 @@ def test_what_a_module_lists_are_kernels(module: object) -> None:
 def test_a_way_to_run_kernels_that_there_is_none_of_is_refused() -> None:
     command = [sys.executable, '-m', 'uav_collect', 'evaluate', '--missions', '1']
     environment = {**os.environ, 'UAV_COLLECT_KERNELS': 'fast'}
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    done = completed(*command, status=2, env=environment)
     words = "UAV_COLLECT_KERNELS is 'fast': must be compiled or interpreted"
-    assert (done.returncode, done.stderr) == (2, f'error: {words}\n')
+    assert done.stderr == f'error: {words}\n'

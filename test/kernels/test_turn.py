@@ -2,82 +2,70 @@
 
 from contextlib import suppress
 from pathlib import Path
-import subprocess
+import signal
 import sys
 
-import pytest
+from processes import Processes
 from uav_collect.kernels.turn import Turn
 
 HOLDER = """
+import signal
 import sys
 from pathlib import Path
 from uav_collect.kernels.turn import Turn
 Turn().take(Path(sys.argv[1]))
 print('has it', flush=True)
-sys.stdin.read()
+signal.pause()
 """
 COMPILER = """
+import signal
 import uav_collect.kernels.compile as c
 def doubled(value): return 2 * value
 kernel = c.kernel(doubled)
+signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGUSR1])
 print('ready', flush=True)
-input()
+signal.sigwait([signal.SIGUSR1])
 kernel(21)
-print(sum(kernel.stats.cache_misses.values()))
+print('compiled:', sum(kernel.stats.cache_misses.values()))
 """
 
 
-def started(script: str, *arguments: str) -> 'subprocess.Popen[str]':
-    return subprocess.Popen(
-        [sys.executable, '-c', script, *arguments],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-
-
-def test_the_turn_is_one_process_s_until_that_ends(tmp_path: Path) -> None:
-    with started(HOLDER, str(tmp_path)) as holder:
-        assert holder.stdout is not None
-        assert holder.stdout.readline() == 'has it\n'
-        with started(HOLDER, str(tmp_path)) as next_one:
-            assert next_one.stdout is not None
-            holder.kill()
-            assert next_one.stdout.readline() == 'has it\n'
-            next_one.kill()
+def test_the_turn_is_one_process_s_until_that_ends(processes: Processes, tmp_path: Path) -> None:
+    hold = (sys.executable, '-c', HOLDER, str(tmp_path))
+    holder = processes.run('holder', *hold)
+    holder.wait_for('has it')
+    next_one = processes.run('next_one', *hold)
+    first_word = next_one.wait_for('has it|waiting for another process that compiles')
+    assert first_word[0] != 'has it'
+    holder.kill()
+    next_one.wait_for('has it')
 
 
 def test_processes_that_need_a_kernel_at_once_compile_it_once(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    processes: Processes, tmp_path: Path
 ) -> None:
-    monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path / 'cache'))
-    monkeypatch.delenv('UAV_COLLECT_KERNELS', raising=False)
     script = tmp_path / 'doubled.py'
     script.write_text(COMPILER)
-    run = f'import runpy; runpy.run_path({str(script)!r})'
-    processes = [started(run) for _ in range(3)]
-    for process in processes:
-        assert process.stdout is not None
-        assert process.stdout.readline() == 'ready\n'
-    for process in processes:
-        assert process.stdin is not None
-        process.stdin.write('\n')
-        process.stdin.flush()
-    outputs = sorted(int(process.communicate()[0]) for process in processes)
-    assert outputs == [0, 0, 1]
+    compile_it = (sys.executable, '-c', f'import runpy; runpy.run_path({str(script)!r})')
+    environment = {'XDG_CACHE_HOME': str(tmp_path), 'UAV_COLLECT_KERNELS': 'compiled'}
+    started = [processes.run('compiler', *compile_it, **environment) for _ in range(3)]
+    for process in started:
+        process.wait_for('ready')
+    for process in started:
+        process.send(signal.SIGUSR1)
+    assert sorted(process.wait_for(r'compiled: (\d)')[1] for process in started) == [*'001']
 
 
-def test_a_kernel_that_cannot_be_compiled_gives_the_turn_back(tmp_path: Path) -> None:
+def test_a_kernel_that_cannot_be_compiled_gives_the_turn_back(
+    processes: Processes, tmp_path: Path
+) -> None:
     turn = Turn()
     with suppress(TypeError), turn.kept():
         with turn.kept():
             assert turn.take(tmp_path)
         assert not turn.take(tmp_path)  # it still has it, nobody else compiled
         raise TypeError
-    with started(HOLDER, str(tmp_path)) as next_one:
-        assert next_one.stdout is not None
-        assert next_one.stdout.readline() == 'has it\n'
-        next_one.kill()
+    processes.run('next_one', sys.executable, '-c', HOLDER, str(tmp_path)).wait_for('has it')
 
 
 def test_a_folder_that_takes_no_file_lets_all_compile(tmp_path: Path) -> None:

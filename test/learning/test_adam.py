@@ -1,11 +1,11 @@
 """Adam without torch's class: the same steps, and nothing loaded that no learner needs."""
 
-import subprocess
 import sys
 
 import pytest
 
 torch = pytest.importorskip('torch', reason='training needs torch')
+from processes import completed
 from uav_collect.learning.adam import Adam
 
 EPSILON = 1e-3
@@ -45,5 +45,4 @@ def test_a_process_that_learns_loads_neither_torch_s_compiler_nor_sympy() -> Non
         'Adam([weight], 1e-3).step(0.1)\n'
         'print({"torch._dynamo", "sympy"} & {*sys.modules})'
     )
-    done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)
-    assert done.stdout == 'set()\n'
+    assert completed(sys.executable, '-c', code).stdout == 'set()\n'

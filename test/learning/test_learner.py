@@ -5,12 +5,12 @@ from dataclasses import replace
 import os
 from pathlib import Path
 import platform
-import subprocess
 import sys
 
 from checkpoints import read_back
 from episodes import batch_of, drawn_episode, single_threaded_torch, small
 import numpy as np
+from processes import completed
 import pytest
 from tiny_world import tiny, uav
 from uav_collect.learning.minibatch import Algorithm, Minibatch
@@ -310,13 +310,6 @@ def test_a_scan_is_the_plain_recursion(size: int) -> None:
 @pytest.mark.skipif(platform.libc_ver()[0] != 'glibc', reason='malloc is not glibc')
 def test_arrays_made_again_and_again_take_no_more_pages_from_the_system() -> None:
     environment = os.environ | {'PYTHONPATH': str(Path(__file__).parents[2])}
-    pages = [
-        int(
-            subprocess.run(
-                [sys.executable, '-c', COUNT_PAGES.format(keeps=keeps)],
-                env=environment, check=True, capture_output=True, text=True,
-            ).stdout
-        )
-        for keeps in (False, True)
-    ]  # fmt: skip
+    scripts = [COUNT_PAGES.format(keeps=keeps) for keeps in (False, True)]
+    pages = [int(completed(sys.executable, '-c', it, env=environment).stdout) for it in scripts]
     assert pages[1] < 100 < pages[0]

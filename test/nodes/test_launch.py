@@ -11,7 +11,6 @@ import signal
 import sys
 from types import SimpleNamespace
 
-from fleets import wait_until
 from launch_recorder import (
     defaults,
     described_by,
@@ -25,7 +24,7 @@ from launch_recorder import (
     ROOT,
     started,
 )
-from processes import Processes, RunningProcess
+from processes import Processes, RunningProcess, wait_until
 import pytest
 from tiny_world import tiny, uav
 from uav_collect.analysis.choice_file import read_choice

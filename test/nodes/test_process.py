@@ -4,11 +4,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 import signal
 import sys
-import time
 from typing import Any
 from xml.etree import ElementTree
 
-from processes import complaints, DEADLINE_S, Processes, RunningProcess
+from processes import complaints, Processes, RunningProcess, wait_until
 import pytest
 
 for needed in ('rclpy', 'uav_collect_msgs'):
@@ -155,10 +154,7 @@ class Spinner:
         self.executor.add_node(self.node)
 
     def spin_until(self, condition: Callable[[], object]) -> None:
-        deadline_s = time.monotonic() + DEADLINE_S
-        while not condition():
-            assert time.monotonic() < deadline_s
-            self.executor.spin_once(timeout_sec=0.05)
+        wait_until(condition, meanwhile=lambda: self.executor.spin_once(timeout_sec=0.05))
 
     def close(self) -> None:
         self.executor.shutdown()

@@ -11,9 +11,9 @@ import time
 from types import SimpleNamespace
 from typing import Any
 
-from fleets import Fleet, scenario_of, wait_until
+from fleets import Fleet, scenario_of
 from node_starts import refusal, said_at_start
-from processes import DEADLINE_S, Processes, RunningProcess
+from processes import DEADLINE_S, Processes, RunningProcess, wait_until
 import pytest
 from rosbags.highlevel import AnyReader
 from steered_world import steered_world
@@ -86,10 +86,7 @@ class FakeFleet:
         self.send('/world/mission', mission)
 
     def wait_until(self, condition: Callable[[], bool]) -> None:
-        deadline_s = time.monotonic() + DEADLINE_S
-        while not condition():
-            assert time.monotonic() < deadline_s
-            self.executor.spin_once(timeout_sec=0.02)
+        wait_until(condition, meanwhile=lambda: self.executor.spin_once(timeout_sec=0.02))
 
     def wait_for_recorder(self) -> None:
         self.wait_until(

@@ -5,8 +5,8 @@ import re
 import signal
 import sys
 
-from fleets import Fleet, logs, scenario_of, wait_until
-from processes import executable, Processes, RunningProcess
+from fleets import Fleet, logs, scenario_of
+from processes import executable, Processes, RunningProcess, wait_until
 import pytest
 from rosbags.highlevel import AnyReader
 from uav_collect.commands import mission, ros_processes

@@ -6,8 +6,8 @@ import signal
 from typing import Any
 
 from episodes import single_threaded_torch
-from fleets import listener, wait_until
-from processes import Processes
+from fleets import listener
+from processes import Processes, wait_until
 import pytest
 from reports import same
 from uav_collect.training.run_record import read_columns, read_run

@@ -6,10 +6,10 @@ import shutil
 from typing import Any
 
 from bag_damage import changed_byte, copied_without_checksums
-from fleets import Fleet, scenario_of, wait_until
+from fleets import Fleet, scenario_of
 from growing_bag import n_kept
 from policy_publisher import policy_publisher
-from processes import DEADLINE_S, Processes, ros_environment, RunningProcess
+from processes import DEADLINE_S, Processes, ros_environment, RunningProcess, wait_until
 import pytest
 from random_policies import header, random_policy
 from ros_domains import own_domain

@@ -2,11 +2,11 @@ from dataclasses import FrozenInstanceError
 import math
 import os
 from pathlib import Path
-import subprocess
 import sys
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from processes import completed
 import pytest
 from uav_collect.config import yaml_text
 from uav_collect.physics.radio import reference_gain
@@ -41,10 +41,7 @@ def places(name: str) -> dict[str, tuple[float, float]]:
 def printed_by(script: str) -> str:
     paths = [str(Path(__file__).parents[2]), os.environ.get('PYTHONPATH', '')]
     environment = os.environ | {'PYTHONHASHSEED': '7', 'PYTHONPATH': os.pathsep.join(paths)}
-    done = subprocess.run(
-        [sys.executable, '-c', script], env=environment, check=True, capture_output=True, text=True
-    )
-    return done.stdout
+    return completed(sys.executable, '-c', script, env=environment).stdout
 
 
 def test_the_default_scenario_holds_the_values_of_the_paper() -> None:

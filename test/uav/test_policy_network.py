@@ -7,11 +7,11 @@ import hashlib
 import json
 import os
 from pathlib import Path
-import subprocess
 import sys
 import tracemalloc
 
 import numpy as np
+from processes import completed
 import pytest
 from random_policies import (
     header,
@@ -261,9 +261,7 @@ def test_a_tool_writes_files_of_before_anew_and_leaves_others_alone(tmp_path: Pa
     old = of_before(saved(tmp_path, 'old', header()))
     whole, tool = new.read_bytes(), Path(__file__).parents[2] / 'tools' / 'rewrite_policies.py'
     before = new.stat().st_mtime_ns
-    done = subprocess.run(
-        [sys.executable, str(tool), str(new), str(old)], capture_output=True, text=True, check=True
-    )
+    done = completed(sys.executable, tool, new, old)
     assert done.stdout == f'{old}: written anew, version test @ 100, 89abcdef\n'
     assert old.read_bytes() == whole
     assert new.stat().st_mtime_ns == before
@@ -515,9 +513,7 @@ policy = policy_named(sys.argv[1])
 import json
 print(json.dumps([policy.name, policy.version, *sys.modules]))
 """
-    done = subprocess.run(
-        [sys.executable, '-c', script, str(path)], capture_output=True, text=True, check=True
-    )
+    done = completed(sys.executable, '-c', script, path)
     name, version, *modules = json.loads(done.stdout)
     assert (name, version) == ('mine', 'test @ 100, 89abcdef')
     assert {'torch', 'numba', 'scipy', 'cvxpy'} & set(modules) == set()

@@ -5,13 +5,12 @@ import json
 import os
 from pathlib import Path
 import shutil
-import subprocess
 import sys
 
 from fleets import Fleet, logs, scenario_of
 import hostile_policies
 from interpreted import interpreted
-from processes import complaints, hear_signals, Processes
+from processes import complaints, completed, hear_signals, Processes
 import pytest
 from tiny_world import tiny
 from uav_collect import api
@@ -288,19 +287,13 @@ def test_a_number_of_another_library_is_an_action() -> None:
 )
 def test_the_status_is_the_programs_own(name: str, status: int, said: str) -> None:
     options = ['--missions', '1', '--policy', f'hostile_policies:{name}']
-    done = subprocess.run(
-        [sys.executable, '-m', 'uav_collect', 'evaluate', *options],
-        env={
-            **os.environ,
-            'UAV_COLLECT_KERNELS': 'interpreted',
-            'PYTHONPATH': f'{ROOT}:{HELPERS}',
-        },
-        capture_output=True,
-        text=True,
-        check=False,
+    environment = {'UAV_COLLECT_KERNELS': 'interpreted', 'PYTHONPATH': f'{ROOT}:{HELPERS}'}
+    done = completed(
+        *(sys.executable, '-m', 'uav_collect', 'evaluate', *options),
+        status=status,
+        env=os.environ | environment,
         preexec_fn=hear_signals,
     )
-    assert done.returncode == status
     assert said in done.stderr
     lines = complaints(done.stderr)
     assert len(lines) == (1 if said else 0)
