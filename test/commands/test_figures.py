@@ -10,14 +10,14 @@ from pathlib import Path
 import re
 import subprocess
 import sys
-from threading import Event
 from types import ModuleType
 
 from episodes import single_threaded_torch
 from matplotlib.axes import Axes
 from matplotlib.image import imread
-from processes import complaints, DEADLINE_S
+from processes import complaints, completed, DEADLINE_S
 import pytest
+from terminal import Ear
 from uav_collect.__main__ import main
 from uav_collect.commands.figures import _engine
 from uav_collect.limits import INTERRUPTED
@@ -86,9 +86,9 @@ def copy(smoke: Smoke, tmp_path: Path) -> Smoke:
     return Smoke(tmp_path, smoke.done)
 
 
-def figures(*arguments: str) -> subprocess.CompletedProcess[str]:
+def figures(*arguments: str, status: int = 0) -> subprocess.CompletedProcess[str]:
     command = (sys.executable, '-m', 'uav_collect', 'figures', *arguments)
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    return completed(*command, status=status, cwd=ROOT)
 
 
 def labels_of(axes: Axes) -> set[str]:
@@ -104,8 +104,9 @@ def panels(drawn: Drawing) -> Iterator[Axes]:
 
 
 def test_everything_is_done_and_said(smoke: Smoke) -> None:
-    assert smoke.done.returncode == 0, smoke.done.stderr
     assert all(f'{name}.png' in smoke.done.stdout for name in NAMES)
+    assert re.search(r'^\d+ of \d+ jobs done, \d running, \d+%', smoke.done.stderr, re.MULTILINE)
+    assert '\x1b' not in smoke.done.stderr
 
 
 @pytest.mark.parametrize('name', NAMES)
@@ -221,7 +222,8 @@ def test_messages_that_are_lost_or_late_keep_nobody_from_coming_home(
         f'{it}{fleet}' for it in ('strong', 'HERT', 'sweep') for fleet in ('', ', 4 UAVs')
     }
     assert {row['unit'] for row in rows} == {'%'}
-    assert all(float(row['mean']) == 100.0 for row in rows if not row['line'].startswith('strong'))
+    rules = [row for row in rows if not row['line'].startswith('strong')]
+    assert {float(row['mean']) for row in rules} == {100.0}
 
 
 def test_figures_come_back_as_they_were_without_any_work(smoke: Smoke, copy: Smoke) -> None:
@@ -319,22 +321,16 @@ def test_what_it_takes_is_said_beforehand(
 
 
 def test_it_is_said_that_ray_takes_long_to_load(monkeypatch: pytest.MonkeyPatch) -> None:
-    heard = Event()
-
-    class Listener(io.StringIO):
-        def write(self, text: str) -> int:
-            if 'waiting for Ray to load' in text:
-                heard.set()
-            return super().write(text)
+    ear = Ear('waiting for Ray to load')
 
     class SlowModule(ModuleType):
         def __getattr__(self, name: str) -> object:
-            assert heard.wait(DEADLINE_S)
+            assert ear.heard.wait(DEADLINE_S)
             return lambda *_: name
 
     name = 'uav_collect.studies.jobs.cluster'
     monkeypatch.setitem(sys.modules, name, SlowModule(name))
-    monkeypatch.setattr(sys, 'stderr', Listener())
+    monkeypatch.setattr(sys, 'stderr', ear)
     arguments = Namespace(engine='ray', address=None, workers=None)
     assert _engine(arguments) == 'RayEngine'  # type: ignore[comparison-overlap]
 
@@ -379,6 +375,5 @@ def test_an_unknown_study_is_refused_in_one_line(capsys: pytest.CaptureFixture[s
 def test_a_value_of_a_scale_that_cannot_be_is_named(tmp_path: Path) -> None:
     scale = tmp_path / 'mine.yaml'
     scale.write_text('extends: smoke\ndensities: [0.3, 0.1]\n')
-    done = figures('--scale', str(scale), '--list')
-    assert done.returncode == 2
+    done = figures('--scale', str(scale), '--list', status=2)
     assert complaints(done.stderr) == [f'error: {scale}: densities is [0.3, 0.1]: must rise']
