@@ -7,8 +7,10 @@ import signal
 import sys
 from types import ModuleType
 
+import flight
 from processes import Processes
 import pytest
+from tiny_world import tiny
 
 pytestmark = pytest.mark.ros
 
@@ -40,6 +42,47 @@ def test_a_fault_that_is_none_is_refused_with_those_there_are(processes: Process
     chaos = processes.run('chaos', sys.executable, str(TOOLS / 'chaos.py'), '--only', 'snow')
     assert chaos.wait_for_exit() == 2
     assert 'faults are world: kill -9, ' in chaos.output
+
+
+class Clock:
+    """Time that passes only while somebody sleeps."""
+
+    def __init__(self, on_sleep: Callable[[], object]) -> None:
+        self._now_s, self._on_sleep = 0.0, on_sleep
+
+    def monotonic(self) -> float:
+        return self._now_s
+
+    def sleep(self, time_s: float) -> None:
+        del time_s  # milliseconds, which would need many
+        self._now_s += 0.4 * flight.DEADLINE_S
+        self._on_sleep()
+
+
+@pytest.fixture
+def nobody(tmp_path: Path) -> flight.Flight:
+    """A fleet of which no node was started."""
+    return flight.Flight(tmp_path, tiny(), pace=0.0)
+
+
+def test_a_flight_may_last_as_long_as_missions_end(
+    nobody: flight.Flight, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said = nobody.folder / 'world_0.log'
+    said.touch()
+    one_more = 'mission w-0 ended after 3 events\n'
+    ends = Clock(lambda: said.write_text(said.read_text() + one_more))
+    monkeypatch.setattr(flight, 'time', ends)
+    nobody.wait_until(lambda: nobody.n_ended == 10, 'ten missions')
+    assert ends.monotonic() > 3.0 * flight.DEADLINE_S
+
+
+def test_a_flight_of_which_no_mission_ends_is_given_up(
+    nobody: flight.Flight, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(flight, 'time', Clock(lambda: None))
+    with pytest.raises(RuntimeError, match='a mission: none ended within 120 s'):
+        nobody.wait_until(bool, 'a mission')
 
 
 @pytest.fixture

@@ -27,7 +27,7 @@ from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.training.run_record import read_columns
 
-DEADLINE_S = 120.0  # without any progress
+DEADLINE_S = 120.0  # in which a mission ends at least, and an agent answers
 STOP_S = 30.0  # how long a node may take to end
 _POLL_S = 0.02
 _ENDED = re.compile(r'mission \S+ ended')
@@ -139,7 +139,7 @@ class Flight:
         return sum(file.read_bytes().count(b'\n') for file in self.folder.glob('run_*/*.jsonl'))
 
     def wait_until(self, condition: Callable[[], bool], what: str, may_end: str = '') -> None:
-        """Wait for something.
+        """Wait for something, as long as missions end.
 
         Args:
             may_end: a node that may end by itself meanwhile.
@@ -147,13 +147,16 @@ class Flight:
         Raises:
             RuntimeError: it did not come, or a node has ended by itself.
         """
-        until_s = time.monotonic() + DEADLINE_S
+        n_ended, until_s = self.n_ended, time.monotonic() + DEADLINE_S
         while not condition():
             for node in self.nodes.values():
                 if node.name != may_end and node.popen.poll() is not None:
                     raise RuntimeError(f'{node.name} ended: {node.text[-600:]}')
             if time.monotonic() > until_s:
-                raise RuntimeError(f'{what}: not within {DEADLINE_S:.0f} s')
+                before, n_ended = n_ended, self.n_ended
+                if n_ended == before:
+                    raise RuntimeError(f'{what}: none ended within {DEADLINE_S:.0f} s')
+                until_s = time.monotonic() + DEADLINE_S
             time.sleep(_POLL_S)
 
     def lost(self) -> tuple[int, list[int]]:
