@@ -1,8 +1,9 @@
 """Two worlds in one ROS domain: the later one gives way, the fleet flies for the earlier one."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 import sys
 import time
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -16,6 +17,9 @@ from rclpy.duration import Duration
 from scripted_agent_node import scripted_agents, ScriptedAgents
 from uav_collect.limits import FAILED
 from uav_collect.nodes import topics
+from uav_collect.nodes.agent import node as agent_node
+from uav_collect.nodes.agent.node import AgentNode
+from uav_collect.nodes.agent.settings import argument_parser
 from uav_collect.nodes.identity import scenario_msg, WorldIdentity
 from uav_collect.nodes.process import make_executor
 from uav_collect.nodes.topics import publisher
@@ -204,17 +208,25 @@ def test_the_answer_of_a_world_that_was_not_asked_is_none(
 
 
 def test_an_agent_outlasts_a_world_that_was_held_up_before_it_noticed_a_death(
-    agents: ScriptedAgents, processes: Processes
+    agents: ScriptedAgents, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     joined: list[str] = []
     world = FakeWorld(agents, 'only', 1.0, joined)
-    agent = processes.start('uav_agent', '--id', '1')
-    held_up_until_s = time.monotonic() + 11.0
-    agents.wait_until(lambda: time.monotonic() > held_up_until_s)
+    agent, executor = AgentNode(argument_parser().parse_args(['--id', '1'])), make_executor()
+    executor.add_node(agent)
+
+    def wait_until(condition: Callable[[], bool]) -> None:
+        agents.wait_until(lambda: executor.spin_once(timeout_sec=0.01) or condition())
+
+    wait_until(lambda: agent._inbox is not None)
+    later = SimpleNamespace(monotonic=lambda: time.monotonic() + 60.0)
+    monkeypatch.setattr(agent_node, 'time', later)
     world.n_taken = 2
     world.serve()
-    agents.wait_until(lambda: n_flown_for(agent) > 0 or not agent.is_running)
-    assert agent.is_running, agent.output
+    wait_until(lambda: bool(joined) or agent.end_status is not None)
+    executor.shutdown()
+    agent.destroy_node()
+    assert (joined, agent.end_status) == (['only'], None)
 
 
 def test_a_world_accepts_nobody_who_asks_for_another_one(
