@@ -3,14 +3,14 @@
 from dataclasses import replace
 import os
 from pathlib import Path
-import subprocess
 import sys
 
+from processes import completed
 import pytest
 from random_policies import header, saved
 from tiny_world import tiny
 from uav_collect.analysis.choice import Choice
-from uav_collect.analysis.choosing import candidates_for, choose
+from uav_collect.analysis.choosing import candidates_for, choose, planned_missions
 from uav_collect.commands.choice_process import ChoiceRequest, started_choice
 from uav_collect.errors import FleetError, PolicyMismatchError
 from uav_collect.scenario.site import build_site
@@ -18,12 +18,14 @@ from uav_collect.scenario.site import build_site
 REQUEST = ChoiceRequest(
     scenario=tiny().to_yaml(), candidates='', allocator='exact', guard_after=12
 )
+# So many cells that few missions are flown, and a fleet that soon has to turn round.
+WIDE = tiny(area__cells_per_side=40, fleet__default__energy_budget_kj=20.0)
 INTERPRETED = {**os.environ, 'UAV_COLLECT_KERNELS': 'interpreted'}
 ASK = f"""
 import os
 from uav_collect.commands.choice_process import ChoiceRequest, started_choice
 if __name__ == '__main__':
-    with started_choice({REQUEST!r}, os.environ) as answer:
+    with started_choice({replace(REQUEST, scenario=WIDE.to_yaml())!r}, os.environ) as answer:
         choice, _ = answer()
     print(choice.is_compiled, choice.policy, choice.n_missions)
 """
@@ -83,12 +85,11 @@ def test_without_compiled_kernels_fewer_missions_are_flown_at_once(tmp_path: Pat
     script = tmp_path / 'ask.py'
     script.write_text(ASK)
     environment = {k: v for k, v in os.environ.items() if k != 'UAV_COLLECT_KERNELS'}
-    done = subprocess.run(
-        [sys.executable, str(script)],
-        env={**environment, 'XDG_CACHE_HOME': str(tmp_path)},
-        capture_output=True,
-        text=True,
-        check=True,
+    done = completed(sys.executable, script, env={**environment, 'XDG_CACHE_HOME': str(tmp_path)})
+    candidates, _ = candidates_for(WIDE)
+    fewer, more = (
+        planned_missions(candidates, WIDE.n_cells, is_compiled=it) for it in (False, True)
     )
-    assert done.stdout.split()[:2] == ['False', 'sweep']
+    assert fewer < more
+    assert done.stdout == f'False sweep {fewer}\n'
     assert 'compiling' not in done.stderr

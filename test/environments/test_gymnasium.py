@@ -75,7 +75,7 @@ def test_worlds_fly_the_missions_that_are_flown_one_by_one() -> None:
     observed, infos = worlds.reset(options={'mission_seeds': seeds})
     alone = [TurnEnv(short(), max_decisions=25) for _ in seeds]
     expected = [world.reset(seed=seed) for world, seed in zip(alone, seeds, strict=True)]
-    next_seed, n_ended = first_seed_of_resets(0), 0
+    next_seed, n_ended, n_cut = first_seed_of_resets(0), 0, 0
     assert observed in worlds.observation_space
     for _ in range(60):
         assert observed.tolist() == [seen.tolist() for seen, _ in expected]
@@ -89,6 +89,7 @@ def test_worlds_fly_the_missions_that_are_flown_one_by_one() -> None:
             assert found == (reward, is_over, is_cut)
             assert infos['discount'][world] == pytest.approx(info['discount'], rel=1e-12)
             if is_cut:
+                n_cut += 1
                 assert infos['_final_obs'][world]
                 assert infos['final_obs'][world].tolist() == seen.tolist()
             if is_over or is_cut:
@@ -102,6 +103,7 @@ def test_worlds_fly_the_missions_that_are_flown_one_by_one() -> None:
                 next_seed, n_ended = next_seed + 1, n_ended + 1
             expected[world] = seen, info
     assert n_ended > 4
+    assert n_cut > 0
 
 
 def test_what_worlds_hand_out_stays_as_it_is() -> None:

@@ -7,6 +7,7 @@ import json
 import socket
 import threading
 
+from processes import wait_until
 import pytest
 from uav_collect.errors import FilmError
 from uav_collect.film import server
@@ -146,28 +147,43 @@ def test_a_page_that_sends_too_much_is_dropped(served: Served) -> None:
             page.recv(LONG_S)
 
 
-def test_a_page_that_takes_nothing_is_dropped_and_holds_nobody_up(
-    served: Served, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(server, '_PATIENCE_S', 1.0)
-    served.begin('w-0', {})
-    with socket.create_connection(served.place.split(':'), timeout=LONG_S) as slow:
+@contextmanager
+def deaf_page(served: Served) -> Iterator[socket.socket]:
+    """A page that is to be sent forty megabytes of its mission, and takes nothing."""
+    with socket.create_connection(served.place.split(':'), timeout=LONG_S) as deaf:
         lines = (
             *('GET /live?mission=w-0 HTTP/1.1', f'Host: {served.place}', 'Upgrade: websocket'),
             *(f'Origin: http://{served.place}', 'Connection: Upgrade'),
             *('Sec-WebSocket-Version: 13', f'Sec-WebSocket-Key: {"a" * 22}==', '', ''),
         )
-        slow.sendall('\r\n'.join(lines).encode())
-        assert slow.recv(12) == b'HTTP/1.1 101'
+        deaf.sendall('\r\n'.join(lines).encode())
+        assert deaf.recv(12) == b'HTTP/1.1 101'
+        wait_until(lambda: served._pages)
         for number in range(40):
             served.add(number + 1, {'event': number, 'much': 'x' * 1_000_000})
-        with served.page('w-0', n_events=40) as quick:
-            assert [it['event'] for it in heard_updates(quick)] == [39]
-        while served._pages:  # until it is dropped
-            served.get('/')
+        yield deaf
+
+
+def test_a_page_that_takes_nothing_holds_nobody_up(
+    served: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(server, '_PATIENCE_S', LONG_S)
+    served.begin('w-0', {})
+    with deaf_page(served), served.page('w-0', n_events=40) as quick:
+        assert [it['event'] for it in heard_updates(quick)] == [39]
+        assert len(served._pages) == 2
+
+
+def test_a_page_that_takes_nothing_is_dropped(
+    served: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(server, '_PATIENCE_S', 0.1)
+    served.begin('w-0', {})
+    with deaf_page(served) as deaf:
+        wait_until(lambda: not served._pages)
         n_read = 0
         with suppress(ConnectionResetError):
-            while content := slow.recv(1_000_000):
+            while content := deaf.recv(1_000_000):
                 n_read += len(content)
         assert n_read < 30_000_000  # of forty
 

@@ -159,11 +159,11 @@ def test_features_of_geojson_are_as_flown(mission: MissionFlights) -> None:
         assert (properties['uav'], properties['kind']) == (stretch.uav, stretch.kind)
         assert (properties['start_s'], properties['end_s']) == (stretch.start_s, stretch.end_s)
         assert properties['start'] == mission.clock(stretch.start_s)
-        if stretch.kind == 'hover':
-            assert geometry['type'] == 'Point'
-        else:
-            [length_m] = lengths_m(geometry['coordinates'])
-            assert length_m == pytest.approx(stretch.length_m, abs=0.01)
+        is_hover = stretch.kind == 'hover'
+        assert geometry['type'] == ('Point' if is_hover else 'LineString')
+        way = [] if is_hover else lengths_m(geometry['coordinates'])
+        assert sum(way) == pytest.approx(stretch.length_m, abs=0.01)
+    assert {it.kind for it in stretches} == {'move', 'hover', 'home'}
 
 
 def test_rings_of_geojson_are_closed_and_counter_clockwise(mission: MissionFlights) -> None:

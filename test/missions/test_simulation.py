@@ -211,6 +211,7 @@ def test_what_is_refused_is_exactly_what_the_mask_forbids(seed: int) -> None:
     simulation = Simulation(site, seed)
     exact = allocator_named('exact')
     agents = [Agent(simulation.briefing, unit, Curious(seed), exact) for unit in range(2)]
+    verdicts = set()
     while (event := simulation.next_event()) is not None:
         agent = agents[event.uav]
         agent.observe(event.view)
@@ -220,8 +221,10 @@ def test_what_is_refused_is_exactly_what_the_mask_forbids(seed: int) -> None:
             for action in range(FORWARD, N_ACTIONS):
                 is_legal = simulation.refusal(event, decision(action)) is None
                 assert is_legal is (action in agent.policy.legal)
+                verdicts.add(is_legal)
         simulation.start(event, chosen)
     assert simulation.n_events > 40
+    assert verdicts == {True, False}
 
 
 # Whether a mission can start
