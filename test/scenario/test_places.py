@@ -168,6 +168,89 @@ def test_places_of_a_grid_become_latitudes_and_longitudes(
     assert places.grid is not None
 
 
+@pytest.mark.parametrize(
+    ('amounts', 'mbit'),
+    [
+        (['0.350', '2.5'], [0.35, 2.5]),
+        (['0.350', '1.250'], [0.35, 1.25]),
+        (['0,350', '1.250'], [0.35, 1250.0]),
+        (['1,250', '3'], [1.25, 3.0]),
+        (['1.234,5', "1'234"], [1234.5, 1234.0]),
+    ],
+)
+def test_amounts_in_a_list_of_decimal_commas_may_have_points(
+    tmp_path: Path, amounts: list[str], mbit: list[float]
+) -> None:
+    rows = ''.join(f's{n};{n},5;{n + 2},25;{amount}\n' for n, amount in enumerate(amounts))
+    options = ReadOptions(needs_data=True)
+    places = places_of(tmp_path / 'list.csv', f'id;x_m;y_m;data_mbit\n{rows}', options)
+    assert [sensor.data_mbit for sensor in places.sensors] == mbit
+    assert places.sensors[0].at == (0.5, 2.25)
+
+
+@pytest.mark.parametrize(
+    ('amounts', 'mbit'), [(['1,250', '0,5'], [1.25, 0.5]), (['1.250', '0.5'], [1.25, 0.5]),
+                          (['1.250', '2,5'], [1250.0, 2.5]), (['1,250', '2.5'], [1250.0, 2.5])]
+)  # fmt: skip
+def test_amounts_have_the_mark_that_others_of_their_column_have(
+    tmp_path: Path, amounts: list[str], mbit: list[float]
+) -> None:
+    rows = ''.join(f's{n};{n};{n + 2};{amount}\n' for n, amount in enumerate(amounts))
+    options = ReadOptions(needs_data=True)
+    places = places_of(tmp_path / 'list.csv', f'id;x_m;y_m;data_mbit\n{rows}', options)
+    assert [sensor.data_mbit for sensor in places.sensors] == mbit
+
+
+@pytest.mark.parametrize(
+    ('rows', 'problem'),
+    [
+        # An amount of the mark that its list's places do not have
+        ('a;0,5;2,5;1.250\nb;1,5;2;3\n', "2: data_mbit is '1.250'"),
+        ('a;0.5;2.5;3\nb;1.5;2;1,250\n', "3: data_mbit is '1,250'"),
+        # of a column that has both, in an amount or in a place
+        ('a;0,5;2,5;0.2\nb;1,5;2;0,2\nc;3;4;1,250\n', "4: data_mbit is '1,250'"),
+        ('a;0,5;2.5;1\nb;1.250;2;1\n', "3: x_m is '1.250'"),
+        ('a;1,250;2;1\nb;0.5;2.250;1\nc;0,5;2;1\n', "2: x_m is '1,250'"),
+    ],
+)
+def test_a_number_that_may_be_a_thousand_or_a_fraction_is_refused(
+    tmp_path: Path, rows: str, problem: str
+) -> None:
+    with pytest.raises(ConfigError) as caught:
+        places_of(
+            tmp_path / 'list.csv', f'id;x_m;y_m;data_mbit\n{rows}', ReadOptions(needs_data=True)
+        )
+    expected = f'{tmp_path}/list.csv:{problem}: may be a thousand or a fraction'
+    assert caught.value.problems[0] == expected
+
+
+def test_a_group_of_thousands_begins_with_no_zero(tmp_path: Path) -> None:
+    text = 'id;x_m;y_m\na;0.350;1,5\nb;0.5;2,5\n'
+    places = places_of(tmp_path / 'list.csv', text)
+    assert ids_and_places(places) == {'a': (0.35, 1.5), 'b': (0.5, 2.5)}
+
+
+def test_commas_between_all_groups_of_numbers_are_no_decimal_ones(tmp_path: Path) -> None:
+    text = 'id;x_m;y_m\na;1,000,200;1,500\nb;1,000,100;1,400\n'
+    places = places_of(tmp_path / 'list.csv', text)
+    assert ids_and_places(places) == {'a': (1000200.0, 1500.0), 'b': (1000100.0, 1400.0)}
+
+
+@pytest.mark.parametrize(
+    ('text', 'names'),
+    [
+        ('data_mbit,x_m,y_m,tag\n0.5,1,2,n1\n1.5,3,4,n2\n', ['n1', 'n2']),
+        ('easting,lat,lon,tag\n300000,46.1,7.1,n1\n300010,46.2,7.2,n2\n', ['n1', 'n2']),
+        ('x_m;y_m;height\n1;2;2,5\n3;4;4,5\n', ['S1', 'S2']),
+    ],
+)
+def test_no_column_that_means_something_else_or_has_fractions_holds_the_ids(
+    tmp_path: Path, text: str, names: list[str]
+) -> None:
+    places = places_of(tmp_path / 'list.csv', text)
+    assert [sensor.id for sensor in places.sensors] == names
+
+
 def test_utm_zones_of_a_list_say_where_on_earth_it_is(tmp_path: Path) -> None:
     text = 'id,easting,northing,UTM zone\na,493383.11,5180586.08,11T\nb,493510,5180568,11T\n'
     places = places_of(tmp_path / 'list.csv', text)

@@ -7,12 +7,20 @@ import re
 _POINT, _COMMA = '.', ','
 _PLAIN = re.compile(r'[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?', re.ASCII)
 _GROUPS = {  # digits in groups of three; by the decimal mark
-    _POINT: re.compile(r"[+-]?[0-9]{1,3}(?:([ ',])[0-9]{3})(?:\1[0-9]{3})*(?:\.[0-9]*)?"),
-    _COMMA: re.compile(r"[+-]?[0-9]{1,3}(?:([ '.])[0-9]{3})(?:\1[0-9]{3})*(?:,[0-9]*)?"),
+    _POINT: re.compile(r"[+-]?[1-9][0-9]{0,2}(?:([ ',])[0-9]{3})(?:\1[0-9]{3})*(?:\.[0-9]*)?"),
+    _COMMA: re.compile(r"[+-]?[1-9][0-9]{0,2}(?:([ '.])[0-9]{3})(?:\1[0-9]{3})*(?:,[0-9]*)?"),
 }
-_FRACTION_BY_COMMA = re.compile(r"[+-]?(?:[0-9]*|[0-9]{1,3}(?:[ '.][0-9]{3})+),[0-9]+")
-_FRACTION_BY_POINT = re.compile(r"[+-]?(?:[0-9]*|[0-9]{1,3}(?:[ ',][0-9]{3})+)\.[0-9]+")
-_THOUSAND_OR_FRACTION = re.compile('[+-]?[1-9][0-9]{0,2}[,][0-9]{3}')
+_THOUSAND_OR_FRACTION = re.compile('[+-]?[1-9][0-9]{0,2}([.,])[0-9]{3}')
+_SURE = {  # by the decimal mark: it stands before a fraction, or the other one between groups
+    _POINT: re.compile(
+        r"[+-]?(?:(?:[0-9]*|[1-9][0-9]{0,2}(?:[ ',][0-9]{3})+)\.[0-9]+"
+        r'|[1-9][0-9]{0,2}(?:,[0-9]{3}){2,})'
+    ),
+    _COMMA: re.compile(
+        r"[+-]?(?:(?:[0-9]*|[1-9][0-9]{0,2}(?:[ '.][0-9]{3})+),[0-9]+"
+        r'|[1-9][0-9]{0,2}(?:\.[0-9]{3}){2,})'
+    ),
+}
 _SIGNS = str.maketrans(
     {'\u2212': '-', '\u2013': '-', '\u00a0': ' ', '\u202f': ' ', '\u2009': ' ', '\u2019': "'"}
 )
@@ -36,51 +44,80 @@ _SAYS_DEGREES = re.compile('[°dNSEW:]')
 _LONGEST = 100  # characters of a number
 
 
-def decimal_mark(texts: Iterable[str], *, is_angular: bool) -> str:
-    """The decimal mark of a table's numbers: a point unless commas must be one.
+def decimal_mark(texts: Iterable[str], others: str = '') -> str:
+    """The decimal mark of the numbers of a column, or of some that belong together.
+
+    Args:
+        others: that of other numbers of the table; '': nobody knows.
 
     Returns:
-        '.' or ','; '' where 1,500 may be a thousand or a fraction and no other number tells.
+        '.' or ','; '' where 1,500 or 1.500 may be a thousand or a fraction and no other number
+        tells, or they tell different things.
     """
-    has_point = is_open = False
-    for text in texts:
-        text = _cleaned(text)
-        if _FRACTION_BY_POINT.fullmatch(text):
-            has_point = True
-        elif _FRACTION_BY_COMMA.fullmatch(text):
-            if is_angular or not _THOUSAND_OR_FRACTION.fullmatch(text):
-                return _COMMA
-            is_open = True
-    return '' if is_open and not has_point else _POINT
+    sure, is_open = set[str](), set[str]()
+    for text in map(_cleaned, texts):
+        if found := _THOUSAND_OR_FRACTION.fullmatch(text):
+            is_open.add(found[1])
+        else:
+            sure |= {mark for mark, numbers in _SURE.items() if numbers.fullmatch(text)}
+    if sure:
+        return sure.pop() if len(sure) == 1 else ''
+    usual = others or _POINT
+    return usual if is_open <= {usual} else ''
 
 
 def number_of(text: str, mark: str) -> float:
-    """A number in decimal digits, by its decimal mark; nan for what is none."""
+    """A number in decimal digits, by its decimal mark; nan for what is none.
+
+    Args:
+        mark: as `decimal_mark` has it; where it is '', numbers go by their own, and what may be a
+            thousand or a fraction is none.
+    """
     text = _cleaned(text)
-    if len(text) > _LONGEST:
+    if len(text) > _LONGEST or (not mark and is_thousand_or_fraction(text)):
         return math.nan
-    grouped = _GROUPS[mark or _POINT].fullmatch(text)
-    if grouped and (mark or grouped[1] != _COMMA):
+    mark = mark or decimal_mark([text])
+    grouped = _GROUPS[mark].fullmatch(text)
+    if grouped:
         text = text.replace(grouped[1], '')
     if mark == _COMMA:
         text = text.replace(_COMMA, _POINT) if _POINT not in text else text
     return float(text) if _PLAIN.fullmatch(text) else math.nan
 
 
+def is_thousand_or_fraction(text: str) -> bool:
+    """Whether a number may be a thousand or a fraction, if nothing else tells which."""
+    return _THOUSAND_OR_FRACTION.fullmatch(_cleaned(text)) is not None
+
+
+def degrees_mark(texts: Iterable[str]) -> str:
+    """The decimal mark of degrees, which are no thousands: a point, or a comma if one has it."""
+    return _COMMA if any(map(_has_fraction_by_comma, texts)) else _POINT
+
+
+def _has_fraction_by_comma(text: str) -> bool:
+    text = _cleaned(text)
+    found = _THOUSAND_OR_FRACTION.fullmatch(text)
+    return found[1] == _COMMA if found else _SURE[_COMMA].fullmatch(text) is not None
+
+
 def degrees_of(text: str, mark: str, letters: str) -> float:
     """Degrees, with minutes and seconds or a letter of the compass, or as a number.
 
     Args:
+        mark: as `degrees_mark` has it.
         letters: for more and for less than 0: 'NS' or 'EW'.
 
     Returns:
         nan where the text is no such thing, or not sure to be.
     """
-    number = number_of(text, mark)
-    if not math.isnan(number) or len(text) > _LONGEST:
-        return number
-    text = _cleaned(text).translate(_MARKS).strip()
+    text = _cleaned(text)
+    if len(text) > _LONGEST:
+        return math.nan
     text = text.replace(_COMMA, _POINT) if mark == _COMMA else text
+    if _PLAIN.fullmatch(text):
+        return float(text)
+    text = text.translate(_MARKS).strip()
     found = _DEGREES.fullmatch(text)
     if not found or not _SAYS_DEGREES.search(text):
         return math.nan

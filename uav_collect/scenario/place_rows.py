@@ -20,7 +20,13 @@ from uav_collect.scenario.columns import (
     SYSTEMS,
     ZONE,
 )
-from uav_collect.scenario.numerals import decimal_mark, degrees_of, number_of
+from uav_collect.scenario.numerals import (
+    decimal_mark,
+    degrees_mark,
+    degrees_of,
+    is_thousand_or_fraction,
+    number_of,
+)
 from uav_collect.scenario.odd_places import SensorPlace
 from uav_collect.scenario.place_cells import has_places_by_name
 from uav_collect.scenario.tables import FOLDER, Sheet, SheetRow
@@ -33,7 +39,7 @@ _ANY_GRID = 1e8  # east or north in any grid's own unit
 _ROWS_AT_ONCE = 0.5  # of all, with one fault, are one problem
 _MOST_NAMED = 6  # of columns that are not read
 
-_XY_SYSTEMS = {True: DEGREES, False: PLAIN}
+_MAY_BE_EITHER = 'may be a thousand or a fraction'
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,7 +49,8 @@ class PlaceColumns:
     system: System
     place: tuple[int, int]  # the columns of the system's two coordinates
     names: tuple[str, str]  # what the table calls them
-    mark: str  # of decimals, as `numerals.decimal_mark` has it
+    mark: str  # of decimals of places, as `numerals.decimal_mark` has it
+    data_mark: str  # of those of data
     id: int | None  # None: rows have no names
     data: int | None
     zone: int | None
@@ -82,9 +89,12 @@ def layout_of(
     notes = [*_said_of_places(sheet, found, roles, pairs)]
     named = found.by_role.get(ID)
     if named is None:
-        named = _distinct_column(sheet, place)
+        named = _distinct_column(sheet, found.by_role.values())
         notes.append(_said_of_names(sheet, named))
-    mark = decimal_mark(_cells(sheet.lines, place), is_angular=system.is_angular)
+    marks_of = degrees_mark if system.is_angular else decimal_mark
+    mark = marks_of(_cells(sheet.lines, place))
+    data = found.by_role.get(DATA)
+    amounts = () if data is None else _cells(sheet.lines, (data,))
     if mark == ',':
         notes.append('numbers have decimal commas')
     read = {*(found.by_role[role] for pair in pairs for role in pair), named}
@@ -95,8 +105,9 @@ def layout_of(
         place=place,
         names=_named(sheet, found, roles),
         mark=mark,
+        data_mark=decimal_mark(amounts, mark),
         id=named,
-        data=found.by_role.get(DATA),
+        data=data,
         zone=found.by_role.get(ZONE),
         notes=tuple(notes),
     )
@@ -145,11 +156,15 @@ def _check_there(sheet: Sheet, found: Found, pairs: Sequence[tuple[str, str]]) -
         raise ConfigError(*problems)
 
 
-def _distinct_column(sheet: Sheet, place: tuple[int, int]) -> int | None:
-    """The first column that may be the ids all the same, as no two rows have the same there."""
+def _distinct_column(sheet: Sheet, known: Collection[int]) -> int | None:
+    """The first column that may be the ids all the same, as no two rows have the same there.
+
+    Args:
+        known: columns that mean something else.
+    """
     for column, name in enumerate(sheet.header.cells):
         cells = (_cell(line, column) for line in sheet.lines)
-        if name and column not in place and _are_ids(cells, may_be_numbers=column == 0):
+        if name and column not in known and _are_ids(cells, may_be_numbers=column == 0):
             return column
     return None
 
@@ -161,7 +176,11 @@ def _are_ids(cells: Iterator[str], *, may_be_numbers: bool) -> bool:
         if cell in seen or not _is_id(cell):
             return False
         seen.add(cell)
-    return may_be_numbers or any(math.isnan(number_of(cell, '.')) for cell in seen)
+    return may_be_numbers or not all(map(_is_number, seen))
+
+
+def _is_number(text: str) -> bool:
+    return not all(math.isnan(number_of(text, mark)) for mark in '.,')
 
 
 def _said_of_names(sheet: Sheet, named: int | None) -> str:
@@ -242,7 +261,7 @@ def _of_grid(
 
 def _are_degrees(sheet: Sheet, columns: tuple[int, int]) -> bool:
     """Whether columns x and y hold longitudes and latitudes, and not metres."""
-    mark = decimal_mark(_cells(sheet.lines, columns), is_angular=True)
+    mark = degrees_mark(_cells(sheet.lines, columns))
     rows = [[number_of(_cell(line, column), mark) for column in columns] for line in sheet.lines]
     numbers = [row for row in rows if not any(map(math.isnan, row))]
     inside = [x for x in numbers if abs(x[0]) <= 180.0 and abs(x[1]) <= 90.0]
@@ -263,7 +282,7 @@ def _spread(values: Sequence[float]) -> float:
     return 2 * sorted(abs(value - middle) for value in values)[len(values) // 2]
 
 
-def _cells(lines: Sequence[SheetRow], columns: tuple[int, int]) -> Iterator[str]:
+def _cells(lines: Sequence[SheetRow], columns: Sequence[int]) -> Iterator[str]:
     return (_cell(line, column) for line in lines for column in columns)
 
 
@@ -321,8 +340,8 @@ def _place(layout: PlaceColumns, texts: Sequence[str]) -> tuple[tuple[float, flo
         else:
             number = number_of(text, layout.mark)
         numbers.append(number)
-        if not layout.mark and ',' in text and not system.is_angular:
-            wrong.append(f'{layout.names[axis]} is {shown(text)}: may be a thousand or a fraction')
+        if not (layout.mark or system.is_angular) and is_thousand_or_fraction(text):
+            wrong.append(f'{_shown_name(layout, axis)} is {shown(text)}: {_MAY_BE_EITHER}')
         elif not low <= number <= high:
             allowed = f'must be a number from {low:.10g} to {high:.10g} {system.unit}'
             wrong.append(f'{_shown_name(layout, axis)} is {shown(text)}: {allowed}')
@@ -352,17 +371,15 @@ def _amount(
     if layout.data is None:
         return None, []
     text = _cell(line, layout.data)
-    # Coordinates of whole metres do not tell how their list writes 0,35.
-    is_open = ',' in text and layout.mark != ','
-    mark = decimal_mark([text], is_angular=False) if is_open else layout.mark
-    amount = number_of(text, mark)
+    amount = number_of(text, layout.data_mark)
     if amount == 0 or MIN_DATA_MBIT <= amount <= MAX_DATA_MBIT:
         return abs(amount), []
     if not needs_data:
         return None, []
     column = dotted((sheet.header.cells[layout.data],))
     allowed = f'must be a number from {MIN_DATA_MBIT:.10g} to {MAX_DATA_MBIT:.10g} Mbit, or 0'
-    return None, [f'{column} is {shown(text)}: {allowed}']
+    is_open = not layout.data_mark and is_thousand_or_fraction(text)
+    return None, [f'{column} is {shown(text)}: {_MAY_BE_EITHER if is_open else allowed}']
 
 
 def _in_short(sheet: Sheet, layout: PlaceColumns, rows: ReadRows) -> ReadRows:
