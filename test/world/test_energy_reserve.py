@@ -7,15 +7,17 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from tiny_world import HOVER_W, MOVE_10_J, tiny, uav
 from uav_collect.analysis.metrics import check_log, mission_metrics
 from uav_collect.errors import ConfigError
 from uav_collect.kernels.arrays import Floats
 from uav_collect.missions.rollout import fly
+from uav_collect.missions.vector_env import VectorEnv, VectorEnvConfig
 from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.load import load
 from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
-from uav_collect.uav.action_codes import ACTION_NAMES, REASON_NAMES
+from uav_collect.uav.action_codes import ACTION_NAMES, FORWARD, HOVER, NONE, REASON_NAMES, RIGHT
 
 N_SCENARIOS = 25
 N_SEEDS = 20
@@ -24,7 +26,7 @@ HOME = ACTION_NAMES.index('home')
 ROUNDING = 1e-9  # of the budget
 
 
-def random_scenario(number: int) -> Scenario:
+def random_scenario(number: int, **more: object) -> Scenario:
     rng = np.random.default_rng([2025, number])
     side, cell_size_m = int(rng.integers(2, 13)), float(rng.uniform(20.0, 120.0))
     fleet = [
@@ -48,7 +50,7 @@ def random_scenario(number: int) -> Scenario:
         'radio.system_bandwidth_mhz': float(rng.choice([0.02, 0.2, 1.0])),  # long hovers, too
         'fleet.uavs': fleet,
     }
-    return load('paper_10x10', overrides)
+    return load('paper_10x10', overrides | more)
 
 
 def flight_power_w(speed_mps: float) -> float:
@@ -93,6 +95,42 @@ def test_the_log_of_a_random_scenario_adds_up(policy: str) -> None:
         site = build_site(random_scenario(number))
         log = fly(site, [99], policy)[0]
         check_log(log)
+
+
+WAITING = VectorEnvConfig(allocator='exact', is_synchronous=True, is_logged=True)
+
+
+def test_no_uav_that_waits_for_others_is_ever_short_of_its_reserve() -> None:
+    rng, n_turned = np.random.default_rng(5), 0
+    for number in range(N_SCENARIOS):
+        # Uploads take long, and those who wait for them hover.
+        scenario = random_scenario(number, **{'radio.system_bandwidth_mhz': 0.02})
+        env = VectorEnv(build_site(scenario), [number], WAITING)
+        while env.decisions.uav[0] != NONE:
+            env.step(rng.choice(np.flatnonzero(env.decisions.legal[0]), 1))
+        for spare_j, landed_j, budget_j in reserves_j(scenario, env.mission_log(0, 'random')):
+            assert spare_j.min() >= -ROUNDING * budget_j
+            assert landed_j >= -ROUNDING * budget_j
+            n_turned += abs(spare_j[-1]) < ROUNDING * budget_j
+    assert n_turned > 0
+
+
+def test_a_uav_turns_home_when_it_can_wait_no_longer_and_the_others_go_on() -> None:
+    # Both fly for 10 s or wait; then the first uploads A for 10.2 s. The second flies on, to two
+    # moves from home, in 5 s, and has 300 J to wait with.
+    budget_j = 4 * MOVE_10_J + 5.0 * HOVER_W + 1000.0 + 300.0
+    hasty = uav(10.0, energy_budget_kj=budget_j / 1e3, energy_margin_kj=1.0)
+    scenario = tiny(uav(5.0), hasty, radio__system_bandwidth_mhz=0.02)
+    env = VectorEnv(build_site(scenario), [0], WAITING)
+    for action in (RIGHT, FORWARD, HOVER, FORWARD):
+        env.step(np.array([action]))
+    turn = env.mission_log(0, 'script').events[-1]
+    assert (turn['uav'], turn['action']) == (2, HOME)
+    assert REASON_NAMES[turn['reason']] == 'energy reserve'
+    assert turn['time_s'] == pytest.approx(15.0 + 300.0 / HOVER_W, rel=1e-4)
+    assert turn['energy_left_j'] - turn['energy_j'] == pytest.approx(1000.0, rel=1e-9)
+    assert env.decisions.uav[0] == 0
+    assert env.decisions.time_s[0] > 20.0
 
 
 @pytest.mark.parametrize('budget_kj', [20.0, 50.0, 100.0, 400.0])

@@ -11,7 +11,15 @@ from uav_collect.kernels.compile import kernel, long_kernel
 from uav_collect.kernels.handle import Handle
 from uav_collect.missions.event_log import EventLog
 from uav_collect.missions.experience import record, Records
-from uav_collect.uav.action_codes import BY_POLICY, FAULT, HOME, HOVER, N_ACTIONS, NONE
+from uav_collect.uav.action_codes import (
+    BY_POLICY,
+    ENERGY_RESERVE,
+    FAULT,
+    HOME,
+    HOVER,
+    N_ACTIONS,
+    NONE,
+)
 from uav_collect.uav.agent import (
     allocate,
     guarded,
@@ -31,6 +39,7 @@ from uav_collect.world.dynamics import (
     contacts,
     end_s,
     GONE,
+    has_but_its_reserve,
     has_fault,
     look,
     mission_of,
@@ -204,6 +213,8 @@ def fly_on(batch: Batch, world: int) -> None:
         hover_s = allocate(settings.allocator, briefing, view, batch.workspace)
         legal, action = batch.workspace.legal, HOME
         reason = reason_to_go_home(briefing, uav, belief.n_complete[0], view, hover_s, legal)
+        if settings.is_synchronous == 1 and reason == NONE:
+            reason = ENERGY_RESERVE if has_but_its_reserve(briefing, mission, uav) else NONE
         if reason == NONE:
             reason, action = BY_POLICY, NONE
             rule = settings.adviser if settings.rule == NONE else settings.rule

@@ -137,13 +137,18 @@ def home_way_m(briefing: Briefing, index: int, place_m: Point) -> tuple[Point, .
 
 
 @kernel
+def reserve_j(briefing: Briefing, uav: int, x_m: float, y_m: float) -> float:
+    """Energy that a UAV must keep at a cell's centre: for the way home, and the margin."""
+    return home_energy_j(briefing, uav, x_m, y_m) + briefing.energy_margin_j[uav]
+
+
+@kernel
 def _keeps_reserve(
     briefing: Briefing, uav: int, x_m: float, y_m: float, energy_after_j: float
 ) -> bool:
     # Eqs (ctr_safe_energy_hover), (ctr_safe_energy_move) print E_max - E[k]; E[k] already is the
     # energy left, so it stands alone here.
-    reserve_j = home_energy_j(briefing, uav, x_m, y_m) + briefing.energy_margin_j[uav]
-    return energy_after_j >= reserve_j
+    return energy_after_j >= reserve_j(briefing, uav, x_m, y_m)
 
 
 @kernel
@@ -257,7 +262,7 @@ def _needs(briefing: Briefing, uavs: Sequence[int]) -> str:
 
 def _to_land_j(briefing: Briefing, uav: int) -> float:
     x_m, y_m = briefing.start_x_m[uav], briefing.start_y_m[uav]
-    return home_energy_j(briefing, uav, x_m, y_m) + briefing.energy_margin_j[uav]
+    return reserve_j(briefing, uav, x_m, y_m)
 
 
 def _can_move(briefing: Briefing, uav: int) -> bool:

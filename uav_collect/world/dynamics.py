@@ -130,7 +130,8 @@ def wait_for_the_slowest(briefing: Briefing, mission: Mission) -> None:
     """Let the UAVs that are done first wait, hovering, until every active one is done.
 
     Synchronous missions decide so, all at the same instants. Nothing happens while a UAV has yet
-    to start its next action.
+    to start its next action. A UAV waits until it has but its reserve left, and is then to turn
+    home alone: see `has_but_its_reserve`.
     """
     latest_s = 0.0
     for uav in range(briefing.n_uavs):
@@ -140,10 +141,34 @@ def wait_for_the_slowest(briefing: Briefing, mission: Mission) -> None:
             latest_s = max(latest_s, mission.leg_end_s[uav])
     for uav in range(briefing.n_uavs):
         if mission.phase[uav] == ACTIVE:
-            waiting_j = briefing.hover_power_w[uav] * (latest_s - mission.leg_end_s[uav])
-            mission.leg_end_s[uav] = latest_s
-            mission.energy_j[uav] += waiting_j
-            mission.energy_left_j[uav] -= waiting_j
+            _wait(briefing, mission, uav, latest_s)
+
+
+@kernel
+def _wait(briefing: Briefing, mission: Mission, uav: int, until_s: float) -> None:
+    hover_w, left_j = briefing.hover_power_w[uav], mission.energy_left_j[uav]
+    kept_j = _reserve_j(briefing, mission, uav)
+    waiting_j = hover_w * (until_s - mission.leg_end_s[uav])
+    if left_j - waiting_j >= kept_j:
+        mission.leg_end_s[uav] = until_s
+        mission.energy_left_j[uav] = left_j - waiting_j
+    else:
+        waiting_j = max(left_j - kept_j, 0.0)
+        mission.leg_end_s[uav] += waiting_j / hover_w
+        mission.energy_left_j[uav] = min(left_j, kept_j)
+    mission.energy_j[uav] += waiting_j
+
+
+@kernel
+def has_but_its_reserve(briefing: Briefing, mission: Mission, uav: int) -> bool:
+    """Whether a UAV has no more energy left at the end of its action than what takes it home."""
+    return mission.energy_left_j[uav] <= _reserve_j(briefing, mission, uav)
+
+
+@kernel
+def _reserve_j(briefing: Briefing, mission: Mission, uav: int) -> float:
+    x_m, y_m = mission.leg_end_x_m[uav], mission.leg_end_y_m[uav]
+    return actions.reserve_j(briefing, uav, x_m, y_m)
 
 
 @kernel
