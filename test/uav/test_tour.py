@@ -42,6 +42,13 @@ PIPELINE = area(
 SCATTERED = area(
     30, 24, is_in_the_corner_or_the_hole, lambda row, column: (7 * row + 11 * column) % 5 == 0
 )
+# A cell that nobody comes to would see all four that need a visit.
+WALLED_IN = area(
+    5,
+    5,
+    lambda row, column: (row, column) in {(1, 2), (2, 1), (2, 3), (3, 2)},
+    lambda row, column: row in (1, 3) and column in (1, 3),
+)
 AREAS = {
     'square': area(10, 10),
     'rectangle': area(7, 12),
@@ -50,6 +57,7 @@ AREAS = {
     'pipeline': PIPELINE,
     'scattered': SCATTERED,
     'scattered, with data': SCATTERED._replace(data_share=1.0),
+    'walled in': WALLED_IN,
     'one cell': area(9, 9, is_needed=lambda row, column: row == column == 4),
 }
 
@@ -143,7 +151,10 @@ def test_lanes_are_even_in_number_and_end_on_the_side_where_they_began() -> None
         assert tour.stop[0] // n_columns == tour.stop[-1] // n_columns == 0
 
 
-def test_cells_that_no_way_leads_to_are_on_no_tour() -> None:
-    split = area(5, 9, lambda _row, column: column == 4, data_share=1.0)
-    assert sorted(set(tour_of(split).stop)) == [cell for cell in needed(split) if cell % 9 < 4]
+@pytest.mark.parametrize('data_share', [0.0, 1.0])
+def test_cells_that_no_way_leads_to_are_on_no_tour(data_share: float) -> None:
+    split = area(5, 9, lambda _row, column: column == 4, data_share=data_share)
+    tour, reached = tour_of(split), [cell for cell in needed(split) if cell % 9 < 4]
+    assert [cell for cell, place in enumerate(tour.place) if place != NOWHERE] == reached
+    assert set(tour.stop) <= {*reached}
     assert max(cell % 9 for cell in order_of(split)) == 3

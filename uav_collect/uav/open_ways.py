@@ -18,6 +18,12 @@ class OpenCells:
         self._open = self._bits([cell for cell, is_one in enumerate(is_open) if is_one])
         self.has_closed = not all(is_open)
 
+    def reached_from(self, cell: int) -> 'OpenCells':
+        """The open cells that moves lead to from one; the others count as closed."""
+        reached = {each for bits in self._walk(cell) for each in self._cells(bits)}
+        is_open = [int(each in reached) for each in range(len(self.is_open))]
+        return OpenCells(self.n_rows, self.n_columns, is_open)
+
     def place_of(self, cell: int) -> tuple[int, int]:
         """A cell's row and column."""
         return divmod(cell, self.n_columns)

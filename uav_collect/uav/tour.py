@@ -81,7 +81,9 @@ def tour_of(area: Area) -> Tour:
     """
     if all(area.is_needed):
         return _lanes(area)
-    grid, needed = OpenCells(area.n_rows, area.n_columns, area.is_open), _needed(area)
+    # Most may be seen from an open cell that no way leads to: nobody looks from there.
+    grid = OpenCells(area.n_rows, area.n_columns, area.is_open).reached_from(area.first)
+    needed = [cell for cell in _needed(area) if grid.is_open[cell]]
     if area.data_share >= _EXPECTED_SHARE:
         return Tour(*_around(grid, needed, area.first), TourKind.CELLS)
     place, stop = _around(grid, _lookouts(grid, needed), area.first)
