@@ -16,6 +16,7 @@ from uav_collect.scenario.model import DrawnSensors, ListedSensors, RadioConfig,
 from uav_collect.scenario.site import known_complete_cells, Site
 from uav_collect.scenario.ways import ways_home
 
+_FAINT_SNR = 1e-6
 _MEAN_AWAY = 0.3826  # of a point of a square from its centre, in sides, on average
 
 
@@ -138,7 +139,10 @@ def _mean_rate_bps(scenario: Scenario, n_sensors: float) -> float:
     gain = path_gain(distance_m, reference_gain(radio.carrier_hz), radio.path_loss_exponent)
     gain *= radio.n_antennas * (in_sight + (1.0 - in_sight) * radio.nlos_attenuation)
     cn0_hz = n_sensors * radio.tx_power_w * float(gain) / radio.noise_w_per_hz
-    return scenario.bandwidth_hz * math.log2(1.0 + cn0_hz / scenario.bandwidth_hz)
+    snr = cn0_hz / scenario.bandwidth_hz
+    # Of a faint signal 1 + snr loses the digits, at last all of them: the rate is above 0 still.
+    bit_per_s_hz = math.log2(1.0 + snr) if snr > _FAINT_SNR else math.log1p(snr) / math.log(2.0)
+    return scenario.bandwidth_hz * bit_per_s_hz
 
 
 def _expected_data(scenario: Scenario, is_known: Ints) -> tuple[float, float]:
