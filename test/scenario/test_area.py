@@ -130,6 +130,19 @@ def test_what_is_known_complete_before_take_off() -> None:
     assert [*briefing.is_open] == [int(cell != 10) for cell in range(16)]
 
 
+def test_only_open_cells_count_for_how_many_sensors_are_drawn() -> None:
+    overrides = {
+        'area.cells_per_side': 64,
+        'area.boundary': [*rectangle(0, 0, 3200, 500)],
+        'sensors': {'kind': 'drawn', 'seed': 1, 'dense_cell_share': 0.5}
+        | {'dense_mean': 20.0, 'sparse_mean': 10.0},
+    }
+    site = build_site(load('paper_10x10', overrides))  # 640 cells of 4096: some 9,600 sensors
+    assert 9_000 < site.n_sensors < 10_200
+    with pytest.raises(ConfigError, match='has some 32,000 sensors by it, at most 20,000'):
+        load('paper_10x10', {**overrides, 'sensors.sparse_mean': 80.0})
+
+
 def test_an_area_survives_its_text() -> None:
     scenario = tiny(
         uav(),

@@ -353,10 +353,15 @@ def _too_many_sensors(scenario: Scenario) -> Iterator[tuple[Keys, str]]:
     drawn = scenario.sensors
     if isinstance(drawn, ListedSensors):
         return
-    n_dense = drawn.n_dense_cells(scenario.n_cells)
+    n_open = scenario.n_cells
+    if scenario.area.boundary or scenario.area.no_fly:
+        from uav_collect.scenario.area import open_cells  # loads numpy
+
+        n_open = int(open_cells(scenario.area).sum())
+    n_dense = drawn.n_dense_cells(n_open)
     n_sensors = {
         'dense_mean': n_dense * drawn.dense_mean,
-        'sparse_mean': (scenario.n_cells - n_dense) * drawn.sparse_mean,
+        'sparse_mean': (n_open - n_dense) * drawn.sparse_mean,
     }
     if sum(n_sensors.values()) > MAX_SENSORS:
         key = max(n_sensors, key=n_sensors.__getitem__)
