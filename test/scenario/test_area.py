@@ -243,6 +243,21 @@ def test_many_sensors_under_the_last_of_many_zones_are_refused_as_quickly_as_one
     assert len(looked_at) == 21
 
 
+def test_an_area_is_not_looked_up_again_for_each_sensor(monkeypatch: pytest.MonkeyPatch) -> None:
+    n_lookups = 0
+    by_all_corners = AreaConfig.__hash__
+
+    def counted(area: AreaConfig) -> int:
+        nonlocal n_lookups
+        n_lookups += 1
+        return by_all_corners(area)
+
+    monkeypatch.setattr(AreaConfig, '__hash__', counted)
+    sensors = [(0.5 * number, 20.0, 1.0) for number in range(300)]
+    tiny(uav(), sensors=sensors, area__no_fly=[rectangle(160, 160, 170, 170)])
+    assert 0 < n_lookups < 30
+
+
 def test_a_zone_is_given_by_cells_as_well_as_by_its_corners() -> None:
     corners = [(0.0, 150.0), (50.0, 150.0), (50.0, 200.0)]
     cells = [[0, 2], [1, 2], [0, 3], [1, 3], [3, 3], [0, 3]]

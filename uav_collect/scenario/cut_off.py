@@ -22,16 +22,16 @@ def wrong_closed_cells(scenario: Scenario) -> Iterator[tuple[Keys, str]]:
 
 def _in_closed_cells(scenario: Scenario) -> Iterator[tuple[Keys, str]]:
     """Starts, homes and sensors where no UAV may fly."""
-    area = scenario.area
+    area, whys = scenario.area, _whys_closed(scenario)
     for index, uav in enumerate(scenario.uavs):
         for key, place_m in (('start', uav.start_m), ('home', uav.home_m)):
-            if (why := _why_closed(scenario, cell_of(area, place_m))) is not None:
+            if (why := whys.get(cell_of(area, place_m))) is not None:
                 what = f'is {shown(place_m)}: must be in an open cell, but {why}'
                 yield ('fleet', 'uavs', index, key, 'position_m'), what
     if isinstance(scenario.sensors, ListedSensors):
         sensors = scenario.sensors.entries
         for index, (sensor, cell) in enumerate(zip(sensors, _cells(area, sensors), strict=True)):
-            if (why := _why_closed(scenario, cell)) is not None:
+            if (why := whys.get(cell)) is not None:
                 place = f'sensor {sensor.id} at x = {sensor.x_m:.10g} m, y = {sensor.y_m:.10g} m'
                 remedy = 'leave it out, or let the area have its cell'
                 what = f'is {place}: must be in an open cell, but {why}; {remedy}'
@@ -43,14 +43,18 @@ def _cells(area: AreaConfig, sensors: Sequence[ListedSensor]) -> list[int]:
     return [int(cell) for cell in cells_of(area, places_m)]
 
 
-def _why_closed(scenario: Scenario, cell: int) -> str | None:
-    """Why a cell is closed, in words; None if it is not."""
-    area = scenario.area
-    if open_cells(area)[cell]:
-        return None
-    if (zone := zone_over_cells(area)[cell]) != NO_ZONE:
-        return f'cell {_place(scenario, cell)} lies under area.no_fly.{zone}'
-    return f'the centre of cell {_place(scenario, cell)} lies outside area.boundary'
+def _whys_closed(scenario: Scenario) -> dict[int, str]:
+    """Why each closed cell is one, in words.
+
+    Of all at once: to look an area up takes as long as it has corners.
+    """
+    zones = zone_over_cells(scenario.area)
+    return {
+        cell: f'the centre of cell {_place(scenario, cell)} lies outside area.boundary'
+        if zones[cell] == NO_ZONE
+        else f'cell {_place(scenario, cell)} lies under area.no_fly.{zones[cell]}'
+        for cell in np.flatnonzero(open_cells(scenario.area) == 0).tolist()
+    }
 
 
 def _cut_off(scenario: Scenario) -> Iterator[tuple[Keys, str]]:
