@@ -16,12 +16,13 @@ _NAME = re.compile(f'[A-Za-z0-9][A-Za-z0-9_.-]{{0,{MAX_NAME - 1}}}')
 
 MAX_SENSORS = 20_000
 MAX_CORNERS = 1_000  # of a polygon
-MAX_NO_FLY = 100  # zones of an area
 MAX_SENSOR_ID = 64  # characters
 MIN_DATA_MBIT = 1e-6  # of a sensor: one bit; or 0
 MAX_DATA_MBIT = 10_000.0
 MAX_UAVS = 64  # the UAVs that one has heard travel as bits of a 64-bit word
 MAX_CELLS_PER_SIDE = 64  # rows, and columns
+MAX_NO_FLY = MAX_CELLS_PER_SIDE**2  # zones of an area: cells that are given as zones make as many
+MAX_NO_FLY_CORNERS = 100_000  # of all zones of an area: some 10 s to find what they close
 EGOCENTRIC_MAX_UAVS = 6  # UAVs that the egocentric observation tells apart
 RELATIVE_MAX_UAVS = 16  # UAVs of a fleet that the relative observation is for
 MAX_SEED = 2**62  # mission seeds count up from here and stay inside 63 bits

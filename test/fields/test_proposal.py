@@ -219,3 +219,9 @@ def test_all_sensors_that_cannot_be_served_are_named_at_once() -> None:
     within = {f'S{number}' for number, (x_m, _) in enumerate(LINE, 1) if 1010 < x_m < 2010}
     assert len(named) == len({*named})
     assert within <= {*named}
+
+
+def test_more_zones_than_an_area_may_have_are_refused_before_cells_are_sought() -> None:
+    zones = [square(20.0 * number, 500.0, 10.0) for number in range(4097)]
+    with pytest.raises(ConfigError, match='has 4,097 no-fly zones with 16,388 corners in all: mu'):
+        proposed(ground(*LINE, no_fly_m=zones))

@@ -1,6 +1,7 @@
 """Areas that are not squares, and cells that are closed."""
 
 from collections.abc import Sequence
+import math
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,10 @@ from uav_collect.scenario.site import build_site, known_complete_cells
 from uav_collect.uav.briefing import brief, Briefing, briefing_of
 
 SENSOR = [(75.0, 25.0, 1.0)]
+RING: Polygon = tuple(
+    (165.0 + math.cos(step * 0.002 * math.pi), 165.0 + math.sin(step * 0.002 * math.pi))
+    for step in range(1000)
+)
 SQUARE = {'cells_per_side': 4, 'cell_size_m': 50.0, 'altitude_m': 100.0}
 
 
@@ -268,6 +273,28 @@ def test_a_zone_is_given_by_cells_as_well_as_by_its_corners() -> None:
     assert area.no_fly[0] == rectangle(100.0, 0.0, 200.0, 100.0)
     assert area.no_fly[1] == tuple(corners)  # zones keep their numbers
     assert area.no_fly[2:] == (rectangle(150.0, 150.0, 200.0, 200.0),)
+
+
+def test_any_cells_may_be_one_zone() -> None:
+    cells = [[row, column] for row in range(1, 24, 2) for column in range(1, 24, 2)]
+    zone = {'cells': cells}  # no two of them side by side: a rectangle each
+    scenario = tiny(uav(), sensors=SENSOR, area__cells_per_side=24, area__no_fly=[zone])
+    assert int((open_cells(scenario.area) == 0).sum()) == len(cells) == 144
+    assert from_yaml(scenario.to_yaml()) == scenario
+
+
+@pytest.mark.parametrize(
+    ('zones', 'problem'),
+    [
+        ([rectangle(160, 160, 170, 170)] * 4097, 'has 4097 entries: must have at most 4096'),
+        ([RING] * 101, r'no_fly has 101,000 corners in all: must have at most 100,000'),
+    ],
+)
+def test_more_zones_than_cells_and_too_many_corners_are_refused(
+    zones: list[Polygon], problem: str
+) -> None:
+    with pytest.raises(ConfigError, match=problem):
+        tiny(uav(), area__no_fly=zones)
 
 
 @pytest.mark.parametrize(

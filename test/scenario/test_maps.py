@@ -379,3 +379,16 @@ def test_outlines_of_a_list_are_those_of_the_area_and_zones_of_both_count(
     site.write_text(text.replace('rows: 6', 'no_fly: [[[0, 0], [50, 0], [50, 50]]], rows: 6'))
     own_zone = (0.0, 0.0), (50.0, 0.0), (50.0, 50.0)
     assert load(site).area.no_fly == (own_zone, *(read_area.no_fly or ()))
+
+
+def test_a_map_may_have_a_zone_for_each_cell_but_not_more(tmp_path: Path) -> None:
+    zones = [
+        polygon(square(-117.085 + 1e-4 * number, 46.785, 5e-5), name='no-fly tree')
+        for number in range(4097)
+    ]
+    path = tmp_path / 'orchard.geojson'
+    path.write_text(collection(*SENSORS, *zones[1:]))
+    assert len(read(path, ReadOptions()).no_fly) == 4096
+    path.write_text(collection(*SENSORS, *zones))
+    with pytest.raises(ConfigError, match=r'orchard\.geojson: has 4,097 no-fly zones with'):
+        read(path, ReadOptions())

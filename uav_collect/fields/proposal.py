@@ -19,6 +19,7 @@ from uav_collect.fields.served import check_served
 from uav_collect.fields.settings import FieldSettings, Wishes
 from uav_collect.limits import MAX_CELLS_PER_SIDE
 from uav_collect.scenario.model import Point, RadioConfig, Scenario
+from uav_collect.scenario.shapes import check_zones
 from uav_collect.scenario.ways import ways_home
 
 _LARGEST_CELL_M = 10_000.0  # that a scenario may have
@@ -66,6 +67,7 @@ def propose(ground: Ground, wishes: Wishes, settings: FieldSettings, base: Scena
     Raises:
         ConfigError: a wish cannot be met, or a sensor cannot be served; a line each.
     """
+    check_zones('the field', ground.no_fly_m)
     altitude_m = settings.altitude_m if wishes.altitude_m is None else wishes.altitude_m
     bandwidth_hz = base.radio.system_bandwidth_hz / wishes.n_uavs
     heard_m = reach_m(base.radio, altitude_m, bandwidth_hz, settings.rate_share)

@@ -9,7 +9,7 @@ from uav_collect.config.layers import Document
 from uav_collect.config.rules import validated, whole
 from uav_collect.config.yaml_text import Keys, shown
 from uav_collect.errors import ConfigError
-from uav_collect.limits import MAX_CELLS_PER_SIDE
+from uav_collect.limits import MAX_CELLS_PER_SIDE, MAX_NO_FLY_CORNERS
 from uav_collect.scenario.model import AreaConfig, Polygon
 
 _ZONES: Keys = ('area', 'no_fly')
@@ -17,7 +17,7 @@ _Cell = tuple[int, int]  # row, column
 
 
 def area_of(document: Document) -> AreaConfig:
-    """The area, as one of the two ways to say how many cells it has.
+    """The area, as one of the two ways to say how many cells it has; its zones not too large.
 
     Raises:
         ConfigError: one line per problem.
@@ -34,6 +34,10 @@ def area_of(document: Document) -> AreaConfig:
         wrong = 'beside cells_per_side' if is_square else f'without {other}'
         what = f'is given {wrong}: must be rows and columns, or cells_per_side'
         raise ConfigError(document.problem(('area', given[0]), what))
+    n_corners = sum(map(len, area.no_fly or ()))
+    if n_corners > MAX_NO_FLY_CORNERS:
+        what = f'has {n_corners:,} corners in all: must have at most {MAX_NO_FLY_CORNERS:,}'
+        raise ConfigError(document.problem(_ZONES, what))
     return area
 
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 from uav_collect.config.rules import polygon
 from uav_collect.config.yaml_text import shown, shown_path
 from uav_collect.errors import ConfigError
-from uav_collect.limits import MAX_CORNERS, MAX_NO_FLY
+from uav_collect.limits import MAX_CORNERS, MAX_NO_FLY, MAX_NO_FLY_CORNERS
 from uav_collect.scenario.columns import DATA, DEGREES, GRID, ID, plain, role_of, System
 from uav_collect.scenario.numerals import number_of
 from uav_collect.scenario.odd_places import Pair
@@ -128,15 +128,24 @@ def outlines_of(found: MapFile, *, is_angular: bool) -> Outlines:
             f'{shown_path(found.path)}: {_numbers(found, boundaries)} have polygons that may be '
             'the area: must be one, and the others no-fly zones by their name, as "no-fly pond"'
         )
-    if len(no_fly) > MAX_NO_FLY:
+    boundary, *holes = boundaries[0][1] if boundaries else [None]
+    zones = (*no_fly, *holes)
+    check_zones(shown_path(found.path), zones)
+    return Outlines(boundary, zones)
+
+
+def check_zones(name: str, zones: Sequence[Polygon]) -> None:
+    """Refuse more no-fly zones than an area may have, or more of their corners.
+
+    Raises:
+        ConfigError: there are more.
+    """
+    n_corners = sum(map(len, zones))
+    if len(zones) > MAX_NO_FLY or n_corners > MAX_NO_FLY_CORNERS:
         raise ConfigError(
-            f'{shown_path(found.path)}: has {len(no_fly):,} no-fly zones: must have at most '
-            f'{MAX_NO_FLY}'
+            f'{name}: has {len(zones):,} no-fly zones with {n_corners:,} corners in all: must '
+            f'have at most {MAX_NO_FLY:,} with {MAX_NO_FLY_CORNERS:,}'
         )
-    if not boundaries:
-        return Outlines(None, tuple(no_fly))
-    [(_, (boundary, *holes))] = boundaries
-    return Outlines(boundary, (*no_fly, *holes))
 
 
 def _numbers(found: MapFile, boundaries: Sequence[tuple[Feature, object]]) -> str:
