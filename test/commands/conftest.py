@@ -1,6 +1,9 @@
 """Tiny trainings that several modules look at."""
 
+import fcntl
+import json
 import os
+from subprocess import CompletedProcess
 
 from processes import completed, Processes, RunningProcess
 import pytest
@@ -20,10 +23,18 @@ def settings(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
 
 @pytest.fixture(scope='session')
 def finished(settings: list[str], tmp_path_factory: pytest.TempPathFactory) -> Finished:
-    """A run that nothing interrupted, and what it said."""
-    folder = tmp_path_factory.mktemp('finished') / 'run'
-    command = (*TRAIN, *settings, '--output', folder)
-    return folder, completed(*command, env=os.environ | ENVIRONMENT, cwd=ROOT)
+    """A run that nothing interrupted, and what it said; all workers of a session look at one."""
+    own = tmp_path_factory.getbasetemp()
+    folder = (own.parent if 'PYTEST_XDIST_WORKER' in os.environ else own) / 'finished'
+    folder.mkdir(exist_ok=True)
+    run, said = folder / 'run', folder / 'said.json'
+    with (folder / 'lock').open('w') as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not said.exists():
+            command = (*TRAIN, *settings, '--output', run)
+            done = completed(*command, env=os.environ | ENVIRONMENT, cwd=ROOT)
+            said.write_text(json.dumps([done.args, done.returncode, done.stdout, done.stderr]))
+    return run, CompletedProcess(*json.loads(said.read_text()))
 
 
 @pytest.fixture
