@@ -4,7 +4,8 @@ import pytest
 from uav_collect.lockstep.schedule import MissionSchedule, SimulationPacer
 from uav_collect.lockstep.steering import Steering
 
-TIMEOUT_S = 10.0
+TIMEOUT_S, SHORTEST_S = 10.0, 0.1
+LOOK_S = 0.005
 
 
 def steering(n_missions: int = 0, factor: float = 0.0) -> Steering:
@@ -16,8 +17,8 @@ def wait(asked: Steering, duration_s: float) -> None:
     """Look at the clock often, as a world does, while an agent does not answer."""
     asked.look(0.0)
     asked.ask()
-    for number in range(1, 101):
-        asked.look(number * duration_s / 100.0)
+    for number in range(1, round(duration_s / LOOK_S) + 1):
+        asked.look(number * LOOK_S)
 
 
 def n_events(asked: Steering, at_most: int = 9) -> int:
@@ -102,12 +103,24 @@ def test_an_agent_that_is_asked_anew_has_its_whole_time() -> None:
     assert not asked.is_overdue()
 
 
-def test_what_the_world_itself_stood_still_counts_against_no_agent() -> None:
+@pytest.mark.parametrize('still_s', [0.5 * SHORTEST_S, 2.0 * SHORTEST_S, 2.0 * TIMEOUT_S])
+def test_what_the_world_itself_stood_still_counts_against_no_agent(still_s: float) -> None:
     asked = steering()
-    asked.look(100.0)
-    asked.ask()
-    asked.look(100.0 + 2.0 * TIMEOUT_S)
+    asked.change_timeout(SHORTEST_S)
+    wait(asked, 0.6 * SHORTEST_S)
+    asked.look(0.6 * SHORTEST_S + still_s)
+    asked.look(0.6 * SHORTEST_S + still_s + LOOK_S)
     assert not asked.is_overdue()
+
+
+def test_an_answer_that_came_while_the_world_stood_still_is_heard_before_it_is_late() -> None:
+    asked = steering()
+    wait(asked, TIMEOUT_S)
+    assert not asked.is_overdue()
+    asked.look(2.0 * TIMEOUT_S)
+    assert not asked.is_overdue()
+    asked.look(2.0 * TIMEOUT_S + LOOK_S)
+    assert asked.is_overdue()
 
 
 def test_agents_get_as_long_as_was_said_last() -> None:

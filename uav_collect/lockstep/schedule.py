@@ -7,7 +7,7 @@ import time
 
 from uav_collect.limits import MAX_SEED
 
-LONGEST_LOOK_S = 0.25  # wall-clock time between two looks at the clock; longer is a stall
+_LONGEST_LOOK_S = 0.25  # wall-clock time between two looks at the clock; longer is a stall
 _MOST_MADE_UP_S = 0.05  # wall-clock time that a decision may take and be made up for
 _CLOCK_PERIOD_S = 0.02  # at least, between two messages of the clock: 50 Hz
 
@@ -122,7 +122,7 @@ class SimulationPacer:
             The simulated time now.
         """
         now_s = self._clock_s()
-        passed_s = 0.0 if self._is_held else min(now_s - self._looked_s, LONGEST_LOOK_S)
+        passed_s = 0.0 if self._is_held else min(now_s - self._looked_s, _LONGEST_LOOK_S)
         self._looked_s = now_s
         most_s = event_s + _MOST_MADE_UP_S * self._factor
         self._time_s = min(self._time_s + passed_s * self._factor, max(most_s, self._time_s))

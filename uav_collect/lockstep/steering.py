@@ -7,8 +7,9 @@ the world is paused has decided, and its event is complete.
 
 from dataclasses import dataclass
 
-from uav_collect.lockstep.schedule import LONGEST_LOOK_S, MissionSchedule, SimulationPacer
+from uav_collect.lockstep.schedule import MissionSchedule, SimulationPacer
 
+_MOST_CHARGED_S = 0.02  # of a look; longer, the world was busy or stood still: it heard no answer
 Answer = tuple[bool, str]  # whether it is done, and what happens now or why not
 
 
@@ -22,6 +23,7 @@ class Steering:
     is_paused: bool = False
     n_steps: int = 0  # events that may happen although the world is paused
     _waited_s: float = 0.0  # that the agent which is asked has had to answer
+    _uncharged_s: float = 0.0  # the latest look
     _looked_s: float = 0.0  # monotonic time
 
     def begin(self) -> None:
@@ -83,11 +85,15 @@ class Steering:
 
     def ask(self) -> None:
         """An agent is asked: its time to answer begins."""
-        self._waited_s = 0.0
+        self._waited_s = self._uncharged_s = 0.0
 
     def look(self, now_s: float) -> None:
-        """Let monotonic time pass; one look at most where this process stood still."""
-        self._waited_s += min(now_s - self._looked_s, LONGEST_LOOK_S)
+        """Let monotonic time pass, of which agents are charged what this process ran.
+
+        Each look is charged at the next one: an answer that came meanwhile is heard before.
+        """
+        self._waited_s += self._uncharged_s
+        self._uncharged_s = min(now_s - self._looked_s, _MOST_CHARGED_S)
         self._looked_s = now_s
 
     def is_overdue(self) -> bool:
