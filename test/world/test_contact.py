@@ -1,8 +1,12 @@
 import math
 
+import numpy as np
 import pytest
 from tiny_world import Flight, tiny, uav
+from uav_collect.missions.vector_env import VectorEnv, VectorEnvConfig
+from uav_collect.scenario.site import build_site
 from uav_collect.uav.action_codes import FORWARD, HOME, LEFT, RIGHT
+from uav_collect.world.dynamics import mission_of, place_at
 
 
 @pytest.mark.parametrize(
@@ -30,6 +34,18 @@ def test_contact_is_judged_where_the_others_are_at_that_moment(
     event = flight.look()
     assert (event.uav, event.view.time_s) == (1, 5.0)
     assert [message.sender for message in event.heard] == heard
+
+
+def test_a_uav_that_waits_for_others_has_flown_at_its_own_speed() -> None:
+    # The first flies for 10 s, the second for 5 s; then it waits where it came to, at x = 125 m.
+    scenario = tiny(uav(5.0), uav(10.0, start=(0, 3)))
+    env = VectorEnv(build_site(scenario), [0], VectorEnvConfig(is_synchronous=True))
+    for action in (RIGHT, LEFT):
+        decisions = env.step(np.array([action]))
+    assert decisions.time_s[0] == 10.0
+    mission = mission_of(env._batch.missions, 0)
+    for time_s, x_m in ((0.0, 175.0), (2.5, 150.0), (5.0, 125.0), (7.5, 125.0), (10.0, 125.0)):
+        assert place_at(env.briefing, mission, 1, time_s) == (x_m, 25.0)
 
 
 def test_a_message_tells_where_its_sender_is_now() -> None:

@@ -190,10 +190,12 @@ def _is_mute(mission: Mission, uav: int, time_s: float) -> bool:
 
 @kernel
 def _progress(mission: Mission, uav: int, time_s: float) -> float:
-    duration_s = mission.leg_end_s[uav] - mission.leg_start_s[uav]
-    if time_s >= mission.leg_end_s[uav] or duration_s <= 0.0:
+    # Not until the leg's end: a UAV that waits for others has come to the place before.
+    start_s = mission.leg_start_s[uav]
+    acted_s = start_s + mission.duration_s[uav]
+    if time_s >= acted_s or acted_s <= start_s:
         return 1.0
-    return (time_s - mission.leg_start_s[uav]) / duration_s
+    return (time_s - start_s) / (acted_s - start_s)
 
 
 @kernel
