@@ -1,7 +1,9 @@
 """The legs of a mission: they follow each other, and add up to what the log says."""
 
+from dataclasses import replace
 from itertools import pairwise
 
+import numpy as np
 import pytest
 from tiny_world import fly_scripts, MOVE_5_J, tiny, uav
 from uav_collect.analysis.legs import (
@@ -83,3 +85,15 @@ def test_a_way_home_has_the_corners_that_the_briefing_names() -> None:
     centres_m = [(125.0, 175.0), (125.0, 125.0), (75.0, 75.0)]
     assert home_way_m(around, 0, centres_m[0]) == (*centres_m, (25.0, 25.0))
     assert home_way_m(around, 0, (75.0, 25.0)) == ((75.0, 25.0), (25.0, 25.0))
+
+
+def test_where_a_log_lacks_decisions_no_state_is_known(log: MissionLog) -> None:
+    for lacking in (0, 1):
+        kept = replace(log, events=np.delete(log.events, lacking))
+        [legs], [whole] = mission_legs(kept, ONE), mission_legs(log, ONE)
+        gap = whole[lacking]
+        for time_s in (gap.start_s, (gap.start_s + gap.end_s) / 2):
+            assert state_at(legs, time_s) is None
+        assert state_at(legs, gap.end_s) == state_at(
+            [replace(leg, is_after_gap=leg.event == gap.event + 1) for leg in whole], gap.end_s
+        )

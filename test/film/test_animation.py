@@ -53,6 +53,17 @@ def test_a_frame_shows_each_uav_where_it_is() -> None:
     assert not shows(flown, 2.5, (25.0, 100.0), COLOURS[1])
 
 
+def test_a_frame_does_not_show_a_uav_where_the_log_lacks_what_it_did() -> None:
+    site = build_site(tiny(in_fleet(10.0)))
+    log = fly(header([uav(1)]), [('forward', 'forward', 'right', 'home')])
+    lacking = replace(log, events=np.delete(log.events, 1))
+    for flown, is_shown in ((log, True), (lacking, False)):
+        whole = film_of(flown, site, np.array([1e6, 0.0, 0.0]))
+        assert shows(whole, 7.5, (25.0, 100.0), COLOURS[0]) == is_shown
+        assert shows(whole, 12.5, (50.0, 125.0), COLOURS[0])
+        assert shows(whole, 20.0, (25.0, 100.0), COLOURS[0]) == is_shown  # of its trail
+
+
 def test_a_sensor_is_black_until_its_data_is_there() -> None:
     flown, place_m = film(ASIDE, TO_A), (75.0, 25.0)
     assert shows(flown, 4.0, place_m, BLACK)

@@ -13,7 +13,7 @@ from uav_collect.analysis.metrics import mission_metrics
 from uav_collect.errors import ConfigError
 from uav_collect.handover.flights import MissionFlights
 from uav_collect.handover.states_file import states_file
-from uav_collect.uav.action_codes import HOVER, RIGHT
+from uav_collect.uav.action_codes import FORWARD, HOVER, RIGHT
 
 
 def states(mission: MissionFlights, rate_hz: float = 1.0) -> list[dict[str, str]]:
@@ -98,3 +98,16 @@ def test_a_table_takes_little_more_memory_than_its_text() -> None:
     finally:
         tracemalloc.stop()
     assert peak_bytes < 4 * n_bytes  # text and its bytes, no rows
+
+
+def test_there_is_no_row_where_a_recording_lacks_what_a_uav_did() -> None:
+    _, log = flown_on_earth([FORWARD, RIGHT, RIGHT, RIGHT], [FORWARD, RIGHT])
+    gap = log.events[log.events['uav'] == 1][2]  # in the middle of a straight line
+    kept = replace(log, events=log.events[log.events['event'] != gap['event']])
+    lacking, whole = (states(handed_on(on_earth(), it)) for it in (kept, log))
+    end_s = gap['time_s'] + gap['duration_s']
+    assert [(row['time_s'], row['uav']) for row in lacking] == [
+        (row['time_s'], row['uav'])
+        for row in whole
+        if row['uav'] != '1' or not gap['time_s'] <= float(row['time_s']) < end_s
+    ]

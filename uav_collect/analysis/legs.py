@@ -34,6 +34,7 @@ class FlownLeg:
     end_m: Point
     energy_left_j: float  # as it begins
     energy_j: float  # that it takes
+    is_after_gap: bool  # the log lacks what the UAV decided just before
 
     @property
     def length_m(self) -> float:
@@ -47,7 +48,7 @@ class UavState:
 
     place_m: Point
     energy_left_j: float
-    leg: FlownLeg | None  # None: it has landed
+    leg: FlownLeg | None  # None: after its last one
 
 
 def mission_legs(log: MissionLog, scenario: Scenario) -> tuple[tuple[FlownLeg, ...], ...]:
@@ -56,8 +57,8 @@ def mission_legs(log: MissionLog, scenario: Scenario) -> tuple[tuple[FlownLeg, .
     return tuple(tuple(_legs_of(log, briefing, index)) for index in uavs)
 
 
-def state_at(legs: Sequence[FlownLeg], time_s: float) -> UavState:
-    """Where a UAV is at a time; after its last leg, where that ended.
+def state_at(legs: Sequence[FlownLeg], time_s: float) -> UavState | None:
+    """Where a UAV is at a time; after its last leg, where that ended; None where the log lacks it.
 
     Args:
         legs: of the UAV, at least one.
@@ -68,7 +69,9 @@ def state_at(legs: Sequence[FlownLeg], time_s: float) -> UavState:
         last = legs[-1]
         left_j = last.energy_left_j - last.energy_j
         return UavState(place_m=last.end_m, energy_left_j=left_j, leg=None)
-    share = (time_s - leg.start_s) / (leg.end_s - leg.start_s)
+    if time_s < leg.start_s and leg.is_after_gap:
+        return None
+    share = max(0.0, time_s - leg.start_s) / (leg.end_s - leg.start_s)  # it waits for its start
     return UavState(
         place_m=between_m(leg.start_m, leg.end_m, share),
         energy_left_j=leg.energy_left_j - share * leg.energy_j,
@@ -86,14 +89,17 @@ def between_m(start_m: Point, end_m: Point, share: float) -> Point:
 
 
 def _legs_of(log: MissionLog, briefing: Briefing, index: int) -> Iterator[FlownLeg]:
+    n_decisions = 0
     for event in log.events[log.events['uav'] == log.header.uavs[index].id]:
+        is_after_gap = bool(event['decision'] != n_decisions)
+        n_decisions = int(event['decision']) + 1
         if event['action'] == HOME:
-            yield from _way_home(event, briefing, index)
+            yield from _way_home(event, briefing, index, is_after_gap=is_after_gap)
         else:
-            yield _action_leg(event, log.header.cell_size_m)
+            yield _action_leg(event, log.header.cell_size_m, is_after_gap=is_after_gap)
 
 
-def _action_leg(event: np.void, cell_size_m: float) -> FlownLeg:
+def _action_leg(event: np.void, cell_size_m: float, *, is_after_gap: bool) -> FlownLeg:
     east, north = COLUMN_STEP[event['action']], ROW_STEP[event['action']]
     start_m = float(event['x_m']), float(event['y_m'])
     return FlownLeg(
@@ -106,10 +112,13 @@ def _action_leg(event: np.void, cell_size_m: float) -> FlownLeg:
         end_m=(start_m[0] + east * cell_size_m, start_m[1] + north * cell_size_m),
         energy_left_j=float(event['energy_left_j']),
         energy_j=float(event['energy_j']),
+        is_after_gap=is_after_gap,
     )
 
 
-def _way_home(event: np.void, briefing: Briefing, index: int) -> Iterator[FlownLeg]:
+def _way_home(
+    event: np.void, briefing: Briefing, index: int, *, is_after_gap: bool
+) -> Iterator[FlownLeg]:
     """The straight parts of a way home; time and energy are shared by length."""
     places_m = home_way_m(briefing, index, (float(event['x_m']), float(event['y_m'])))
     lengths_m = [math.dist(*ends_m) for ends_m in pairwise(places_m)]
@@ -129,4 +138,5 @@ def _way_home(event: np.void, briefing: Briefing, index: int) -> Iterator[FlownL
             end_m=end_m,
             energy_left_j=left_j - before * energy_j,
             energy_j=(after - before) * energy_j,
+            is_after_gap=is_after_gap and start_m is places_m[0],
         )

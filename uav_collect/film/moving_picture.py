@@ -1,6 +1,6 @@
 """A mission as a picture that moves: the ground, and on it what changes from time to time."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import combinations
 import math
 from typing import Any, NamedTuple
@@ -18,7 +18,7 @@ from uav_collect.analysis.area_picture import (
     NO_FLY,
     place_handles,
 )
-from uav_collect.analysis.legs import HOME_LEG, HOVER_LEG, mission_legs, state_at
+from uav_collect.analysis.legs import FlownLeg, HOME_LEG, HOVER_LEG, mission_legs, state_at
 from uav_collect.analysis.plotting import Axes, Figure, FigureCanvasAgg, Line2D
 from uav_collect.analysis.readings import mission_readings
 from uav_collect.analysis.short_names import short_names
@@ -120,29 +120,36 @@ class MovingPicture:
         flying = [self._contacts, self._sensors, *self._trails, *self._rings, *self._craft]
         return [*flying, *self._energy, self._clock]
 
-    def _state(self, uav: int, time_s: float) -> _State:
-        """Where a UAV is; one that has not decided yet waits at its start."""
+    def _state(self, uav: int, time_s: float) -> _State | None:
+        """Where a UAV is, None if not known; one that has not decided yet waits at its start."""
         legs = self._legs[uav]
-        if legs and time_s >= legs[0].start_s:
+        if legs and (time_s >= legs[0].start_s or legs[0].is_after_gap):
             state = state_at(legs, time_s)
+            if state is None:
+                return None
             is_hovering = state.leg is not None and state.leg.kind == HOVER_LEG
             has_landed = state.leg is None and legs[-1].kind == HOME_LEG
             return _State(state.place_m, state.energy_left_j, is_hovering, has_landed)
         header, start_m = self._log.header.uavs[uav], self._site.scenario.uavs[uav].start_m
         return _State(start_m, header.energy_budget_j, False, False)
 
-    def _place_uav(self, uav: int, state: _State, time_s: float) -> None:
-        corners_m = [leg.start_m for leg in self._legs[uav] if leg.start_s <= time_s]
-        self._trails[uav].set_data(*zip(*corners_m, state.place_m, strict=True))
+    def _place_uav(self, uav: int, state: _State | None, time_s: float) -> None:
+        corners_m = [*_corners_m(self._legs[uav], time_s)]
+        corners_m += [] if state is None else [state.place_m]
+        self._trails[uav].set_data(*(zip(*corners_m, strict=True) if corners_m else ([], [])))
+        for artist in (self._craft[uav], self._rings[uav], self._energy[uav]):
+            artist.set_visible(state is not None)
+        if state is None:
+            return
         self._craft[uav].set_position(state.place_m)
         self._craft[uav].set_alpha(_PALE if state.has_landed else 1.0)
         x_m, y_m = state.place_m
         self._rings[uav].set_data(([x_m], [y_m]) if state.is_hovering else ([], []))
         self._energy[uav].set_width(max(0.0, state.energy_left_j) / 1e3)
 
-    def _place_contacts(self, states: Sequence[_State]) -> None:
+    def _place_contacts(self, states: Sequence[_State | None]) -> None:
         range_m = self._site.scenario.radio.contact_range_m
-        flying_m = [state.place_m for state in states if not state.has_landed]
+        flying_m = [state.place_m for state in states if state and not state.has_landed]
         line_m = [(math.nan, math.nan)]
         for here_m, there_m in combinations(flying_m, 2):
             if math.dist(here_m, there_m) <= range_m:
@@ -258,6 +265,15 @@ def _read_times(log: MissionLog, site: Site, demand_bit: Floats) -> Floats:
     for reading in mission_readings(log, site, demand_bit):
         read_s[reading.sensor] = min(reading.end_s, read_s[reading.sensor])
     return read_s
+
+
+def _corners_m(legs: Sequence[FlownLeg], time_s: float) -> Iterator[Point]:
+    """Where the legs that a UAV has begun start; the line through them is broken at gaps."""
+    for number, leg in enumerate(legs):
+        if leg.is_after_gap and number and legs[number - 1].end_s <= time_s:
+            yield from (legs[number - 1].end_m, (math.nan, math.nan))
+        if leg.start_s <= time_s:
+            yield leg.start_m
 
 
 def _sensor_colours(has_data: Bools, is_read: Bools) -> list[str]:

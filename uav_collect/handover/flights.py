@@ -14,7 +14,6 @@ from uav_collect.scenario.model import GeoReference, Point
 from uav_collect.scenario.site import Site
 
 _STRAIGHT_RAD = 1e-9  # two legs that turn by less are one stretch
-_GAP_M = 1e-6
 _DIGITS = 8  # of degrees: a millimetre
 
 
@@ -124,10 +123,10 @@ def mission_flights(
 
 
 def stretches_of(legs: Sequence[FlownLeg]) -> tuple[FlownLeg, ...]:
-    """Legs of one UAV, those of a kind that lead straight on as one; without any of no length."""
+    """Legs, those of a kind that lead straight on as one; of no length only after gaps."""
     stretches: list[FlownLeg] = []
     for leg in legs:
-        if leg.kind != HOVER_LEG and leg.length_m == 0.0:
+        if leg.kind != HOVER_LEG and leg.length_m == 0.0 and not leg.is_after_gap:
             continue
         if stretches and _leads_on(stretches[-1], leg):
             energy_j = stretches[-1].energy_j + leg.energy_j
@@ -146,8 +145,7 @@ def heading_rad(leg: FlownLeg) -> float:
 
 
 def _leads_on(stretch: FlownLeg, leg: FlownLeg) -> bool:
-    is_apart = math.dist(stretch.end_m, leg.start_m) > _GAP_M  # a recording may lack legs
-    if stretch.kind != leg.kind or leg.kind == HOVER_LEG or is_apart:
+    if stretch.kind != leg.kind or leg.kind == HOVER_LEG or leg.is_after_gap:
         return False
     turn_rad = math.remainder(heading_rad(leg) - heading_rad(stretch), math.tau)
     return abs(turn_rad) < _STRAIGHT_RAD

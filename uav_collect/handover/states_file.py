@@ -6,7 +6,7 @@ from itertools import chain
 import math
 
 from uav_collect import files
-from uav_collect.analysis.legs import FlownLeg, state_at
+from uav_collect.analysis.legs import state_at, UavState
 from uav_collect.errors import ConfigError
 from uav_collect.handover.flights import MissionFlights, UavFlight
 
@@ -21,6 +21,8 @@ _MAX_ROWS = 5_000_000
 
 def states_file(mission: MissionFlights, rate_hz: float) -> bytes:
     """The states of all UAVs at the times 0, 1 / rate, ... and as each one's flight ends.
+
+    There is no row of a UAV at times of which the log lacks what it did.
 
     Raises:
         ConfigError: there would be more rows than anybody reads.
@@ -47,14 +49,16 @@ def _rows(
     for time_s in chain(times_s, [end_s]):
         while first < len(flight.stretches) - 1 and flight.stretches[first].end_s <= time_s:
             first += 1
-        yield _row(mission, flight, flight.stretches[first:], time_s)
+        state = state_at(flight.stretches[first:], time_s)
+        if state is not None:
+            yield _row(mission, flight, state, time_s)
 
 
 def _row(
-    mission: MissionFlights, flight: UavFlight, stretches: tuple[FlownLeg, ...], time_s: float
+    mission: MissionFlights, flight: UavFlight, state: UavState, time_s: float
 ) -> tuple[object, ...]:
-    state, stretch = state_at(stretches, time_s), stretches[-1]
-    doing, speed_mps, heading = LANDED if flight.has_landed else stretch.kind, 0.0, ''
+    last = flight.stretches[-1]
+    doing, speed_mps, heading = LANDED if flight.has_landed else last.kind, 0.0, ''
     if state.leg is not None:
         doing = state.leg.kind
         if state.leg.length_m > 0.0:
