@@ -1,5 +1,6 @@
 """Missions for ground stations, read back by pymavlink, and by what QGroundControl documents."""
 
+from collections.abc import Callable
 from dataclasses import replace
 import json
 import math
@@ -7,11 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from handed_on import flown_on_earth, GEOD, handed_on, lengths_m, on_earth, REFERENCE
+import numpy as np
 from pymavlink import mavutil, mavwp
 import pytest
 from tiny_world import fly_scripts, tiny, uav
 from uav_collect.analysis.legs import between_m, HOME_LEG, HOVER_LEG
-from uav_collect.handover.flights import MissionFlights
+from uav_collect.errors import MissionLogError
+from uav_collect.handover.flights import MissionFlights, UavFlight
 from uav_collect.handover.mission_items import plan_file, waypoint_file
 from uav_collect.uav.action_codes import BACKWARD, FORWARD, HOVER, LEFT, RIGHT
 
@@ -158,3 +161,19 @@ def test_a_plan_and_a_waypoint_file_say_the_same(
         assert (planned['command'], planned['frame']) == (item.command, item.frame)
         params = [item.param1, item.param2, item.param3, item.param4, item.x, item.y, item.z]
         assert [param or 0.0 for param in planned['params']] == pytest.approx(params, abs=1e-8)
+
+
+@pytest.mark.parametrize('lacking', [0, 1])
+@pytest.mark.parametrize('write', [plan_file, waypoint_file])
+def test_a_flight_with_a_gap_is_no_mission(
+    lacking: int, write: Callable[[MissionFlights, UavFlight], bytes]
+) -> None:
+    _, log = flown_on_earth()
+    own = np.flatnonzero(log.events['uav'] == 1)
+    cut = replace(log, events=np.delete(log.events, own[lacking]))
+    mission = handed_on(on_earth(), cut)
+    first, second = mission.flights
+    assert first.take_off_m == on_earth().uavs[0].start_m
+    with pytest.raises(MissionLogError, match=r'UAV 1: the recording lacks .* must be there'):
+        write(mission, first)
+    assert write(mission, second)

@@ -23,13 +23,9 @@ class UavFlight:
 
     uav: int  # id, from 1
     speed_mps: float
+    take_off_m: Point
     stretches: tuple[FlownLeg, ...]  # legs that lead straight on as one; at least one
     has_landed: bool  # its way home is in the log
-
-    @property
-    def take_off_m(self) -> Point:
-        """Where it starts."""
-        return self.stretches[0].start_m
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,7 +96,7 @@ def mission_flights(
         start: what the mission's time 0 is; in UTC.
         reference: where on Earth the area lies, if the scenario does not say it.
     """
-    headers, header = log.header.uavs, log.header
+    header, scenario = log.header, site.scenario
     return MissionFlights(
         name=f'{site.scenario.name}, mission seed {header.mission_seed}',
         site=site,
@@ -111,10 +107,13 @@ def mission_flights(
             UavFlight(
                 uav=uav.id,
                 speed_mps=uav.speed_mps,
+                take_off_m=in_fleet.start_m,
                 stretches=stretches,
                 has_landed=legs[-1].kind == HOME_LEG,
             )
-            for uav, legs in zip(headers, mission_legs(log, site.scenario), strict=True)
+            for uav, in_fleet, legs in zip(
+                header.uavs, scenario.uavs, mission_legs(log, scenario), strict=True
+            )
             if (stretches := stretches_of(legs))
         ),
         readings=mission_readings(log, site, demand_bit),

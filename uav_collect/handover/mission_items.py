@@ -14,6 +14,7 @@ import json
 import math
 
 from uav_collect.analysis.legs import HOVER_LEG
+from uav_collect.errors import MissionLogError
 from uav_collect.handover.flights import MissionFlights, UavFlight
 from uav_collect.handover.outlines import NO_FLY, outlines
 from uav_collect.scenario.model import Point
@@ -55,7 +56,14 @@ def mission_items(mission: MissionFlights, flight: UavFlight) -> tuple[MissionIt
 
     Raises:
         ConfigError: it is not known where on Earth the area lies.
+        MissionLogError: the log lacks decisions between others of the UAV.
     """
+    gap = next((stretch for stretch in flight.stretches if stretch.is_after_gap), None)
+    if gap is not None:
+        raise MissionLogError(
+            f'{mission.name}: UAV {flight.uav}: the recording lacks what it decided before its'
+            f' action at {gap.start_s:.1f} s: must be there from the start on for plan and mavlink'
+        )
     return tuple(_items(mission, flight))
 
 
