@@ -186,6 +186,18 @@ def test_cvxpy_finds_the_exact_hover_time_to_six_digits(draw: Draw) -> None:
         check_feasible(hover, share_hz)
 
 
+@pytest.mark.parametrize('seed', [13, 17, 138, 197])
+def test_cvxpy_shares_bandwidth_where_its_solver_fails_by_default_settings(seed: int) -> None:
+    # Sensors 30 dB below the paper's power.
+    signal_w, error_w, *rest = link(np.random.default_rng(seed), csi_error=0.01)
+    hover = signal_w * 1e-3, error_w * 1e-3, *rest
+    best_s = allocate_exact(*batch(hover)).hover_s[0]
+    share_hz, hover_s, gap = only(allocate_cvxpy(*batch(hover)))
+    assert hover_s == pytest.approx(best_s, rel=1e-4)
+    assert hover_s <= (1.0 + gap) * best_s * (1.0 + 1e-12)
+    check_feasible(hover, share_hz)
+
+
 def test_at_the_best_shares_all_sensors_end_together() -> None:
     hover = imperfect_csi(np.random.default_rng(3))
     share_hz, hover_s, _ = only(allocate_exact(*batch(hover)))

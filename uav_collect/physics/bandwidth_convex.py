@@ -126,19 +126,27 @@ _kept_program = lru_cache(maxsize=64)(build_program)
 
 
 def solve_program(program: Program, s: Floats, e: Floats, c: Floats) -> Floats:
-    """Parts of the bandwidth, shape (n,), for the scaled numbers of a hover's n sensors."""
+    """Parts of the bandwidth, shape (n,), for the scaled numbers of a hover's n sensors.
+
+    Raises:
+        cvxpy.SolverError: Clarabel finds none under any of its settings.
+    """
     program.s.value, program.e.value, program.c.value = s, e, c
     program.log_s.value = np.log(s)
     with warnings.catch_warnings():
         # The certified gap says how inaccurate a solution is.
         warnings.filterwarnings('ignore', message='Solution may be inaccurate')
-        # A warm start would make the shares depend on what was solved before.
-        program.problem.solve(solver=cp.CLARABEL, warm_start=False)
-    if program.x.value is None:
-        raise cp.SolverError(program.problem.status)
-    x = np.maximum(program.x.value, _SMALLEST_SHARE)
-    share: Floats = x / x.sum()
-    return share
+        for settings in ({}, *_TIGHT_SETTINGS):
+            try:
+                # A warm start would make the shares depend on what was solved before.
+                program.problem.solve(solver=cp.CLARABEL, warm_start=False, **settings)
+            except cp.SolverError:
+                continue
+            if program.x.value is not None:
+                x = np.maximum(program.x.value, _SMALLEST_SHARE)
+                share: Floats = x / x.sum()
+                return share
+    raise cp.SolverError('Clarabel finds no shares under any of its settings')
 
 
 def shortest_hover_s(
