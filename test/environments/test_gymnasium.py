@@ -3,6 +3,7 @@
 from typing import Any
 
 import gymnasium
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
 import numpy as np
 from numpy.typing import NDArray
 import pytest
@@ -76,6 +77,7 @@ def test_worlds_fly_the_missions_that_are_flown_one_by_one() -> None:
     alone = [TurnEnv(short(), max_decisions=25) for _ in seeds]
     expected = [world.reset(seed=seed) for world, seed in zip(alone, seeds, strict=True)]
     next_seed, n_ended, n_cut = first_seed_of_resets(0), 0, 0
+    nobody = np.zeros(3, bool)
     assert observed in worlds.observation_space
     for _ in range(60):
         assert observed.tolist() == [seen.tolist() for seen, _ in expected]
@@ -85,14 +87,13 @@ def test_worlds_fly_the_missions_that_are_flown_one_by_one() -> None:
         observed, rewards, terminated, truncated, infos = worlds.step(actions)
         for world, one in enumerate(alone):
             seen, reward, is_over, is_cut, info = one.step(actions[world])
+            assert infos.get('_final_obs', nobody)[world] == (is_over or is_cut)
             found = rewards[world], terminated[world], truncated[world]
             assert found == (reward, is_over, is_cut)
             assert infos['discount'][world] == pytest.approx(info['discount'], rel=1e-12)
-            if is_cut:
-                n_cut += 1
-                assert infos['_final_obs'][world]
-                assert infos['final_obs'][world].tolist() == seen.tolist()
             if is_over or is_cut:
+                n_cut += is_cut
+                assert infos['final_obs'][world].tolist() == seen.tolist()
                 log = one.mission_log()
                 share = infos['final_info']['collected_share'][world]
                 assert share == pytest.approx(
@@ -104,6 +105,29 @@ def test_worlds_fly_the_missions_that_are_flown_one_by_one() -> None:
             expected[world] = seen, info
     assert n_ended > 4
     assert n_cut > 0
+
+
+@pytest.mark.parametrize('max_decisions', [None, 5])
+def test_what_was_seen_last_is_handed_out_as_by_gymnasiums_own_vectors(
+    max_decisions: int | None,
+) -> None:
+    def one() -> gymnasium.Env[Any, Any]:
+        return TurnEnv(short(), max_decisions=max_decisions, mask_in='observation')
+
+    worlds = WorldsEnv(short(), num_envs=2, max_decisions=max_decisions, mask_in='observation')
+    alike = SyncVectorEnv([one, one], autoreset_mode=AutoresetMode.SAME_STEP)
+    observed, _ = worlds.reset(options={'mission_seeds': [SEED, 7]})
+    alike.reset(seed=[SEED, 7])
+    rng, has_ended = np.random.default_rng(0), np.zeros(2, bool)
+    while not has_ended.any():
+        actions = at_random(observed['action_mask'], rng)
+        observed, _, terminated, truncated, infos = worlds.step(actions)
+        *_, expected = alike.step(actions)
+        has_ended = terminated | truncated
+    assert infos['_final_obs'].tolist() == expected['_final_obs'].tolist() == has_ended.tolist()
+    for world in np.flatnonzero(has_ended):
+        for name, seen in expected['final_obs'][world].items():
+            assert infos['final_obs'][name][world].tolist() == seen.tolist()
 
 
 def test_what_worlds_hand_out_stays_as_it_is() -> None:

@@ -11,8 +11,8 @@ answers all worlds. Arrays have a row for each world, and are the caller's own:
 
 A world whose mission has ended begins another one in the same step (Gymnasium's `SAME_STEP`): its
 row of the observations and masks is of the new mission, its reward, duration and discount of the
-old. What was seen last of missions that were cut off is `infos['final_obs']`, where `_final_obs`
-is true; what missions achieved that ended either way, `infos['final_info']`.
+old. What was seen last of missions that ended, however they did, is `infos['final_obs']`, where
+`_final_obs` is true; what they achieved, `infos['final_info']`, where `_final_info` is.
 
 Where a fault leaves nobody to decide from the start on, `uav` is 0, and hover, the one legal
 action, ends the mission.
@@ -137,7 +137,7 @@ class WorldsEnv(gymnasium.vector.VectorEnv):
         is_over = decisions.uav == NONE
         is_cut = self._cut_off(is_over)
         ended = np.flatnonzero(is_over | is_cut)
-        last = self._last(decisions, ended, is_cut) if len(ended) else {}
+        last = self._last(decisions, ended) if len(ended) else {}
         if len(ended):
             self._begin(ended.tolist(), [self._seeds.draw() for _ in ended])
         return self._handed_out(), reward, is_over, is_cut, self._infos(duration_s) | last
@@ -188,7 +188,7 @@ class WorldsEnv(gymnasium.vector.VectorEnv):
             'discount': self._setup.discount_per_s**duration_s,
         }
 
-    def _last(self, decisions: AwaitedDecisions, ended: Ints, is_cut: Bools) -> dict[str, Any]:
+    def _last(self, decisions: AwaitedDecisions, ended: Ints) -> dict[str, Any]:
         """What there is to say of missions that end with this step."""
         has_ended = np.isin(self._worlds, ended)
         achieved = {
@@ -200,10 +200,12 @@ class WorldsEnv(gymnasium.vector.VectorEnv):
         for world in ended.tolist():
             achieved['efficiency_kbit_per_j'][world] = self._env.efficiency_kbit_per_j(world)
             achieved['collected_share'][world] = self._env.collected_share(world)
-        said: dict[str, Any] = {'final_info': achieved, '_final_info': has_ended}
-        if is_cut.any():
-            turned = COMPASS_ACTIONS[decisions.frame]
-            mask = decisions.legal[self._worlds[:, None], turned].view(np.int8)
-            seen = self._setup.seen(decisions.observation.astype(np.float32), mask)
-            said |= {'final_obs': seen, '_final_obs': is_cut}
-        return said
+        turned = COMPASS_ACTIONS[decisions.frame]
+        mask = decisions.legal[self._worlds[:, None], turned].view(np.int8)
+        mask[decisions.uav == NONE] = 0
+        return {
+            'final_obs': self._setup.seen(decisions.observation.astype(np.float32), mask),
+            '_final_obs': has_ended,
+            'final_info': achieved,
+            '_final_info': has_ended,
+        }
