@@ -189,6 +189,16 @@ def test_seeds_of_worlds_that_are_none_are_refused(given: dict[str, Any], words:
         WorldsEnv(short(), num_envs=2).reset(**given)
 
 
+@pytest.mark.parametrize('make', [TurnEnv, WorldsEnv])
+def test_a_seed_is_any_whole_number_from_0_to_2_to_the_62(make: Any) -> None:  # noqa: ANN401
+    world = make(short())
+    for seed in (-1, 2**62 + 1):
+        with pytest.raises(ValueError, match=rf'seed is {seed}: must be 0\.\.2\^62'):
+            world.reset(seed=seed)
+    by_numpy, _ = world.reset(seed=np.int64(SEED))
+    assert by_numpy.tolist() == world.reset(seed=SEED)[0].tolist()
+
+
 def test_gymnasium_makes_worlds_by_their_name() -> None:
     worlds = gymnasium.make_vec(
         f'uav_collect.environments:{ID}', num_envs=3, scenario=tiny(uav(5.0)), layout='paper'

@@ -21,6 +21,7 @@ from gymnasium.spaces import Discrete
 import numpy as np
 from numpy.typing import NDArray
 from uav_collect.environments.shared import (
+    checked_seed,
     environment_setup,
     idle_mask,
     IN_INFO,
@@ -87,8 +88,9 @@ class TurnEnv(gymnasium.Env):
         Raises:
             ValueError: the seed is out of range.
         """
-        super().reset(seed=seed)
-        self._seed = self._seeds.of_reset(seed)
+        chosen = None if seed is None else checked_seed(seed)
+        super().reset(seed=chosen)
+        self._seed = self._seeds.of_reset(chosen)
         self._env.restart(0, self._seed)
         self._n_decisions = 0
         return self._seen(), self._info()

@@ -106,9 +106,10 @@ class WorldsEnv(gymnasium.vector.VectorEnv):
         Raises:
             ValueError: a seed is out of range, or there are not as many as worlds.
         """
-        super().reset(seed=seed)
-        if seed is not None:
-            self._seeds.begin(checked_seed(seed))
+        chosen = None if seed is None else checked_seed(seed)
+        super().reset(seed=chosen)
+        if chosen is not None:
+            self._seeds.begin(chosen)
         given: Sequence[int] | None = (options or {}).get('mission_seeds')
         if given is None:
             given = [self._seeds.draw() for _ in range(self.num_envs)]
