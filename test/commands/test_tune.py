@@ -43,10 +43,16 @@ def test_every_combination_is_trained_once_and_compared(
     assert [(run / 'run.json').stat().st_mtime_ns for run in runs.values()] == before
     assert table['label'][0] in capsys.readouterr().out
     assert 'best validation of' in printed
-    assert main([*asked, '--override', 'target.double_q=false']) == 2
-    assert said(capsys).endswith(
-        'trace0.5_s0: holds a run with other settings: choose another --output'
-    )
+    for others in (
+        ['--override', 'target.double_q=false'],
+        ['--set', 'radio.loss_share=0.1'],
+        ['--algorithm', 'aiql'],
+        ['--decisions', '400'],
+    ):
+        assert main([*asked, *others]) == 2
+        assert said(capsys).endswith(
+            'trace0.5_s0: holds a run with other settings: choose another --output'
+        )
 
 
 def test_who_leaves_data_behind_is_not_the_best_and_who_kept_no_policy_is_left_out(

@@ -54,7 +54,33 @@ def plan_training(arguments: argparse.Namespace) -> TrainingPlan:
     return _new_training(arguments) if arguments.resume is None else _resumed_training(arguments)
 
 
+def is_of_training(record: RunRecord, arguments: argparse.Namespace) -> bool:
+    """Whether a run is what the arguments describe for its one seed, budget and all.
+
+    Raises:
+        TrainingRunError: scenarios are given with courses.
+        ConfigError: scenario or preset are not valid.
+    """
+    wanted = _first_run(arguments).record
+    names = *_SHARED, 'minutes', 'decisions'
+    return all(getattr(record, name) == getattr(wanted, name) for name in names)
+
+
 def _new_training(arguments: argparse.Namespace) -> TrainingPlan:
+    first = _first_run(arguments)
+    seeds = first.record.seeds
+    is_alone = len(seeds) == 1 and arguments.output is not None
+    runs = []
+    for seed in seeds:
+        own = _folder_of(first.record, arguments.output, seed)
+        folder = arguments.output if is_alone else own
+        _check_new(folder)
+        runs.append(replace(first, folder=folder, record=replace(first.record, seed=seed)))
+    return TrainingPlan(runs=tuple(runs), folders=tuple(run.folder for run in runs))
+
+
+def _first_run(arguments: argparse.Namespace) -> PlannedRun:
+    """The run of the first seed that the arguments describe, in the folder of that seed."""
     from uav_collect.training.config import load_preset
     from uav_collect.uav.policy import frozen_policy, outdated
 
@@ -65,18 +91,10 @@ def _new_training(arguments: argparse.Namespace) -> TrainingPlan:
     if initial is not None and (line := outdated(arguments.start_from, initial)) is not None:
         say(line)
     record = _record(arguments, scenarios, config, initial, courses)
-    is_alone = len(record.seeds) == 1 and arguments.output is not None
-    runs = []
-    for seed in record.seeds:
-        folder = arguments.output if is_alone else _folder_of(record, arguments.output, seed)
-        _check_new(folder)
-        runs.append(
-            PlannedRun(
-                folder=folder, record=replace(record, seed=seed), scenarios=scenarios,
-                config=config, initial=initial, courses=courses,
-            )
-        )  # fmt: skip
-    return TrainingPlan(runs=tuple(runs), folders=tuple(run.folder for run in runs))
+    return PlannedRun(
+        folder=_folder_of(record, arguments.output, record.seed), record=record,
+        scenarios=scenarios, config=config, initial=initial, courses=courses,
+    )  # fmt: skip
 
 
 def _courses_of(arguments: argparse.Namespace) -> 'Courses | None':

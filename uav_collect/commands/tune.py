@@ -10,7 +10,7 @@ from typing import NamedTuple, TYPE_CHECKING
 from uav_collect import files
 from uav_collect.commands import options, train
 from uav_collect.commands.terminal import say
-from uav_collect.commands.training_plan import OWN_OPTIONS, plan_training
+from uav_collect.commands.training_plan import is_of_training, OWN_OPTIONS, plan_training
 from uav_collect.errors import TrainingRunError
 from uav_collect.limits import FAILED, is_name, NAME_ALLOWED
 from uav_collect.training.folder import BEST_POLICY
@@ -144,7 +144,7 @@ def _one(
         plan_training(one)  # raises before anything is trained
         return one
     record = read_run(folder)
-    if record.overrides != tuple(one.override) or record.seed != seed:
+    if not is_of_training(record, one):
         raise TrainingRunError(
             f'{folder}: holds a run with other settings: choose another --output'
         )
