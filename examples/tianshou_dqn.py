@@ -6,6 +6,7 @@ Tianshou discounts each decision alike, however many seconds it takes; `gamma` s
 """
 
 import argparse
+from functools import partial
 from typing import Any
 
 import gymnasium
@@ -38,13 +39,14 @@ class MaskedObservation(gymnasium.ObservationWrapper):
         return {'obs': seen['observation'], 'mask': seen['action_mask'].astype(bool)}
 
 
-def world(scenario: str) -> MaskedObservation:
-    return MaskedObservation(
-        TurnEnv(
-            scenario, reward='energy', layout='relative', bandwidth='equal', max_decisions=250,
-            mask_in='observation',
-        )
+def world(scenario: str, seed: int) -> MaskedObservation:
+    """A world with missions of its own: all that it flies later follow from its seed."""
+    env = TurnEnv(
+        scenario, reward='energy', layout='relative', bandwidth='equal', max_decisions=250,
+        mask_in='observation',
     )  # fmt: skip
+    env.reset(seed=seed)
+    return MaskedObservation(env)
 
 
 def train(scenario: str, n_decisions: int, seed: int) -> Any:
@@ -52,8 +54,9 @@ def train(scenario: str, n_decisions: int, seed: int) -> Any:
     np.random.seed(seed)  # noqa: NPY002 - Tianshou draws by it
     torch.manual_seed(seed)
     torch.set_num_threads(1)  # on busy cores more are slower
-    worlds = DummyVectorEnv([lambda: world(scenario)] * N_WORLDS)
-    one = world(scenario)
+    seeds = range(seed * N_WORLDS, (seed + 1) * N_WORLDS)
+    worlds = DummyVectorEnv([partial(world, scenario, each) for each in seeds])
+    one = world(scenario, seed)
     n_inputs = one.observation_space['obs'].shape
     network = Net(state_shape=n_inputs, action_shape=one.action_space.n, hidden_sizes=(128, 128))
     policy = DiscreteQLearningPolicy(
