@@ -235,6 +235,14 @@ def test_what_was_refined_for_a_scenario_is_chosen_from_beside_its_file(tmp_path
     assert [it.policy for it in choice.tried] == [str(own), 'sweep', 'hert']
 
 
+def test_a_choice_is_refused_a_function_by_the_name_of_another_candidate() -> None:
+    def sweep(situation: Situation) -> int:
+        return go_home(situation)
+
+    with pytest.raises(UavCollectError, match='policy sweep is a candidate already'):
+        uav_collect.choose_policy('paper_8x8', sweep, missions=1)
+
+
 def test_a_choice_is_refused_what_cannot_be_flown() -> None:
     with pytest.raises(ValueError, match='missions is 0'):
         uav_collect.choose_policy('paper_8x8', missions=0)

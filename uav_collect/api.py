@@ -138,7 +138,7 @@ def choose_policy(
         What each achieved. Its `policy` names the best; a function by its own name.
 
     Raises:
-        UavCollectError: as for `fly`.
+        UavCollectError: as for `fly`, or two policies have the same name.
         ValueError: the number of missions or the guard's patience is out of range.
     """
     if missions is not None:
@@ -158,6 +158,9 @@ def choose_policy(
     refined = [] if isinstance(scenario, Scenario) else own_policies(scenario, loaded.n_uavs)
     found, _ = candidates_for(loaded, own=refined)
     known = {it.name for it in found}
+    for policy, name in zip(given, own, strict=True):
+        if not isinstance(policy, str) and name in known:
+            raise PolicyMismatchError(f'policy {name} is a candidate already: rename your own')
     found += [Candidate(name=name, policy=it) for name, it in own.items() if name not in known]
     return choose(
         build_site(loaded),
