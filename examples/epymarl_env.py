@@ -47,10 +47,11 @@ class UavCollectEnv:
 
     def step(self, actions: Any) -> tuple[Arrays, float, bool, bool, dict[str, Any]]:
         chosen = dict(zip(self._agents, (int(action) for action in actions), strict=True))
-        self._observed, rewards, terminated, _, self._infos = self._env.step(chosen)
+        self._observed, rewards, terminated, truncated, self._infos = self._env.step(chosen)
         self._n_steps += 1
         is_over = terminated[self._agents[0]]
-        is_cut = not is_over and self._n_steps >= self.episode_limit
+        is_late = self._n_steps >= self.episode_limit
+        is_cut = not is_over and (truncated[self._agents[0]] or is_late)
         info: dict[str, Any] = {'episode_limit': True} if is_cut else {}
         if is_over or is_cut:
             metrics = mission_metrics(self._env.mission_log())

@@ -44,6 +44,15 @@ def test_epymarl_gets_what_its_interface_says() -> None:
     assert world.get_state().shape == (said['state_shape'],)
 
 
+def test_epymarl_hears_of_a_mission_that_is_cut_off_before_its_time_limit() -> None:
+    world = UavCollectEnv('paper_8x8', time_limit=50, seed=3, max_decisions=4)
+    world.reset()
+    for is_last in (False, True):
+        actions = np.array(world.get_avail_actions()).argmax(axis=1)
+        _, _, is_over, is_cut, info = world.step(actions)
+        assert (is_over, is_cut, 'episode_limit' in info) == (False, is_last, is_last)
+
+
 def test_ppo_learns_by_masked_actions_and_repeats_itself() -> None:
     pytest.importorskip('torch', reason='needs torch')
     from examples.ppo import Settings, train
