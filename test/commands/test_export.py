@@ -140,11 +140,12 @@ def test_a_mission_that_was_cut_short_is_handed_on_with_a_warning(
     )
 
 
+@pytest.mark.parametrize('kind', HANDOVER_KINDS)
 def test_a_fleet_that_stays_on_the_ground_has_nothing_to_hand_on(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     idle = write_run(tmp_path / 'idle', tiny(), ([], []))
-    command = ['export', str(idle), '--to', 'mavlink', '--reference', '0', '0']
+    command = ['export', str(idle), '--to', kind, '--reference', '0', '0']
     assert main(command) == 2
     *lines, error = capsys.readouterr().err.splitlines()
     assert lines == [f'{STEM}: UAV {uav} stayed on the ground: it has no flight' for uav in (1, 2)]

@@ -199,7 +199,7 @@ def _files(
     stem: str,
     reference: 'GeoReference | None',
 ) -> dict[Path, bytes]:
-    """The files of a mission, by where they go."""
+    """The files of a mission, by where they go; none where no UAV left the ground."""
     from uav_collect.handover.flights import mission_flights
     from uav_collect.handover.formats import files_of
 
@@ -214,6 +214,8 @@ def _files(
     for uav in mission.log.header.uavs:
         if uav.id not in flown:
             terminal.say(f'{stem}: UAV {uav.id} stayed on the ground: it has no flight')
+    if not flown:
+        return {}
     folder = arguments.output or _beside(arguments.path)
     contents = {
         folder / name: content
