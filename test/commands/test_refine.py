@@ -18,8 +18,8 @@ from uav_collect.uav.policy import policy_for
 from uav_collect.uav.policy_file import load_policy, save_policy
 
 pytest.importorskip('torch', reason='training needs torch')
+from trainer_states import poisoned
 from uav_collect.commands import refine_session
-from uav_collect.learning.learner import Learner
 
 SCENARIO = tiny(name='field')
 QUICK = (
@@ -167,14 +167,7 @@ def test_weights_that_are_no_numbers_end_it_and_keep_what_came(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    update = Learner.update
-
-    def spoilt(self: Learner, *arguments: object) -> float:
-        if self.n_updates == 4:
-            next(self.networks.parameters()).data.fill_(float('nan'))
-        return update(self, *arguments)  # type: ignore[arg-type]
-
-    monkeypatch.setattr(Learner, 'update', spoilt)
+    poisoned(monkeypatch, 4)
 
     assert refined() == FAILED
     assert 'the training diverged' in capsys.readouterr().err

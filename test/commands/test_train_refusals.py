@@ -22,7 +22,7 @@ from uav_collect.uav.policy_file import load_policy
 
 pytest.importorskip('torch', reason='training needs torch')
 from processes import completed
-from uav_collect.learning.learner import Learner
+from trainer_states import poisoned
 
 
 def test_no_two_processes_train_in_one_folder(
@@ -35,18 +35,6 @@ def test_no_two_processes_train_in_one_folder(
     os.close(other)
     assert status == 2
     assert said(capsys) == f'error: {run}: another process trains in it'
-
-
-def poisoned(monkeypatch: pytest.MonkeyPatch, after: int) -> None:
-    """Let the loss be no number after so many updates."""
-    update = Learner.update
-
-    def spoilt(self: Learner, *arguments: object) -> float:
-        if self.n_updates == after:
-            next(self.networks.parameters()).data.fill_(float('nan'))
-        return update(self, *arguments)
-
-    monkeypatch.setattr(Learner, 'update', spoilt)
 
 
 @pytest.mark.parametrize('after', [12, 20])

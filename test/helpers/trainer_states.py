@@ -4,7 +4,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from uav_collect.learning.checkpoint import read_checkpoint
+from uav_collect.learning.learner import Learner
 from uav_collect.learning.trainer import Trainer
 
 
@@ -32,3 +34,15 @@ def differences(one: object, other: object, path: str = '') -> list[str]:
     else:
         return [] if one == other else [f'{path}: {one} and {other}']
     return [it for key, mine, theirs in pairs for it in differences(mine, theirs, f'{path}/{key}')]
+
+
+def poisoned(monkeypatch: pytest.MonkeyPatch, after: int) -> None:
+    """Let the loss be no number after so many updates."""
+    update = Learner.update
+
+    def spoilt(self: Learner, *arguments: object) -> object:
+        if self.n_updates == after:
+            next(self.networks.parameters()).data.fill_(float('nan'))
+        return update(self, *arguments)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(Learner, 'update', spoilt)

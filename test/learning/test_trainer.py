@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 
 from episodes import single_threaded_torch, small
@@ -22,8 +23,10 @@ from uav_collect.uav.policy_network import LearnedPolicy
 torch = single_threaded_torch()
 from trainer_states import differences, state_of
 from uav_collect.errors import ConfigError
+from uav_collect.learning import trainer as trainer_module
+from uav_collect.learning.saved import SavedPart
 from uav_collect.learning.trainer import Trainer
-from uav_collect.training.progress import Budget, Progress
+from uav_collect.training.progress import Budget, Progress, SpeedMeter
 from uav_collect.uav.briefing import brief
 
 DECISIONS = 1000
@@ -125,6 +128,38 @@ def test_a_run_over_several_areas_and_fleets_is_resumed_alike(tmp_path: Path) ->
     assert differences(one, other) == []
 
 
+@pytest.mark.parametrize('every', ['missions', 'updates'])
+def test_wherever_a_run_stops_it_ends_as_the_one_that_went_on(
+    every: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Once epsilon is low an update takes more missions than there are: some turns make none.
+    settings = {
+        'rollout__decisions_per_update': 20, 'replay__missions_per_batch_first': 1,
+        'replay__missions_per_batch': 12, 'exploration__decay_share': 0.4,
+        f'validation__every_{every}': 2,
+    }  # fmt: skip
+    config, budget = small('strong', **settings), Budget(decisions=500)
+    monkeypatch.setattr(SpeedMeter, 'is_due', lambda meter: True)  # a look after every turn
+    straight, looks = trainer_of(config=config), []
+    for progress in straight.run(budget):
+        straight.save(tmp_path / str(len(looks)))
+        looks.append(progress)
+    n_updates = [it.n_updates for it in looks]
+    assert any(n == after > 0 for n, after in pairwise(n_updates))
+    wanted = state_of(straight, tmp_path / 'straight')
+    for look in range(1, len(looks), 2):
+        resumed = loaded(tmp_path / str(look), trainer_of(config=config))
+        later = trained(resumed, budget)
+        assert validated(later) == validated(looks[look + 1 :])
+        assert differences(wanted, state_of(resumed, tmp_path / 'resumed')) == []
+
+
+def validated(looks: Sequence[Progress]) -> list[tuple[int, float]]:
+    """After how many updates there was a validation, and how well its policy flew."""
+    validations = [it.validation for it in looks if it.validation is not None]
+    return [(it.n_updates, it.efficiency_kbit_per_j) for it in validations]
+
+
 def papers_loop(**overrides: object) -> TrainingConfig:
     """One mission at a time, an update at every event, a validation after every two missions."""
     settings = {
@@ -181,6 +216,25 @@ def test_a_resumed_run_has_its_best_policy(finished: Finished, tmp_path: Path) -
     assert after is not None
     assert after.header == before.header
     assert differences(dict(before.weights), dict(after.weights)) == []
+
+
+def test_the_best_policy_of_a_resumed_run_is_of_the_revision_that_found_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(trainer_module, 'git_revision', lambda: 'earlier')
+    stopped = trainer_of()
+    next(it for it in stopped.run(BUDGET) if it.validation is not None)
+    state = stopped.state()
+    monkeypatch.setattr(trainer_module, 'git_revision', lambda: 'later')
+    resumed, of_old = trainer_of(), trainer_of()
+    resumed.restore(SavedPart(state))
+    del state['best_revision']  # as 0.1.0 saved it
+    of_old.restore(SavedPart(state))
+    for trainer, revision in ((resumed, 'earlier'), (of_old, 'unknown')):
+        policy = trainer.best_policy()
+        assert policy is not None
+        assert policy.header.git_revision == revision
+    assert resumed.policy().header.git_revision == 'later'
 
 
 def test_the_same_seed_trains_the_same_policy_and_another_seed_another_one(

@@ -1,6 +1,8 @@
 """What a job goes on from is what was saved of it, or nothing goes on; what ends one is said."""
 
 from collections.abc import Callable
+from dataclasses import replace
+import json
 import os
 from pathlib import Path
 import pickle
@@ -12,12 +14,14 @@ from study_jobs import FLEET, training
 from tiny_world import tiny
 from uav_collect.errors import CheckpointError, TrainingRunError
 from uav_collect.learning.checkpoint import checkpoint_bytes
-from uav_collect.studies.jobs.jobs import CURVE, digest_of, POLICY, training_job
+from uav_collect.studies.jobs.jobs import CURVE, digest_of, POLICY, SUMMARY, training_job
 from uav_collect.studies.jobs.work import run_job
 from uav_collect.studies.jobs.worker_messages import Finished, Saved, WorkItem
+from uav_collect.training.progress import SpeedMeter
 from uav_collect.uav.policy_file import policy_from_bytes
 
 pytest.importorskip('torch', reason='training needs torch')
+from trainer_states import poisoned
 
 
 class _Trap:
@@ -60,6 +64,25 @@ def test_a_training_that_ends_before_its_first_update_says_what_that_takes() -> 
     words = r'^aqmix, seed 0: nothing was learned: .* too few for an update: it takes '
     with pytest.raises(TrainingRunError, match=words):
         list(run_job(work))
+
+
+@pytest.mark.parametrize('is_looked_at', [True, False])
+def test_a_training_that_diverges_between_validations_keeps_states_that_can_be_read(
+    is_looked_at: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(SpeedMeter, 'is_due', lambda meter: is_looked_at)
+    poisoned(monkeypatch, after=6)  # validated after 4 and 8
+    job = training(decisions=1000)
+    work = WorkItem(digest=digest_of(job), job=job, inputs={}, state=None, checkpoint_s=0.0)
+    *_, saved, done = (it for it in run_job(work) if isinstance(it, Saved | Finished))
+    assert isinstance(saved, Saved)
+    assert isinstance(done, Finished)
+    *_, again = run_job(replace(work, state=saved.state))
+    assert isinstance(again, Finished)
+    assert again.results == done.results
+    summary = json.loads(done.results[SUMMARY])
+    assert summary['diverged'] == 'after 7 updates: the loss is nan'
+    assert summary['best']['version'].partition('@')[2].startswith('4-')
 
 
 def learned_by(algorithm: str) -> tuple[bytes, str]:

@@ -3,15 +3,9 @@
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
-import math
 from time import monotonic
 
-from uav_collect.errors import (
-    DivergedError,
-    InterruptedRunError,
-    PolicyMismatchError,
-    TrainingRunError,
-)
+from uav_collect.errors import DivergedError, InterruptedRunError, TrainingRunError
 from uav_collect.learning.task import EpisodeSource
 from uav_collect.learning.trainer import Trainer
 from uav_collect.training.config import TrainingConfig
@@ -112,7 +106,7 @@ def train(
     saved_s = monotonic()
     best = trainer.best_policy()
     progress = None
-    for progress in _checked_progress(run, trainer, budget, is_stopped):
+    for progress in _progress_of(run, trainer, budget, is_stopped):
         folder.log(progress)
         show(progress)
         if trainer.best_policy() is not best:
@@ -134,31 +128,23 @@ def train(
     return progress
 
 
-def _checked_progress(
+def _progress_of(
     run: PlannedRun, trainer: Trainer, budget: Budget, is_stopped: Callable[[], bool]
 ) -> Iterator[Progress]:
-    """The progress of a training as long as its loss is a number.
+    """The progress of a training.
 
     Raises:
-        DivergedError: the loss or the weights are no numbers any more.
+        DivergedError: the loss or the weights are no numbers any more; it says what is kept.
     """
     try:
-        for progress in trainer.run(budget, is_stopped):
-            for name, value in (('loss', progress.loss), ('gradient', progress.gradient_norm)):
-                if progress.updates_per_s > 0 and not math.isfinite(value):
-                    raise DivergedError(_divergence(run, trainer, f'the {name} is {value}'))
-            yield progress
-    except PolicyMismatchError as error:  # weights that are no numbers cannot be validated
-        raise DivergedError(_divergence(run, trainer, str(error))) from error
-
-
-def _divergence(run: PlannedRun, trainer: Trainer, what: str) -> str:
-    best = run.folder / BEST_POLICY
-    kept = 'it has no policy yet' if trainer.best_policy() is None else f'its best policy: {best}'
-    return (
-        f'{run.folder}: diverged after {trainer.n_updates:,} updates: {what}; {kept};'
-        ' a lower learning rate may help (--override)'
-    )
+        yield from trainer.run(budget, is_stopped)
+    except DivergedError as error:
+        best = run.folder / BEST_POLICY
+        has_policy = trainer.best_policy() is not None
+        kept = f'its best policy: {best}' if has_policy else 'it has no policy yet'
+        raise DivergedError(
+            f'{run.folder}: diverged {error}; {kept}; a lower learning rate may help (--override)'
+        ) from error
 
 
 def _save(trainer: Trainer, folder: TrainingFolder) -> None:

@@ -7,12 +7,11 @@ said to be, beside the rules, comes of other missions, which nothing was chosen 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-import math
 
 import torch
 from uav_collect.analysis.against_rules import Flown, RULES, Standing, standing_of
 from uav_collect.analysis.statistics import mission_seeds
-from uav_collect.errors import ConfigError, DivergedError, PolicyMismatchError
+from uav_collect.errors import ConfigError, DivergedError
 from uav_collect.learning.learner import keep_freed_memory
 from uav_collect.learning.trainer import Trainer
 from uav_collect.missions.rollout import fly_for_metrics
@@ -147,7 +146,7 @@ def refinement(
         DivergedError: loss or weights are no numbers any more.
     """
     better_at: float | None = None  # share of the budget; of the first try, if none was better
-    for progress in _finite_progress(trainer, budget, is_stopped):
+    for progress in _progress_of(trainer, budget, is_stopped):
         is_better = False
         if progress.validation is not None:
             tried = trials.tried('refined', trainer.policy())
@@ -172,13 +171,10 @@ def refinement(
             return
 
 
-def _finite_progress(
+def _progress_of(
     trainer: Trainer, budget: Budget, is_stopped: Callable[[], bool]
 ) -> Iterator[Progress]:
     try:
-        for progress in trainer.run(budget, is_stopped):
-            if progress.updates_per_s > 0 and not math.isfinite(progress.loss):
-                raise DivergedError(f'the training diverged: the loss is {progress.loss}')
-            yield progress
-    except PolicyMismatchError as error:  # weights that are no numbers cannot fly
-        raise DivergedError(f'the training diverged: {error}') from error
+        yield from trainer.run(budget, is_stopped)
+    except DivergedError as error:
+        raise DivergedError(f'the training diverged {error}') from error

@@ -7,7 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from uav_collect.errors import CheckpointError, InterruptedRunError
+from uav_collect.errors import (
+    CheckpointError,
+    DivergedError,
+    InterruptedRunError,
+    PolicyMismatchError,
+)
 from uav_collect.kernels.patience import waiting_for
 from uav_collect.kernels.stops import watchdog
 from uav_collect.learning.checkpoint import read_checkpoint, STATE_FILE, write_checkpoint
@@ -39,7 +44,7 @@ from uav_collect.learning.validation import (
     Validator,
 )
 from uav_collect.limits import is_code_name
-from uav_collect.revision import git_revision
+from uav_collect.revision import git_revision, UNKNOWN
 from uav_collect.scenario.model import Scenario
 from uav_collect.training.config import code_of_training, TrainingConfig
 from uav_collect.training.courses import Courses
@@ -173,15 +178,19 @@ class Trainer:
             How it stands, about once a second, after each validation, and once experience is
             over; the last one is validated if there was an update, unless it was stopped. The
             weights change only between two of them: stop, save or look at any.
+
+        Raises:
+            DivergedError: loss, gradient or weights are no numbers any more; all that was yielded
+                before can be gone on from.
         """
         speed = SpeedMeter(self.n_decisions, self.n_updates)
         is_over = False
-        if self._is_at_validation and not self._is_validated:
+        if self._owes_validation:
             yield self._validated_progress(budget, speed, is_stopped)
         while not is_over and (share_done := self.share_done(budget)) < 1.0:
-            is_updated = self._collect_and_update(share_done, speed)
+            self._collect_and_update(share_done, speed)
             is_over = any(task.source.is_over for task in self._tasks)
-            if is_updated and self._is_at_validation:
+            if self._owes_validation:
                 yield self._validated_progress(budget, speed, is_stopped)
             elif is_over or speed.is_due():
                 yield self._progress(budget, speed, None)
@@ -238,6 +247,7 @@ class Trainer:
             'validation': validation_state(self._validation),
             'best': validation_state(self._best),
             'best_weights': best and dict(best.weights),
+            'best_revision': best and best.header.git_revision,
             'best_advice_bonus': best and best.header.advice_bonus,
             'advice_bonus': self._agent.advice_bonus,
         }
@@ -268,8 +278,13 @@ class Trainer:
                 name: weights.array(name, np.float32, like.shape)
                 for name, like in self._learner.weights().items()
             }
-            bonus = saved.number('best_advice_bonus', low=0.0)
-            header = replace(self._header(self._best, arrays), advice_bonus=bonus)
+            header = replace(
+                self._header(self._best, arrays),
+                advice_bonus=saved.number('best_advice_bonus', low=0.0),
+                # Checkpoints of 0.1.0 do not say which code found it.
+                git_revision=saved.text('best_revision') if 'best_revision' in saved.names
+                else UNKNOWN,
+            )  # fmt: skip
             self._best_policy = FrozenPolicy(header, arrays)
 
     def _missions_state(self) -> dict[str, int]:
@@ -289,11 +304,11 @@ class Trainer:
             'device': self._device,
         }
 
-    def _collect_and_update(self, share_done: float, speed: SpeedMeter) -> bool:
-        """Fly a little, then learn once.
+    def _collect_and_update(self, share_done: float, speed: SpeedMeter) -> None:
+        """Fly a little, then learn once, if enough missions have ended.
 
-        Returns:
-            Whether there was an update; there is none while too few missions have ended.
+        Raises:
+            DivergedError: the loss or the gradient is no number.
         """
         config, turns = self.config, self._rota.next_turn()
         self._learner.advice_bonus = config.advice_bonus(share_done)
@@ -314,15 +329,26 @@ class Trainer:
             served.append(index)
         if batches:
             rate = config.learning_rate(share_done)
-            speed.add_update(self._learner.update(batches, rate))
+            metrics = self._learner.update(batches, rate)
+            for name, value in (('loss', metrics.loss), ('gradient', metrics.gradient_norm)):
+                if not math.isfinite(value):
+                    raise self._divergence(f'the {name} is {value}')
+            speed.add_update(metrics)
         for index in served:
             self._rota.count_update(index)
         self._trained_s += speed.lap_s()
-        return bool(batches)
+
+    def _divergence(self, what: str) -> DivergedError:
+        return DivergedError(f'after {self.n_updates:,} updates: {what}')
 
     @property
-    def _is_at_validation(self) -> bool:
-        """Whether the network is to be validated after so many updates, or missions."""
+    def _owes_validation(self) -> bool:
+        """Whether so many updates, or missions, came that the network is to be validated now.
+
+        It follows from what is saved alone: a run that goes on validates as if it never stopped.
+        """
+        if self._is_validated:
+            return False
         if every := self.config.validation.every_missions:
             return self._rota.n_missions // every > self._n_validated_missions // every
         return self._learner.n_updates % self.config.validation.every_updates == 0
@@ -367,9 +393,12 @@ class Trainer:
         self, between_decisions: Callable[[], None] | None = None
     ) -> ValidationResult:
         """Fly the validation missions, equal bandwidth, without exploration."""
-        policy = LearnedPolicy('validated', self._freeze(None))
-        with waiting_for('the validation missions'):
-            measured = self._validator.measured(policy, between_decisions)
+        try:
+            policy = LearnedPolicy('validated', self._freeze(None))
+            with waiting_for('the validation missions'):
+                measured = self._validator.measured(policy, between_decisions)
+        except PolicyMismatchError as error:  # what are no numbers cannot fly
+            raise self._divergence(str(error)) from error
         return ValidationResult(
             wall_s=self._trained_s,
             n_decisions=self.n_decisions,

@@ -8,7 +8,7 @@ from typing import Any
 
 import torch
 from uav_collect import files
-from uav_collect.errors import DivergedError, PolicyMismatchError, TrainingRunError
+from uav_collect.errors import DivergedError, TrainingRunError
 from uav_collect.learning.learner import keep_freed_memory
 from uav_collect.learning.loop import nothing_learned
 from uav_collect.learning.saved import SavedPart
@@ -66,13 +66,13 @@ def run_training(
                 saved_s = monotonic()
             if stops:
                 return
-    except PolicyMismatchError as error:  # weights that are no numbers cannot be validated
+    except DivergedError as error:
         diverged = str(error)
     policy = trainer.best_policy()
     if policy is None:
         which = f'{job.algorithm}, seed {job.seed}'
         if diverged:
-            raise DivergedError(f'{which}: diverged: {diverged}')
+            raise DivergedError(f'{which}: diverged {diverged}')
         raise TrainingRunError(f'{which}: {nothing_learned(trainer, trainer.config)}')
     yield _results(job, policy, rows, trainer, diverged)
 
