@@ -160,6 +160,14 @@ def test_missions_of_an_evaluation_are_those_flown_one_by_one(
     ]
 
 
+def test_the_last_of_all_missions_is_flown_and_evaluated_alike() -> None:
+    flown = uav_collect.fly('paper_8x8', go_home, seed=2**62)
+    evaluated = uav_collect.evaluate('paper_8x8', go_home, 1, seed=2**62)
+    assert evaluated.metrics['go_home'] == [flown.metrics]
+    with pytest.raises(ValueError, match=rf'must be 0\.\.{2**62 - 1}'):
+        uav_collect.evaluate('paper_8x8', go_home, 2, seed=2**62)
+
+
 def test_a_bound_is_beyond_what_is_flown() -> None:
     bound = uav_collect.bound('paper_8x8', seed=3)
     flown = uav_collect.fly('paper_8x8', 'sweep', seed=3).metrics

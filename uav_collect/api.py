@@ -92,7 +92,7 @@ def evaluate(
         ValueError: seed, number of missions or the guard's patience is out of range.
     """
     _check_range('missions', missions, 1, MAX_SEED)
-    _check_range('seed', seed, 0, MAX_SEED - missions)
+    _check_range('seed', seed, 0, MAX_SEED - missions + 1)
     _check_range('guard_after', guard_after, 0, MAX_GUARD_AFTER)
     loaded, given = _loaded(scenario), _listed(policies)
     n_flights = missions * len(given)
