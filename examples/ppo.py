@@ -74,6 +74,9 @@ def train(
     scenario: Scenario | str, n_decisions: int, seed: int, settings: Settings
 ) -> list[tuple[int, float, float]]:
     """Learn; after each update decisions so far, mean kbit/J and share collected of missions."""
+    per_update = settings.n_steps * settings.n_worlds
+    if n_decisions < per_update:
+        raise ValueError(f'n_decisions is {n_decisions}: must be {per_update} or more, an update')
     torch.manual_seed(seed)
     torch.set_num_threads(1)  # on busy cores more are slower
     worlds = WorldsEnv(
@@ -85,7 +88,6 @@ def train(
     optimiser = torch.optim.Adam(network.parameters(), settings.learning_rate, eps=1e-5)
     seen, infos = worlds.reset(seed=seed)
     progress = []
-    per_update = settings.n_steps * settings.n_worlds
     for done in range(per_update, n_decisions + 1, per_update):
         optimiser.param_groups[0]['lr'] = settings.learning_rate * (1.0 - done / (n_decisions + 1))
         rollout = Rollout(settings.n_steps, settings.n_worlds, n_inputs, n_actions)
@@ -148,5 +150,9 @@ if __name__ == '__main__':
     parser.add_argument('--decisions', type=int, default=300_000)
     parser.add_argument('--seed', type=int, default=0)
     arguments = parser.parse_args()
-    for row in train(arguments.scenario, arguments.decisions, arguments.seed, Settings()):
+    try:
+        rows = train(arguments.scenario, arguments.decisions, arguments.seed, Settings())
+    except ValueError as error:
+        parser.error(str(error))
+    for row in rows:
         print('{:>9,} decisions: {:.3f} kbit/J, {:.0%} of the data'.format(*row))

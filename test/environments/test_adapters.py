@@ -65,6 +65,14 @@ def test_ppo_learns_by_masked_actions_and_repeats_itself() -> None:
     assert all(0.0 <= share <= 1.0 for _, _, share in first)
 
 
+def test_ppo_refuses_fewer_decisions_than_an_update_takes() -> None:
+    pytest.importorskip('torch', reason='needs torch')
+    from examples.ppo import Settings, train
+
+    with pytest.raises(ValueError, match='n_decisions is 59: must be 60 or more'):
+        train('paper_8x8', 59, 0, Settings(n_worlds=2, n_steps=30))
+
+
 def test_the_programs_of_the_page_run(capsys: pytest.CaptureFixture[str]) -> None:
     for program in blocks(page('rl.md'), 'python'):
         exec(program, {'__name__': 'page'})
