@@ -9,14 +9,18 @@ import pickle
 
 from checkpoints import forged
 from episodes import small
+import numpy as np
 import pytest
 from study_jobs import FLEET, training
 from tiny_world import tiny
 from uav_collect.errors import CheckpointError, TrainingRunError
 from uav_collect.learning.checkpoint import checkpoint_bytes
+from uav_collect.studies.findings import Findings
 from uav_collect.studies.jobs.jobs import CURVE, digest_of, POLICY, SUMMARY, training_job
+from uav_collect.studies.jobs.store import Store
 from uav_collect.studies.jobs.work import run_job
 from uav_collect.studies.jobs.worker_messages import Finished, Saved, WorkItem
+from uav_collect.studies.study import REWARD, TrainedPolicies
 from uav_collect.training.progress import SpeedMeter
 from uav_collect.uav.policy_file import policy_from_bytes
 
@@ -67,8 +71,8 @@ def test_a_training_that_ends_before_its_first_update_says_what_that_takes() -> 
 
 
 @pytest.mark.parametrize('is_looked_at', [True, False])
-def test_a_training_that_diverges_between_validations_keeps_states_that_can_be_read(
-    is_looked_at: bool, monkeypatch: pytest.MonkeyPatch
+def test_a_training_that_diverges_keeps_states_that_can_be_read_and_achieved_nothing(
+    is_looked_at: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(SpeedMeter, 'is_due', lambda meter: is_looked_at)
     poisoned(monkeypatch, after=6)  # validated after 4 and 8
@@ -83,6 +87,10 @@ def test_a_training_that_diverges_between_validations_keeps_states_that_can_be_r
     summary = json.loads(done.results[SUMMARY])
     assert summary['diverged'] == 'after 7 updates: the loss is nan'
     assert summary['best']['version'].partition('@')[2].startswith('4-')
+    store = Store(tmp_path)
+    store.save(job, done.results, done.cost)
+    trained = TrainedPolicies(label='AQMIX', algorithm='aqmix', digests=(work.digest,))
+    assert np.isnan(Findings(store).final_values(trained, REWARD.key)).all()
 
 
 def learned_by(algorithm: str) -> tuple[bytes, str]:

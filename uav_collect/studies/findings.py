@@ -4,6 +4,7 @@ import csv
 from dataclasses import dataclass
 import io
 import json
+from typing import Any
 
 import numpy as np
 from uav_collect.analysis.resampling import estimate_mean
@@ -74,12 +75,14 @@ class Findings:
         return mean_curve(trained.label, range(len(lines)), lines)
 
     def final_values(self, trained: TrainedPolicies, key: str) -> Floats:
-        """What each seed achieved in the last fifth of its training, (N,)."""
+        """What each seed achieved in the last fifth of its training, (N,); nan if it diverged."""
         means = []
         for digest in trained.digests:
             over, value = self._line(digest, key)
-            is_late = over >= (1.0 - _TAIL_SHARE) * over[-1] if len(over) else over > 0
-            means.append(float(value[is_late].mean()) if is_late.any() else np.nan)
+            # What came before a training diverged is not what it achieved.
+            has_end = len(over) > 0 and not self._summary(digest)['diverged']
+            is_late = over >= (1.0 - _TAIL_SHARE) * (over[-1] if has_end else np.inf)
+            means.append(float(value[is_late].mean()) if has_end else np.nan)
         return np.array(means)
 
     def n_parameters(self, trained: TrainedPolicies) -> int:
@@ -101,8 +104,8 @@ class Findings:
         """A file that a job gave."""
         return self._store.read(digest, name)
 
-    def _summary(self, digest: str) -> dict[str, float]:
-        summary: dict[str, float] = json.loads(self._store.read(digest, SUMMARY))
+    def _summary(self, digest: str) -> dict[str, Any]:
+        summary: dict[str, Any] = json.loads(self._store.read(digest, SUMMARY))
         return summary
 
     def _line(self, digest: str, key: str) -> tuple[Floats, Floats]:
