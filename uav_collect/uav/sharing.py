@@ -15,6 +15,7 @@ from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.tour import Area, area_of, order_of, Tour, tour_of, TourKind
 
 _LATE = 1.1  # times the planned one until UAVs that are done may help others
+_LONGEST_S = 2**62  # planned: hovers over sensors that can hardly be heard may take any time
 _MOVES_PER_PLACE = 2.0  # planned for a place of a tour from which cells are seen: detours, hovers
 
 
@@ -87,7 +88,7 @@ def _shares_of(briefing: Briefing) -> Shares:
         order=filled_row(_ways(area_of(briefing))[0], 0),
         place=filled_row(tour.place, 0),
         n_places=len(tour.stop),
-        planned_s=planned_s,
+        planned_s=min(planned_s, _LONGEST_S),
         anchor=filled_row([piece.anchor for piece in pieces], 0),
         n_own=filled_row([piece.n_own for piece in pieces], 0),
         direction=filled_row([piece.direction for piece in pieces], 0),
