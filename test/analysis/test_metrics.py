@@ -7,6 +7,7 @@ from scripted_logs import fly, header, uav
 from uav_collect.analysis import metrics
 from uav_collect.errors import MissionLogError
 from uav_collect.recording.mission_log import from_jsonl, MissionLog
+from uav_collect.uav.action_codes import HOME
 
 # Cells of 50 m, so a step takes 5 s at 10 m/s and 10 s at 5 m/s; moving 100 W, hovering 200 W.
 FAST = ['right', 'hover 4 0.5', 'right', 'home map complete']
@@ -55,6 +56,34 @@ def test_the_mission_ends_when_the_last_uav_is_home_not_when_it_last_decides() -
     mission = metrics.mission_metrics(fly(header(fleet), [late_but_short, early_but_long]))
     assert [row.landed_s for row in mission.uavs] == [30.0, 60.0]
     assert mission.completion_s == 60.0
+
+
+def without(log: MissionLog, *events: int) -> metrics.MissionMetrics:
+    return metrics.mission_metrics(replace(log, events=np.delete(log.events, events)))
+
+
+def test_what_events_took_that_were_not_recorded_is_not_left(flown: MissionLog) -> None:
+    for event, row in enumerate(flown.events[:-1]):
+        is_end = row['action'] == HOME
+        for whole, found in zip(
+            metrics.mission_metrics(flown).uavs, without(flown, event).uavs, strict=True
+        ):
+            if not (is_end and row['uav'] == found.id):
+                assert found.energy_left_j == whole.energy_left_j
+                assert (found.outcome, found.is_safe) == (whole.outcome, whole.is_safe)
+
+
+def test_it_is_not_known_how_a_uav_ended_whose_last_events_were_not_recorded(
+    flown: MissionLog,
+) -> None:
+    assert not metrics.mission_metrics(flown).lacks_events
+    is_home = (flown.events['uav'] == 2) & (flown.events['action'] == HOME)
+    mission = without(flown, *np.flatnonzero(is_home))
+    assert mission.lacks_events
+    assert mission.uavs[1].outcome == metrics.UNKNOWN
+    assert not mission.uavs[1].is_safe
+    assert math.isnan(mission.uavs[1].energy_left_j)
+    assert mission.uavs[0].outcome == 'map complete'
 
 
 @pytest.mark.parametrize(('budget_j', 'safe'), [(3_800.0, True), (3_799.99, False)])

@@ -119,6 +119,13 @@ def test_data_are_left_where_nobody_hovered() -> None:
     assert is_left(log, site, np.array([1.0, 0.0, 2.0])).tolist() == [False, False, True]
 
 
+def test_of_a_log_that_lacks_events_no_data_are_said_to_be_left() -> None:
+    scenario = tiny()
+    log = fly_scripts(scenario, TO_A, [])
+    gappy = replace(log, events=np.delete(log.events, 1))
+    assert not is_left(gappy, build_site(scenario), demand_of(build_site(scenario), 0)).any()
+
+
 def test_a_table_of_readings_has_a_line_for_each_and_blanks_for_what_is_not_known(
     tiny_log: MissionLog,
 ) -> None:

@@ -5,6 +5,7 @@ from io import StringIO
 import math
 
 from bounds import bound, plans
+import numpy as np
 import pytest
 from uav_collect.analysis.console import plain_console
 from uav_collect.analysis.metrics import mission_metrics
@@ -15,6 +16,7 @@ from uav_collect.analysis.tables import (
     difference_table,
     evaluation_table,
     mission_tables,
+    mission_warnings,
     verdict,
 )
 from uav_collect.limits import GUARD_AFTER
@@ -22,6 +24,7 @@ from uav_collect.missions.rollout import fly
 from uav_collect.recording.mission_log import MissionLog
 from uav_collect.scenario.load import load
 from uav_collect.scenario.site import build_site
+from uav_collect.uav.action_codes import HOME, HOVER
 
 pytestmark = pytest.mark.usefixtures('bound_cache')
 
@@ -71,6 +74,33 @@ def test_names_stand_in_tables_as_they_are_but_on_one_line_and_not_too_long() ->
             assert wanted in text
             assert max(map(len, text.splitlines())) <= 250
             assert '\x1b' not in text
+
+
+def test_a_recording_that_lacks_events_is_not_said_to_have_left_data_behind() -> None:
+    [log] = fly(build_site(load('paper_8x8')), [4], 'sweep')
+    hover = int(np.flatnonzero(log.events['action'] == HOVER)[0])
+    gappy = replace(log, events=np.delete(log.events, hover))
+    [line] = mission_warnings(mission_metrics(gappy), ['S1'])
+    left_mbit = log.events['collected_bit'][hover] / 1e6
+    assert line == (
+        f'of {left_mbit:.2f} Mbit it is not known whether they were collected:'
+        ' events were not recorded'
+    )
+
+
+def test_a_uav_whose_way_home_was_not_recorded_is_not_said_to_fly() -> None:
+    [log] = fly(build_site(load('paper_8x8')), [4], 'sweep')
+    home = int(np.flatnonzero(log.events['action'] == HOME)[0])
+    assert home < len(log.events) - 1
+    number = log.events['uav'][home]
+    gappy = replace(log, events=np.delete(log.events, home))
+    mission = mission_metrics(gappy)
+    line = f'of UAV {number} it is not known whether it landed: events were not recorded'
+    assert mission_warnings(mission) == [line]
+    text = shown(mission_tables(gappy.header, mission))
+    [row] = [line.split() for line in text.splitlines() if line.split()[:1] == [str(number)]]
+    assert row[4] == '-'
+    assert row[-2:] == ['not', 'known']
 
 
 def guarded(policy: str, guard_after: int = GUARD_AFTER) -> MissionLog:

@@ -170,6 +170,30 @@ def test_data_left_behind_is_marked_and_explained(drawn: Callable[[Scene], Axes]
         assert [len(mark.get_offsets()) for mark in rings] == [n_marks]
 
 
+def test_no_data_is_marked_that_may_have_been_read_in_an_event_that_is_missing(
+    drawn: Callable[[Scene], Axes],
+) -> None:
+    left = scene(1, [['right', 'right', 'home']])
+    gappy = replace(left, log=replace(left.log, events=np.delete(left.log.events, 1)))
+    assert 'data left behind' not in legend_of(drawn(gappy))
+    assert [len(it.get_offsets()) for it in drawn(gappy).collections if it.get_zorder() == 7] == [
+        0
+    ]
+
+
+def test_an_end_that_was_not_recorded_is_not_said_to_be_none(
+    drawn: Callable[[Scene], Axes],
+) -> None:
+    flown = scene(2, [['right', 'home'], ['right', 'right', 'home']])
+    texts = {}
+    for n_lost, event in enumerate((None, 2)):
+        events = flown.log.events if event is None else np.delete(flown.log.events, event)
+        axes = drawn(replace(flown, log=replace(flown.log, events=events)))
+        texts[n_lost] = ' '.join(text.get_text() for text in axes.texts)
+    assert 'end not recorded' not in texts[0]
+    assert 'end not recorded' in texts[1]
+
+
 def test_start_and_home_have_marks_of_their_own_where_they_differ(
     drawn: Callable[[Scene], Axes],
 ) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from browser import launched_browser, Watched
 from film_pages import check_places, check_silence, flown, LAPTOP, PHONE, seek, show, written
+import numpy as np
 import pytest
 from uav_collect.analysis.legs import mission_legs, state_at
 from uav_collect.analysis.metrics import mission_metrics
@@ -255,6 +256,17 @@ def test_faults_and_data_left_behind_are_marked(screen: Watched, tmp_path: Path)
     assert '(fault: gone)' in page.locator('article').nth(1).inner_text()
     assert 'energy reserve' in page.locator('article').first.inner_text()
     check_silence(screen, film)
+
+
+def test_no_data_is_marked_as_left_that_an_event_not_recorded_may_have_read(
+    screen: Watched, tmp_path: Path
+) -> None:
+    mission = flown(load('paper_8x8', {'fleet.default.energy_budget_kj': 20.0}), 'sweep')
+    gappy = replace(mission.log, events=np.delete(mission.log.events, 5))
+    show(screen, written(tmp_path, replace(mission, log=gappy, is_whole=False)))
+    screen.page.keyboard.press('End')
+    assert screen.page.locator('.map circle.waiting').count() > 0
+    assert screen.page.locator('.map circle.left').count() == 0
 
 
 def test_closed_cells_are_drawn_and_count_for_no_knowledge(

@@ -101,6 +101,7 @@ def test_of_a_recording_without_its_first_event_nothing_is_known() -> None:
     site, log = flown(load('paper_8x8'))
     shown = footage_of(site, replace(log, events=log.events[3:]))
     assert len(shown['flights'][0]['events']) == len(log.events) - 3
+    assert shown['flights'][0]['lacks_events']
     assert 'first event' in shown['notes'][0]
 
 

@@ -166,6 +166,7 @@ def test_events_that_are_missing_are_named(
     film.take_mission(start(site, log))
     film.take_epoch(epochs[6])
     assert screen.updates[0]['note'].startswith('6 events are missing before the one at ')
+    assert screen.updates[0]['lacks_events']  # so what waits at the end may have been read
     film.take_epoch(epochs[7])
     assert 'note' not in screen.updates[1]
     assert screen.n_events == [7, 8]

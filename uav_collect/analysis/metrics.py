@@ -1,7 +1,8 @@
 """The metrics of a mission, from its log alone; and what every log must satisfy.
 
 Time is the paper's eq. (2), energy eq. (7), data eq. (14), efficiency the goal of its problem (P);
-the way home counts in time and energy. A mission cut short has metrics but no completion time.
+the way home counts in time and energy. A mission cut short has metrics but no completion time; of
+a recording that lacks events, sums are those of the events that it has.
 """
 
 from dataclasses import dataclass
@@ -22,6 +23,7 @@ METRIC_COLUMNS = (
     'total_mbit', 'collected_share', 'decisions', 'is_safe', 'is_complete', 'guarded',
 )  # fmt: skip
 UNFINISHED = 'unfinished'  # how a UAV ended that the log leaves in the air
+UNKNOWN = 'not known'  # how one ended after whose last event the log lacks some
 # By how a UAV ended, what a UavFigures message says; a bag knows no constants.
 OUTCOME_CODES = {
     REASON_NAMES[action_codes.MAP_COMPLETE]: 0,
@@ -47,21 +49,20 @@ class UavMetrics:
     hover_s: float
     n_decisions: int  # actions chosen; the way home is none
     n_guarded: int  # of them by its guard
-    outcome: str  # why it flew home, one of REASON_NAMES, or UNFINISHED
-    landed_s: float  # nan while it has not
+    outcome: str  # why it flew home, one of REASON_NAMES, or UNFINISHED or UNKNOWN
+    landed_s: float  # nan while it has not, or where that is not known
+    energy_left_j: float  # of its budget at the end; nan where that is not known
 
     @property
-    def energy_left_j(self) -> float:
-        """What is left of its energy budget at the end [J]."""
-        return self.energy_budget_j - self.energy_j
+    def has_landed(self) -> bool:
+        """Whether it is known to have landed."""
+        return math.isfinite(self.landed_s)
 
     @property
     def is_safe(self) -> bool:
         """Whether it landed with its margin."""
         rounding_j = TOLERANCE * self.energy_budget_j
-        return (
-            self.outcome != UNFINISHED and self.energy_left_j >= self.energy_margin_j - rounding_j
-        )
+        return self.has_landed and self.energy_left_j >= self.energy_margin_j - rounding_j
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,6 +79,7 @@ class MissionMetrics:
     n_heard: int  # over all events, how many other UAVs the deciding one heard
     uavs: tuple[UavMetrics, ...]
     faults: tuple[FaultRecord, ...]  # that have befallen them on purpose
+    lacks_events: bool  # some were not recorded: more may have been flown and collected
 
     @property
     def collected_share(self) -> float:
@@ -140,6 +142,7 @@ def mission_metrics(log: MissionLog) -> MissionMetrics:
         n_heard=sum(int(heard).bit_count() for heard in events['heard']),
         uavs=uavs,
         faults=log.faults,
+        lacks_events=log.lacks_events,
     )
 
 
@@ -164,6 +167,7 @@ def _uav_metrics(header: UavHeader, events: Events) -> UavMetrics:
     is_home = own['action'] == HOME
     home = own[is_home]
     landed = len(home) > 0
+    lacks_end = not landed and _lacks_later(events, int(own['event'].max(initial=-1)))
     return UavMetrics(
         id=header.id,
         speed_mps=header.speed_mps,
@@ -175,9 +179,29 @@ def _uav_metrics(header: UavHeader, events: Events) -> UavMetrics:
         hover_s=float(own['duration_s'][is_hover].sum()),
         n_decisions=int((~is_home).sum()),
         n_guarded=int((own['reason'] == GUARD).sum()),
-        outcome=REASON_NAMES[home['reason'][0]] if landed else UNFINISHED,
+        outcome=_outcome(home, lacks_end=lacks_end),
         landed_s=float(home['time_s'][0] + home['duration_s'][0]) if landed else math.nan,
+        energy_left_j=math.nan if lacks_end else _energy_left_j(header, own),
     )
+
+
+def _lacks_later(events: Events, number: int) -> bool:
+    """Whether events after the one of that number are missing."""
+    numbers = events['event']
+    return int((numbers > number).sum()) < int(numbers.max(initial=-1)) - number
+
+
+def _outcome(home: Events, *, lacks_end: bool) -> str:
+    if len(home):
+        return REASON_NAMES[home['reason'][0]]
+    return UNKNOWN if lacks_end else UNFINISHED
+
+
+def _energy_left_j(header: UavHeader, own: Events) -> float:
+    """By its last event: a sum of what events took would miss those that are missing."""
+    if not len(own):
+        return header.energy_budget_j
+    return float(own['energy_left_j'][-1] - own['energy_j'][-1])
 
 
 def percent(share: float) -> str:

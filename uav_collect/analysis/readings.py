@@ -151,9 +151,13 @@ def mission_readings(log: MissionLog, site: Site, demand_bit: Floats) -> tuple[R
 def is_left(log: MissionLog, site: Site, demand_bit: Floats) -> Bools:
     """Whether each sensor's data were left behind, (S,): nobody ever hovered in its cell.
 
+    None is said to be where the log lacks events: they may have been read in one of these.
+
     Args:
         demand_bit: as for `mission_readings`.
     """
+    if log.lacks_events:
+        return np.zeros(site.n_sensors, dtype=np.bool_)
     hovers, briefing = log.events[log.events['action'] == HOVER], briefing_of(site)
     places_m = zip(hovers['x_m'].tolist(), hovers['y_m'].tolist(), strict=True)
     served = {int(cell_under(briefing, x_m, y_m)) for x_m, y_m in places_m}

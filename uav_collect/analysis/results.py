@@ -45,7 +45,7 @@ class FlownMission:
 
     @cached_property
     def unread(self) -> tuple[str, ...]:
-        """The ids of the sensors whose data were left behind."""
+        """The ids of the sensors whose data were left behind; none if the log lacks events."""
         left = np.flatnonzero(is_left(self.log, self.site, self.demand_bit)).tolist()
         return tuple(self.site.sensor_ids[sensor] for sensor in left)
 

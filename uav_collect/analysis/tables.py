@@ -15,6 +15,7 @@ from uav_collect.analysis.metrics import (
     percent,
     UavMetrics,
     UNFINISHED,
+    UNKNOWN,
 )
 from uav_collect.analysis.per_uav import uav_table
 from uav_collect.analysis.plan_shares import efficiency_share, time_share
@@ -28,13 +29,14 @@ from uav_collect.recording.mission_log import MissionHeader
 _WARNING = 'bold red'
 _MAX_SEEDS = 5  # named in one line
 _MAX_SENSORS = 8  # the same
+_GAP = 'events were not recorded'
 _WHOLE = 10_000  # columns, for names that nobody shortens
 _ROUNDING = 1e-9  # that a share of all may lack
 _ALIKE = 1e-3  # shares of the data that count as the same
 _LEAST_NAME = 20  # columns of a policy's name, at least: titles of measures take two lines first
 _ESTIMATES_COLUMNS = 66  # of a table of estimates, without names
 _FIGURES_COLUMNS = 44  # of a comparison
-_BAD_ENDS = (FAILSAFE, FAULT, UNFINISHED)
+_BAD_ENDS = (FAILSAFE, FAULT, UNFINISHED, UNKNOWN)
 _TITLES = {
     'completion_s': 'completion time [s]',
     'energy_kj': 'energy [kJ]',
@@ -103,12 +105,18 @@ def mission_warnings(mission: MissionMetrics, left: Sequence[str] = ()) -> list[
         f'UAV {uav.id} landed with {uav.energy_left_j / 1e3:.3f} kJ,'
         f' less than its margin of {uav.energy_margin_j / 1e3:.3f} kJ'
         for uav in mission.uavs
-        if uav.outcome != UNFINISHED and not uav.is_safe
+        if uav.has_landed and not uav.is_safe
     ]
     if not mission.is_complete:
-        left_bit = mission.total_bit - mission.collected_bit
-        lines.append(f'{left_bit / 1e6:.2f} Mbit of data were left behind{_at_sensors(left)}')
+        lines.append(_data_warning(mission, left))
     return lines
+
+
+def _data_warning(mission: MissionMetrics, left: Sequence[str]) -> str:
+    left_mbit = (mission.total_bit - mission.collected_bit) / 1e6
+    if mission.lacks_events:
+        return f'of {left_mbit:.2f} Mbit it is not known whether they were collected: {_GAP}'
+    return f'{left_mbit:.2f} Mbit of data were left behind{_at_sensors(left)}'
 
 
 def _at_sensors(ids: Sequence[str]) -> str:
@@ -123,6 +131,8 @@ def _at_sensors(ids: Sequence[str]) -> str:
 def _ending_warning(uav: UavMetrics) -> str:
     if uav.outcome == UNFINISHED:
         return f'UAV {uav.id} has not landed: the mission was cut short'
+    if uav.outcome == UNKNOWN:
+        return f'of UAV {uav.id} it is not known whether it landed: {_GAP}'
     why = 'its agent was gone' if uav.outcome == FAULT else 'its agent did not answer'
     return f'UAV {uav.id} was flown home by the failsafe: {why}'
 
@@ -185,7 +195,7 @@ def _uav_row(uav: UavMetrics) -> tuple[str, ...]:
         f'{uav.speed_mps:g}',
         f'{uav.collected_bit / 1e6:.2f}',
         f'{uav.energy_j / 1e3:.2f}',
-        f'{uav.energy_left_j / 1e3:.2f}',
+        '-' if math.isnan(uav.energy_left_j) else f'{uav.energy_left_j / 1e3:.2f}',
         f'{uav.flight_s:.1f}',
         f'{uav.hover_s:.1f}',
         f'{uav.n_decisions} ({uav.n_guarded})' if uav.n_guarded else str(uav.n_decisions),

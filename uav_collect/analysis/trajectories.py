@@ -27,7 +27,7 @@ from uav_collect.analysis.area_picture import (
     marker_handle,
     place_handles,
 )
-from uav_collect.analysis.metrics import mission_metrics, MissionMetrics, percent
+from uav_collect.analysis.metrics import mission_metrics, MissionMetrics, percent, UNKNOWN
 from uav_collect.analysis.path_lanes import corners_m, lane_shifts, narrowest_lane, steps
 from uav_collect.analysis.plotting import (
     Affine2D,
@@ -148,7 +148,8 @@ def draw_mission(
     cell_pt = side_in * 72.0 * scenario.area.cell_size_m / longer_m
     paths = [_path_of(log, scenario, index) for index in range(len(log.header.uavs))]
     draw_area(axes, scenario)
-    _draw_sensors(axes, site, demand_bit, is_left(log, site, demand_bit), cell_pt)
+    left = is_left(log, site, demand_bit)
+    _draw_sensors(axes, site, demand_bit, left, cell_pt)
     _draw_paths(axes, paths, scenario.area.cell_size_m, cell_pt)
     _draw_hovers(axes, paths, cell_pt)
     draw_ends(axes, scenario, cell_pt)
@@ -156,7 +157,7 @@ def draw_mission(
     _draw_tags(axes, paths, scenario.area.cell_size_m, cell_pt)
     summary = mission_metrics(log)
     handles = _path_handles(paths, summary) + place_handles(scenario)
-    return [*handles, *_sensor_handles(demand_bit, summary), *area_handles(scenario.area)]
+    return [*handles, *_sensor_handles(demand_bit, left), *area_handles(scenario.area)]
 
 
 def _canvas(area: AreaConfig, side_in: float) -> tuple[Figure, Axes]:
@@ -286,7 +287,7 @@ def _write_title(axes: Axes, log: MissionLog, summary: MissionMetrics) -> None:
     title = (
         f'{in_one_line(header.scenario, MAX_NAME)}, mission seed {header.mission_seed}: {policies}'
     )
-    time = f'{summary.completion_s:.0f} s' if summary.is_finished else 'not finished'
+    time = f'{summary.completion_s:.0f} s' if summary.is_finished else _why_no_time(summary)
     merits = (
         f'{summary.collected_bit / 1e6:.2f} of {summary.total_bit / 1e6:.2f} Mbit'
         f' ({percent(summary.collected_share)}) · {summary.energy_kj:.1f} kJ · {time}'
@@ -300,6 +301,11 @@ def _write_title(axes: Axes, log: MissionLog, summary: MissionMetrics) -> None:
             text, (0, 1), (0, above_pt), xycoords='axes fraction', textcoords='offset points',
             fontsize=size_pt, fontweight=weight, parse_math=False,
         )  # fmt: skip
+
+
+def _why_no_time(summary: MissionMetrics) -> str:
+    is_known = all(uav.outcome != UNKNOWN for uav in summary.uavs)
+    return 'not finished' if is_known else 'end not recorded'
 
 
 def _write_legend(axes: Axes, handles: list[Line2D | Rectangle]) -> None:
@@ -323,11 +329,11 @@ def _path_handles(paths: list[_Path], summary: MissionMetrics) -> list[Line2D]:
     ]
 
 
-def _sensor_handles(demand_bit: Floats, summary: MissionMetrics) -> list[Line2D]:
+def _sensor_handles(demand_bit: Floats, is_left: Bools) -> list[Line2D]:
     handles = [marker_handle('o', BLACK, 4, 'sensor with data')]
     if (demand_bit == 0).any():
         handles.append(marker_handle('o', GREY, 4, 'sensor without data'))
-    if not summary.is_complete:
+    if is_left.any():
         handles.append(marker_handle('o', 'none', 7, 'data left behind', edge=_RED))
     return handles
 

@@ -54,6 +54,7 @@ def flight(
     return {
         'name': name,
         'is_over': log.is_over,
+        'lacks_events': log.lacks_events,
         'knows': bool(knowledge.news),
         'events': [*_events(log, site, readings, knowledge)],
         'faults': [fault_values(fault) for fault in log.faults],

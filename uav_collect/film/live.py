@@ -59,7 +59,10 @@ class FilmedMission:
         self._model = header.event_model()
         self._finder = ReadingFinder(header, site, demand_bit)
         self._known: Bools = np.zeros((len(header.uavs), site.scenario.n_cells), dtype=np.bool_)
-        flown = {'name': 'flown', 'is_over': False, 'knows': True, 'events': [], 'faults': []}
+        flown = {
+            'name': 'flown', 'is_over': False, 'lacks_events': False, 'knows': True, 'events': [],
+            'faults': [],
+        }  # fmt: skip
         self.opening: Values = {
             **opening(header, site, demand_bit),
             'flights': [flown],
@@ -208,6 +211,7 @@ class LiveFilm:
         if n_missing:
             are_missing = '1 event is' if n_missing == 1 else f'{n_missing} events are'
             update['note'] = f'{are_missing} missing before the one at {epoch.time_s:.0f} s'
+            update['lacks_events'] = True
         if epoch.event == MOST_EVENTS:
             update['note'] = f'after {MOST_EVENTS:,} events no more are shown'
         self._screen.add(self._next_event, update)

@@ -109,6 +109,11 @@ class MissionLog:
         """Whether every UAV has turned home in it."""
         return int((self.events['action'] == HOME).sum()) == len(self.header.uavs)
 
+    @property
+    def lacks_events(self) -> bool:
+        """Whether events before its latest one are missing: a recording may have missed them."""
+        return int(self.events['event'].max(initial=-1)) != len(self.events) - 1
+
     def to_jsonl(self) -> bytes:
         """The log as JSON lines: the header, then one line per event, faults before theirs."""
         lines = [header_line(self.header), *record_lines(self.events, self.faults)]

@@ -54,6 +54,7 @@ class LivePlayer extends Player {
     flight.add(updates.flatMap(({ event }) => (event ? [event] : [])));
     flight.faults.push(...updates.flatMap(({ faults = [] }) => faults));
     flight.isOver = flight.isOver || updates.some((update) => update.is_over);
+    flight.lacksEvents = flight.lacksEvents || updates.some((update) => update.lacks_events);
     this.isFollowing = this.isFollowing && !flight.isOver;
     const notes = new Set([...film.notes, ...updates.flatMap(({ note }) => note || [])]);
     if (notes.size > film.notes.length) this.note(film.notes = [...notes]);

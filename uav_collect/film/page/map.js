@@ -242,14 +242,15 @@ class FlightMap {
 
   drawSensors(time_s) {
     const waiting = new Set();
-    const isOver = this.flight.isOver && time_s >= this.flight.end_s;
+    const { flight } = this; // if it lacks events, some may have read what waits
+    const isKnown = flight.isOver && !flight.lacksEvents && time_s >= flight.end_s;
     this.film.sensors.forEach(({ bit, cell }, k) => {
       if (bit <= 0) return;
-      const read = this.flight.readings.get(k);
+      const read = flight.readings.get(k);
       let state = 'waiting';
       if (read && time_s >= read.start_s) state = time_s < read.end_s ? 'reading' : 'read';
       if (state === 'waiting') waiting.add(cell);
-      if (state === 'waiting' && isOver) state = 'left';
+      if (state === 'waiting' && isKnown) state = 'left';
       if (this.dots[k].getAttribute('class') !== state) this.dots[k].setAttribute('class', state);
     });
     for (const [cell, square] of this.cells) {

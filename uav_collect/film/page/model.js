@@ -25,6 +25,7 @@ class Flight {
     this.name = record.name;
     this.knows = record.knows;
     this.isOver = record.is_over;
+    this.lacksEvents = record.lacks_events;
     this.faults = record.faults;
     this.events = [];
     this.ways = film.uavs.map(() => ({ legs: [], bit: [0] })); // bit: collected before each leg
