@@ -164,13 +164,26 @@ def test_a_base_is_where_it_is_asked_for(base: str, east_m: float, here: Path) -
     assert uav.home_m == other.start_m == uav.start_m
 
 
-def test_a_base_on_earth_is_given_as_the_list_gives_places(here: Path) -> None:
-    assert field(write_list('vineyard.csv', here), '--base', '44.801,-0.601') == 0
-    area, uav = load(here / 'vineyard.yaml').area, load(here / 'vineyard.yaml').uavs[0]
+@pytest.mark.parametrize(
+    ('name', 'base', 'lat_lon_deg'),
+    [
+        ('vineyard.csv', '44.801,-0.601', (44.801, -0.601)),
+        # A list in UTM, each row with its zone; 55.5123 N, 12.8054 E
+        ('gauges.csv', '361400,6154000', (55.5123, 12.8054)),
+        ('gauges.csv', '55.5123,12.8054', (55.5123, 12.8054)),
+    ],
+)
+def test_a_base_on_earth_is_given_as_the_list_gives_places_or_in_degrees(
+    name: str, base: str, lat_lon_deg: tuple[float, float], here: Path
+) -> None:
+    path = write_list(name, here)
+    assert field(path, '--base', base) == 0
+    scenario = load(path.with_suffix('.yaml'))
+    area, uav = scenario.area, scenario.uavs[0]
     assert area.reference is not None
     lat_deg, lon_deg = area.reference.lat_lon_deg(*uav.start_m)
-    assert abs(lat_deg - 44.801) < area.cell_size_m / 111e3
-    assert abs(lon_deg + 0.601) < area.cell_size_m / 78e3
+    assert abs(lat_deg - lat_lon_deg[0]) < area.cell_size_m / 111e3
+    assert abs(lon_deg - lat_lon_deg[1]) < area.cell_size_m / 60e3
 
 
 def test_a_map_is_of_the_earth_whatever_grid_the_list_is_of(here: Path) -> None:

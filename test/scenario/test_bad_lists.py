@@ -89,6 +89,12 @@ CASES = (
          0, 'has easting_m from 2600123 to 2600223 and northing_m from 1200234 to 1200334, which '
          'is no UTM: must be read by the grid it is of, as crs: EPSG:2056, or as plain metres, by '
          'columns: {x_m: easting_m, y_m: northing_m}'),
+    Case('degrees swapped', 'id,lat,lon\na,-117.0891,46.7812\nb,-117.0875,46.78\n', 0,
+         'has lat from -117.0891 to -117.0875 and lon from 46.78 to 46.7812, which are longitudes '
+         'and latitudes: must be swapped, by columns: {lat: lon, lon: lat}'),
+    Case('x and y swapped', 'id,X,Y\na,46.7812,-117.0891\nb,46.78,-117.0875\n', 0,
+         'has Y from -117.0891 to -117.0875 and X from 46.78 to 46.7812, which are longitudes '
+         'and latitudes: must be swapped, by columns: {lat: X, lon: Y}'),
     Case('columns of UTM', 'id,easting,northing\na,93383,5180586\nb,493510,5180568\nc,493574,5180',
          2, "easting is '93383': must be a number from 100000 to 900000 m"),
 )  # fmt: skip

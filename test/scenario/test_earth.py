@@ -113,6 +113,21 @@ def test_the_grid_of_a_list_is_kept_and_no_part_of_the_fingerprint(tmp_path: Pat
     assert fingerprint(elsewhere) == fingerprint(scenario)
 
 
+@pytest.mark.parametrize('origin', ['[361200, 6154200]', '[55.514122, 12.801796]'])
+def test_a_list_whose_rows_name_one_utm_zone_is_of_that_grid(tmp_path: Path, origin: str) -> None:
+    sensors = (
+        'id,easting,northing,utm_zone,data_mbit\na,361469,6154543,33T,1\nb,361203,6154244,33T,1\n'
+    )
+    more = 'area: {cell_size_m: 100, crs: EPSG:32633}\n'  # as the list says, too
+    scenario = farm(tmp_path, sensors, origin, more)
+    assert scenario.area.crs == 'EPSG:32633'
+    assert isinstance(scenario.sensors, ListedSensors)
+    x_m, y_m = scenario.sensors.entries[1].x_m, scenario.sensors.entries[1].y_m
+    assert (x_m, y_m) == pytest.approx((3.0, 44.0), abs=3.0)
+    with pytest.raises(ConfigError, match=r'area\.crs is given: must be left out, as .*the grid'):
+        farm(tmp_path, sensors, origin, more.replace('32633', '25832'))
+
+
 def test_a_place_on_earth_is_given_once(tmp_path: Path) -> None:
     more = 'area: {reference: {lat_deg: 55, lon_deg: 12.8, position_m: [0, 0]}}\n'
     with pytest.raises(ConfigError, match=r'area\.reference is given: must be left out, as .*csv'):

@@ -256,9 +256,25 @@ def test_utm_zones_of_a_list_say_where_on_earth_it_is(tmp_path: Path) -> None:
     places = places_of(tmp_path / 'list.csv', text)
     assert places.sensors[0].at == pytest.approx((46.7786, -117.0866), abs=1e-3)
     assert places.notes == ('places are UTM, EPSG:32611',)
+    assert places.grid is not None
+    assert (places.grid.name, places.names) == ('EPSG:32611', ('easting', 'northing'))
     places = places_of(tmp_path / 'list.csv', text.replace('11T', '11S'))
     assert not places.is_angular
     assert places.notes[0].startswith("utm_zone '11S' does not say of which half of the Earth")
+
+
+def test_a_list_may_have_places_of_two_utm_zones(tmp_path: Path) -> None:
+    text = 'id,easting,northing,utm_zone\na,750000,5180586,11T\nb,291000,5180568,12T\n'
+    places = places_of(tmp_path / 'list.csv', text)
+    assert places.grid is None
+    assert [round(sensor.at[1], 2) for sensor in places.sensors] == [-113.73, -113.74]
+    assert places.notes == ('places are UTM, EPSG:32611, EPSG:32612',)
+
+
+def test_which_of_bare_x_and_y_is_the_latitude_is_noted(tmp_path: Path) -> None:
+    places = places_of(tmp_path / 'list.csv', 'id,x,y\na,12.8,55.5\nb,12.801,55.501\n')
+    assert places.sensors[0].at == (55.5, 12.8)
+    assert places.notes == ('x,y are degrees: x is taken for the longitude, y for the latitude',)
 
 
 def test_places_outside_of_their_grid_are_refused(tmp_path: Path) -> None:

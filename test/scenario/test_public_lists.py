@@ -54,7 +54,9 @@ PUBLIC: dict[str, tuple[str, list[str], tuple[float, float], tuple[str, ...]]] =
     'geometries of a converter': (
         'WKT,name,depth_cm\n"POINT (-117.0891 46.7812)",a,30\n"POINT (-117.0875 46.78)",b,\n',
         ['a', 'b'], (46.7812, -117.0891),
-        ('places stand in WKT, as x,y', "columns not read: 'depth_cm'"),
+        ('places stand in WKT, as x,y',
+         'x,y are degrees: x is taken for the longitude, y for the latitude',
+         "columns not read: 'depth_cm'"),
     ),
     'devices of a radio network': (
         'dev_eui,name,latitude,longitude,last_seen,battery\n'

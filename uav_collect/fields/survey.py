@@ -11,13 +11,12 @@ from uav_collect.config.yaml_text import shown, shown_path
 from uav_collect.errors import ConfigError, noting
 from uav_collect.fields.ground import Ground
 from uav_collect.fields.outlines import lies_in
-from uav_collect.scenario.columns import n_known
+from uav_collect.scenario.columns import DEGREES, n_known
 from uav_collect.scenario.earth import east_north_m
-from uav_collect.scenario.grids import lat_lon_of
 from uav_collect.scenario.list_files import open_list
 from uav_collect.scenario.model import Point
 from uav_collect.scenario.places import Places, Polygons, read, read_polygons, ReadOptions
-from uav_collect.scenario.plane import Plane, plane_of
+from uav_collect.scenario.plane import place_in, Plane, plane_of
 from uav_collect.scenario.shapes import MapFile, Polygon
 from uav_collect.scenario.tables import counted
 
@@ -54,7 +53,8 @@ def survey(
         widen_m: how far beyond that UAVs may fly all the same [m].
         no_fly: file with polygons that nobody flies over, whatever they are called, besides those
             of the list; the one of the area again adds nothing to what it says.
-        base: where UAVs start: two numbers as the list writes places, or a sensor's id.
+        base: where UAVs start: a sensor's id, or two numbers: as the list writes places, or
+            latitude and longitude [deg] if it is of the Earth.
 
     Raises:
         ConfigError: a line for each thing that is wrong.
@@ -186,23 +186,16 @@ def _base_m(text: str, places: Places, sensors_m: Sequence[Point], origin: Point
     for sensor, place_m in zip(places.sensors, sensors_m, strict=True):
         if sensor.id == text:
             return place_m
-    system = places.system
     try:
         first, second = (float(part) for part in text.split(','))
-        at: Point | None = (first, second)
+        at = place_in(places, (first, second))
     except ValueError:
         at = None
-    is_within = at is not None and all(
-        low <= value <= high
-        for value, low, high in zip(at, system.lows, system.highs, strict=True)
-    )
-    if at is not None and is_within and places.grid is not None:
-        [at] = lat_lon_of([at], places.grid)
-    if at is None or not is_within:
-        written = ','.join(system.roles)
-        raise ConfigError(
-            f'--base is {shown(text)}: must be the id of a sensor, or {written} as the list has'
-        )
+    if at is None:
+        written = ','.join(places.system.roles)
+        if places.is_angular and not places.system.is_angular:
+            written += f', or {",".join(DEGREES.roles)}'
+        raise ConfigError(f'--base is {shown(text)}: must be the id of a sensor, or {written}')
     if origin is None:
         return at
     return east_north_m(*at, origin_lat_deg=origin[0], origin_lon_deg=origin[1])

@@ -23,6 +23,12 @@ class System(NamedTuple):
     unit: str
     is_angular: bool
 
+    def has(self, at: Sequence[float]) -> bool:
+        """Whether two numbers may be a place."""
+        return all(
+            low <= it <= high for it, low, high in zip(at, self.lows, self.highs, strict=True)
+        )
+
 
 # East and north mean nothing at the poles.
 DEGREES = System(('lat', 'lon'), (-89.0, -180.0), (89.0, 180.0), 'deg', is_angular=True)

@@ -1,6 +1,6 @@
 """Places of map grids, put on the Earth: by one grid, or by zones of UTM."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,28 +12,35 @@ from uav_collect.scenario.odd_places import Pair, SensorPlace
 from uav_collect.scenario.place_rows import PlaceColumns, ReadRows
 
 
-def by_zones(rows: ReadRows, layout: PlaceColumns, notes: list[str]) -> ReadRows | None:
-    """The places as latitudes and longitudes, if each row names its UTM zone."""
+def grids_of_zones(
+    rows: ReadRows, layout: PlaceColumns, notes: list[str]
+) -> dict[str, Grid] | None:
+    """The grid of each UTM zone, as the rows write it, if each row names its own."""
     if layout.zone is None or layout.system != GRID or not rows.places:
         return None
-    zones = {zone: zone_crs_name(zone) for zone in rows.zones}
-    without = [zone for zone, name in zones.items() if not name]
+    names = {zone: zone_crs_name(zone) for zone in rows.zones}
+    without = [zone for zone, name in names.items() if not name]
     if without:
         notes.append(
             f'utm_zone {shown(without[0])} does not say of which half of the Earth it is, as 33T '
             'does: places are plain metres'
         )
         return None
-    grids = {name: grid_of(name, ZONE) for name in {*zones.values()}}
+    by_name = {name: grid_of(name, ZONE) for name in sorted({*names.values()})}
+    notes.append(f'places are UTM, {", ".join(by_name)}')
+    return {zone: by_name[name] for zone, name in names.items()}
+
+
+def by_zones(rows: ReadRows, layout: PlaceColumns, grids: Mapping[str, Grid]) -> ReadRows:
+    """The places as latitudes and longitudes, each by the grid of its row's zone."""
     placed = []
     for place, zone in zip(rows.places, rows.zones, strict=True):
-        [at] = lat_lon_of([place.at], grids[zones[zone]])
+        [at] = lat_lon_of([place.at], grids[zone])
         if at is not None:
             placed.append(place._replace(at=at))
             continue
         what = f'{",".join(layout.names)} is {_shown_pair(place.at)}: lies outside of zone {zone}'
         rows.problems.append((place.number, f'{place.where}: {what}'))
-    notes.append(f'places are UTM, {", ".join(sorted(grids))}')
     return replace(rows, places=placed)
 
 

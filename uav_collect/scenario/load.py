@@ -242,7 +242,7 @@ def _said_twice(area: AreaConfig, read: 'OnArea', path: str) -> Iterator[tuple[K
         ('boundary', read.boundary, 'the boundary'),
         ('crs', read.crs, 'the grid'),
     ):
-        if by_list is not None and getattr(area, key) is not None:
+        if by_list is not None and getattr(area, key) not in (None, by_list):
             yield ('area', key), f'is given: must be left out, as {path} gives {what}'
 
 

@@ -91,6 +91,11 @@ def layout_of(
     if named is None:
         named = _distinct_column(sheet, found.by_role.values())
         notes.append(_said_of_names(sheet, named))
+    if system.is_angular and roles == ('y', 'x'):
+        lat, lon = _named(sheet, found, roles)
+        notes.append(
+            f'{lon},{lat} are degrees: {lon} is taken for the longitude, {lat} for the latitude'
+        )
     marks_of = degrees_mark if system.is_angular else decimal_mark
     mark = marks_of(_cells(sheet.lines, place))
     data = found.by_role.get(DATA)
@@ -265,10 +270,13 @@ def _are_degrees(sheet: Sheet, columns: tuple[int, int]) -> bool:
     rows = [[number_of(_cell(line, column), mark) for column in columns] for line in sheet.lines]
     numbers = [row for row in rows if not any(map(math.isnan, row))]
     inside = [x for x in numbers if abs(x[0]) <= 180.0 and abs(x[1]) <= 90.0]
+    is_swapped = 2 * len(inside) < len(numbers)
+    if is_swapped:
+        inside = [x for x in numbers if abs(x[0]) <= 90.0 and abs(x[1]) <= 180.0]
     if not numbers or 2 * len(inside) < len(numbers):
         return False
     spread = max(_spread([row[axis] for row in inside]) for axis in (0, 1))
-    if _MOST_DEGREES < spread < _LEAST_METRES:
+    if _MOST_DEGREES < spread < _LEAST_METRES and not is_swapped:
         raise ConfigError(
             f'{sheet.where(sheet.header.number)}: x,y may be degrees or metres: must be told, by '
             'columns: {lon: x, lat: y} or columns: {x_m: x, y_m: y}'
@@ -384,41 +392,46 @@ def _amount(
 
 def _in_short(sheet: Sheet, layout: PlaceColumns, rows: ReadRows) -> ReadRows:
     """The rows with one line for what is wrong with most of them: they are of another grid."""
-    is_guess = layout.system == GRID or (sheet.is_map and layout.system == DEGREES)
-    if not is_guess or 2 * len(rows.problems) <= len(sheet.lines):
+    if 2 * len(rows.problems) <= len(sheet.lines):
         return rows
     numbers = [
         [number_of(_cell(line, column), layout.mark) for column in layout.place]
         for line in sheet.lines
     ]
     outside = [
-        row for row in numbers if all(map(math.isfinite, row)) and not _is_in(layout.system, row)
+        row for row in numbers if all(map(math.isfinite, row)) and not layout.system.has(row)
     ]
     if len(outside) < 2 or len(outside) <= _ROWS_AT_ONCE * len(sheet.lines):
+        return rows
+    what = _other_system(sheet, layout, outside)
+    if not what:
         return rows
     spans = [
         f'{name} from {min(values):.10g} to {max(values):.10g}'
         for name, values in zip(layout.names, zip(*outside, strict=True), strict=True)
     ]
-    if sheet.is_map:
-        what = (
-            f'{shown_path(sheet.path)}: has {" and ".join(spans)}, which are no degrees: must be '
-            'read by the grid it is of, as crs: EPSG:2056, or as metres of no grid, of a CSV with '
-            'the columns x_m, y_m'
+    line = f'{shown_path(sheet.path)}: has {" and ".join(spans)}, which {what}'
+    return ReadRows(problems=[(0, line)])
+
+
+def _other_system(sheet: Sheet, layout: PlaceColumns, outside: Sequence[Sequence[float]]) -> str:
+    """What places are that are none of the table's own system; '': that is not known."""
+    first, second = layout.names
+    if layout.system == DEGREES and all(DEGREES.has(row[::-1]) for row in outside):
+        given = f'columns: {{lat: {second}, lon: {first}}}'
+        how = 'written longitude first' if sheet.is_map else f'swapped, by {given}'
+        return f'are longitudes and latitudes: must be {how}'
+    if layout.system == DEGREES and sheet.is_map:
+        return (
+            'are no degrees: must be read by the grid it is of, as crs: EPSG:2056, or as metres '
+            'of no grid, of a CSV with the columns x_m, y_m'
         )
-        return ReadRows(problems=[(0, what)])
-    given = f'{{x_m: {layout.names[0]}, y_m: {layout.names[1]}}}'
-    what = (
-        f'{shown_path(sheet.path)}: has {" and ".join(spans)}, which is no UTM: must be read '
-        f'by the grid it is of, as crs: EPSG:2056, or as plain metres, by columns: {given}'
-    )
-    return ReadRows(problems=[(0, what)])
-
-
-def _is_in(system: System, row: Sequence[float]) -> bool:
-    return all(
-        low <= it <= high for it, low, high in zip(row, system.lows, system.highs, strict=True)
-    )
+    if layout.system == GRID:
+        return (
+            'is no UTM: must be read by the grid it is of, as crs: EPSG:2056, or as plain metres, '
+            f'by columns: {{x_m: {first}, y_m: {second}}}'
+        )
+    return ''
 
 
 def check_number_of_rows(sheet: Sheet) -> None:

@@ -14,7 +14,12 @@ from uav_collect.config.yaml_text import shown, shown_path
 from uav_collect.errors import ConfigError, noting
 from uav_collect.limits import MAX_CORNERS
 from uav_collect.scenario.columns import DEGREES, n_known, System
-from uav_collect.scenario.gridded import by_zones, transformed, transformed_polygon
+from uav_collect.scenario.gridded import (
+    by_zones,
+    grids_of_zones,
+    transformed,
+    transformed_polygon,
+)
 from uav_collect.scenario.grids import CRS_ALLOWED, crs_name, Grid, grid_of
 from uav_collect.scenario.list_files import open_list
 from uav_collect.scenario.odd_places import (
@@ -163,6 +168,7 @@ class _Checked(NamedTuple):
     is_angular: bool
     system: System
     names: tuple[str, str]
+    grid: Grid | None
     sensors: tuple[SensorPlace, ...]
     far: tuple[str, ...]
     notes: tuple[str, ...]
@@ -171,7 +177,7 @@ class _Checked(NamedTuple):
 def _places_of(sheet: Sheet, grid: Grid | None, options: ReadOptions) -> Places:
     """The places of a table, which has no outlines."""
     checked = _checked(sheet, grid, options)
-    return Places(path=sheet.path, grid=grid, boundary=None, no_fly=(), **checked._asdict())
+    return Places(path=sheet.path, boundary=None, no_fly=(), **checked._asdict())
 
 
 def _checked(sheet: Sheet, grid: Grid | None, options: ReadOptions) -> _Checked:
@@ -196,17 +202,18 @@ def _checked(sheet: Sheet, grid: Grid | None, options: ReadOptions) -> _Checked:
         if it.distance_m > FAR_IN_ANY_AREA_M
     ]
     sensors = doubled.kept
-    if grid is not None:
-        sensors, outside = transformed(sensors, grid, found.names, sheet.path)
+    if found.grid is not None:
+        sensors, outside = transformed(sensors, found.grid, found.names, sheet.path)
         problems += outside
     if problems:
         raise ConfigError(*(line for _, line in sorted(problems, key=lambda it: it[0])))
     if not sensors:
         raise ConfigError(f'{shown_path(sheet.path)}: has no sensors with a place')
     return _Checked(
-        is_angular=found.system.is_angular or grid is not None,
+        is_angular=found.system.is_angular or found.grid is not None,
         system=found.system,
         names=found.names,
+        grid=found.grid,
         sensors=sensors,
         far=tuple(it.said(found.names) for it in far),
         notes=tuple(notes),
@@ -219,6 +226,7 @@ class _Found(NamedTuple):
     rows: ReadRows
     system: System
     names: tuple[str, str]
+    grid: Grid | None  # that the places are of
     id_name: str
     notes: tuple[str, ...]
 
@@ -233,10 +241,13 @@ def _found(sheet: Sheet, grid: Grid | None, options: ReadOptions) -> _Found:
     if rows.n_blank:
         notes.append(f'left out: {counted(rows.n_blank, sheet.unit)} without a place')
     id_name = 'id' if layout.id is None else sheet.header.cells[layout.id]
-    zoned = None if grid else by_zones(rows, layout, notes)
-    if zoned is not None:
-        return _Found(zoned, DEGREES, DEGREES.roles, id_name, tuple(notes))
-    return _Found(rows, layout.system, layout.names, id_name, tuple(notes))
+    zones = None if grid else grids_of_zones(rows, layout, notes)
+    if zones and len({it.name for it in zones.values()}) > 1:
+        zoned = by_zones(rows, layout, zones)
+        return _Found(zoned, DEGREES, DEGREES.roles, None, id_name, tuple(notes))
+    if zones:
+        grid = next(iter(zones.values()))
+    return _Found(rows, layout.system, layout.names, grid, id_name, tuple(notes))
 
 
 def _with_places(sheet: Sheet, options: ReadOptions) -> Sheet:

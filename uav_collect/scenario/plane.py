@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from uav_collect.config.yaml_text import shown, shown_path
 from uav_collect.errors import ConfigError
+from uav_collect.scenario.columns import DEGREES
 from uav_collect.scenario.earth import east_north_m
 from uav_collect.scenario.grids import lat_lon_of
 from uav_collect.scenario.odd_places import Pair
@@ -88,8 +89,29 @@ def on_area(places: Places, *, origin: Pair | None, width_m: float, height_m: fl
     )
 
 
+def place_in(places: Places, at: Pair) -> Pair | None:
+    """A place that a user gives by two numbers, as `Places.sensors` have theirs.
+
+    Args:
+        at: as the list writes places, or latitude and longitude [deg] if it is of the Earth.
+
+    Returns:
+        None: it is no place of the list's kind.
+    """
+    if places.system.has(at):
+        if places.grid is None:
+            return at
+        [on_earth] = lat_lon_of([at], places.grid)
+        if on_earth is not None:
+            return on_earth
+    return at if places.is_angular and DEGREES.has(at) else None
+
+
 def _anchor(places: Places, origin: Pair) -> Pair:
     """A corner that is given in the list's coordinates, as latitude and longitude if these are."""
+    anchor = place_in(places, origin)
+    if anchor is not None:
+        return anchor
     system = places.system
     for role, value, low, high in zip(
         system.roles, origin, system.lows, system.highs, strict=True
@@ -99,15 +121,10 @@ def _anchor(places: Places, origin: Pair) -> Pair:
                 f'{shown_path(places.path)}: sensors.origin has {role} {shown(value)}: '
                 f'must be a number from {low:.10g} to {high:.10g} {system.unit}'
             )
-    if places.grid is None:
-        return origin
-    [anchor] = lat_lon_of([origin], places.grid)
-    if anchor is None:
-        raise ConfigError(
-            f'{shown_path(places.path)}: sensors.origin is {shown(origin)}: must lie in '
-            f'{places.grid.name} ({places.grid.title})'
-        )
-    return anchor
+    where = '' if places.grid is None else f'{places.grid.name} ({places.grid.title})'
+    raise ConfigError(
+        f'{shown_path(places.path)}: sensors.origin is {shown(origin)}: must lie in {where}'
+    )
 
 
 def _flat(points: Sequence[Pair], anchor: Pair) -> tuple[Pair, ...]:
