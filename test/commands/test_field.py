@@ -273,6 +273,17 @@ def test_an_outline_that_is_taken_for_something_else_is_said_in_one_line(
     assert words in line
 
 
+def test_a_zone_over_all_sensors_is_looked_for_in_the_file_that_has_it(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _outline_and_pond(here, 'pond')
+    outline = (here / 'field.json').read_text()
+    (here / 'area.json').write_text(outline.replace('Farm', 'no-fly farm'))
+    (here / 'zone.csv').write_text('lat,lon\n49,11.5\n49,11.51\n49.01,11.5\n')
+    assert field('wells.csv', '--area', 'area.json', '--no-fly', 'zone.csv') == 2
+    assert 'area.json: no-fly zone 1 of 1 has all sensors in it' in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ('arguments', 'words'),
     [

@@ -60,10 +60,10 @@ def survey(
         ConfigError: a line for each thing that is wrong.
         MissingPackageError: a file needs a package that is missing.
     """
-    places = _read(path, options, area, no_fly)
+    places, zone_files = _read(path, options, area, no_fly)
     plane = plane_of(places)
     problems: list[str] = []
-    noting(problems, lambda: _check_zones(no_fly or area or path, plane))
+    noting(problems, lambda: _check_zones(zone_files, plane))
     base_m = None
     if base is not None:
         base_m = noting(problems, lambda: _base_m(base, places, plane.sensors_m, plane.origin))
@@ -98,8 +98,10 @@ class _Added(NamedTuple):
     no_fly: tuple[Polygon, ...]
 
 
-def _read(path: Path, options: ReadOptions, area: Path | None, no_fly: Path | None) -> Places:
-    """What the list has, and the files of polygons.
+def _read(
+    path: Path, options: ReadOptions, area: Path | None, no_fly: Path | None
+) -> tuple[Places, list[Path]]:
+    """What the list and the files of polygons have, and the file of each no-fly zone.
 
     Raises:
         ConfigError: a line for each thing that is wrong in any of them.
@@ -118,11 +120,13 @@ def _read(path: Path, options: ReadOptions, area: Path | None, no_fly: Path | No
         ]
     if problems or places is None:
         raise ConfigError(*problems)
+    zone_files = [path] * len(places.no_fly)
     for it in found:
+        zone_files += [it.path] * len(it.no_fly)
         # Holes of the list's own edge, which no longer counts, stay closed all the same.
         boundary, no_fly_zones = it.boundary or places.boundary, (*places.no_fly, *it.no_fly)
         places = replace(places, boundary=boundary, no_fly=no_fly_zones)
-    return places
+    return places, zone_files
 
 
 def _area_of(path: Path, options: ReadOptions) -> _Added:
@@ -166,15 +170,18 @@ def _other_units(added: _Added, places: Places) -> str:
     )
 
 
-def _check_zones(path: Path, plane: Plane) -> None:
+def _check_zones(files: Sequence[Path], plane: Plane) -> None:
     """Refuse a no-fly zone that has all sensors in it.
+
+    Args:
+        files: that of each zone.
 
     Raises:
         ConfigError: there is one; it may be the field's own outline.
     """
-    for number, zone in enumerate(plane.no_fly_m, start=1):
+    for at, (path, zone) in enumerate(zip(files, plane.no_fly_m, strict=True)):
         if all(lies_in(sensor, zone) for sensor in plane.sensors_m):
-            which = f'no-fly zone {number} of {len(plane.no_fly_m)}'
+            which = f'no-fly zone {files[: at + 1].count(path)} of {files.count(path)}'
             raise ConfigError(
                 f'{shown_path(path)}: {which} has all sensors in it: must leave out '
                 'the outline of the field, which --area takes'
