@@ -242,9 +242,18 @@ def test_commas_between_all_groups_of_numbers_are_no_decimal_ones(tmp_path: Path
         ('data_mbit,x_m,y_m,tag\n0.5,1,2,n1\n1.5,3,4,n2\n', ['n1', 'n2']),
         ('easting,lat,lon,tag\n300000,46.1,7.1,n1\n300010,46.2,7.2,n2\n', ['n1', 'n2']),
         ('x_m;y_m;height\n1;2;2,5\n3;4;4,5\n', ['S1', 'S2']),
+        ('depth,x_m,y_m\n2.5,1,2\n3.5,3,4\n', ['S1', 'S2']),
+        ('plot,x_m,y_m\n25,1,2\n35,3,4\n', ['25', '35']),
+        ('x_m,y_m,turbidity\n1,2,<0.5\n3,4,2.5\n5,6,n/a\n', ['S1', 'S2', 'S3']),
+        ('x_m,y_m,log\n1,2,1.5 Mbit\n3,4,12 kB\n', ['S1', 'S2']),
+        ('x_m,y_m,wet\n1,2,15 %\n3,4,20 %\n', ['S1', 'S2']),
+        ('seen,x_m,y_m\n2025-04-01 10:00,1,2\n2025-04-01 11:00,3,4\n', ['S1', 'S2']),
+        ('x_m,y_m,seen,row\n1,2,10:00,1-1\n3,4,11:30,1-2\n', ['1-1', '1-2']),
+        ('location,mean\n"46.78, -117.09",3\n"46.781, -117.09",3\n', ['S1', 'S2']),
+        ('WKT,mean\nPOINT (7.1 46.7),3\nPOINT (7.1 46.8),4\n', ['S1', 'S2']),
     ],
 )
-def test_no_column_that_means_something_else_or_has_fractions_holds_the_ids(
+def test_no_column_of_something_else_or_of_what_is_measured_holds_the_ids(
     tmp_path: Path, text: str, names: list[str]
 ) -> None:
     places = places_of(tmp_path / 'list.csv', text)

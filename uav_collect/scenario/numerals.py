@@ -41,6 +41,16 @@ _DEGREES = re.compile(
     re.VERBOSE,
 )
 _SAYS_DEGREES = re.compile('[°dNSEW:]')
+# 2.5, <0.5, 12 %, 3 m, 1.2 Mbit
+_MEASURED = re.compile(
+    r"[<>\u2264\u2265~]? ?([-+0-9.,' eE]*[0-9.])"
+    ' ?(?:%|°C?|[a-zµ]{1,2}|[kKMG]?(?:bit|[bB](?:ytes?)?))?'
+)
+# 2025-04-01, 1.4.2025 10:00, 10:00:30
+_TIME = re.compile(
+    r'(?:[0-9]{4}([-./])[0-9]{1,2}\1[0-9]{1,2}|[0-9]{1,2}([-./])[0-9]{1,2}\2[0-9]{4})(?:[T ,].*)?'
+    '|[0-9]{1,2}:[0-9]{2}(?::[0-9]{2}.*)?'
+)
 _LONGEST = 100  # characters of a number
 
 
@@ -83,6 +93,14 @@ def number_of(text: str, mark: str) -> float:
     if mark == _COMMA:
         text = text.replace(_COMMA, _POINT) if _POINT not in text else text
     return float(text) if _PLAIN.fullmatch(text) else math.nan
+
+
+def is_measured(text: str) -> bool:
+    """Whether a text is a number, with a unit or without, or a time: it names nothing."""
+    found = _MEASURED.fullmatch(_cleaned(text)) if len(text) <= _LONGEST else None
+    if found and not all(math.isnan(number_of(found[1], mark)) for mark in (_POINT, _COMMA)):
+        return True
+    return _TIME.fullmatch(text) is not None
 
 
 def is_thousand_or_fraction(text: str) -> bool:

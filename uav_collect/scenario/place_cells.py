@@ -53,7 +53,9 @@ def _apart(sheet: Sheet, column: int, pattern: re.Pattern[str], roles: tuple[str
         found = pattern.fullmatch(cells[column])
         both = found.groups() if found else (cells[column], '')
         rows.append(SheetRow(row.number, [*cells[:width], *both, *cells[width:]]))
-    header = SheetRow(sheet.header.number, [*sheet.header.cells, *roles])
+    names = [*sheet.header.cells, *roles]
+    names[column] = ''  # it means nothing else: `location` would hold the ids
+    header = SheetRow(sheet.header.number, names)
     name = sheet.header.cells[column]
     note = f'places stand in {name}, as {",".join(roles)}'
     return Sheet(

@@ -24,6 +24,7 @@ from uav_collect.scenario.numerals import (
     decimal_mark,
     degrees_mark,
     degrees_of,
+    is_measured,
     is_thousand_or_fraction,
     number_of,
 )
@@ -168,24 +169,24 @@ def _distinct_column(sheet: Sheet, known: Collection[int]) -> int | None:
         known: columns that mean something else.
     """
     for column, name in enumerate(sheet.header.cells):
-        cells = (_cell(line, column) for line in sheet.lines)
-        if name and column not in known and _are_ids(cells, may_be_numbers=column == 0):
+        if not name or column in known or _is_of_places(sheet, name):
+            continue
+        cells = [_cell(line, column) for line in sheet.lines]
+        if _are_ids(cells, may_be_counted=column == 0):
             return column
     return None
 
 
-def _are_ids(cells: Iterator[str], *, may_be_numbers: bool) -> bool:
-    """Whether each cell may name one sensor alone; numbers further right are heights, say."""
-    seen: set[str] = set()
-    for cell in cells:
-        if cell in seen or not _is_id(cell):
-            return False
-        seen.add(cell)
-    return may_be_numbers or not all(map(_is_number, seen))
+def _are_ids(cells: Sequence[str], *, may_be_counted: bool) -> bool:
+    """Whether each cell may name one sensor alone, and most of them are no measured values.
 
-
-def _is_number(text: str) -> bool:
-    return not all(math.isnan(number_of(text, mark)) for mark in '.,')
+    Args:
+        may_be_counted: whole numbers may be names; further right they are heights, say.
+    """
+    if len({*cells}) < len(cells) or not all(map(_is_id, cells)):
+        return False
+    names = (cell for cell in cells if may_be_counted and cell.isdecimal())
+    return 2 * (sum(map(is_measured, cells)) - len([*names])) < len(cells)
 
 
 def _said_of_names(sheet: Sheet, named: int | None) -> str:
