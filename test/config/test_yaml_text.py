@@ -1,8 +1,15 @@
 """What YAML text is read, what is refused in one line, and at which limits."""
 
 import pytest
-from uav_collect.config.yaml_text import read_value
+from uav_collect.config.yaml_text import dump, MAX_BYTES, read_value
 from uav_collect.errors import ConfigError
+from uav_collect.limits import (
+    MAX_NO_FLY_CORNERS,
+    MAX_SENSOR_ID,
+    MAX_SENSORS,
+    MAX_UAVS,
+)
+from uav_collect.scenario.load import load, with_uavs
 
 PLAIN = (
     ('5', 5), ('-0', 0), ('+7', 7), ('1.5', 1.5), ('.5', 0.5), ('1e-3', 1e-3), ('2.E+6', 2e6),
@@ -44,10 +51,10 @@ REFUSED = (
 )  # fmt: skip
 
 TOO_LARGE = {
-    'has 4,194,305 characters: must have at most 4,194,304': 'a' * 4_194_305,
+    'has 16,777,217 characters: must have at most 16,777,216': 'a' * 16_777_217,
     'is nested too deep: must be at most 50 levels': '[' * 51,
     'nested blocks': '- ' * 100_000,
-    'must have at most 250,000 values': f'[{"1," * 250_001}]',
+    'must have at most 520,000 values': f'[{"1," * 520_001}]',
     'must have at most 1,000 aliases': f'[&a 1{", *a" * 1_001}]',
     'must have at most 1,000 keys': '\n'.join(f'k{number}: 1' for number in range(1_001)),
     'has 1,001 digits: must have at most 1,000': '1' * 1_001,
@@ -87,6 +94,23 @@ def test_what_is_too_large_is_refused_at_its_limit(problem: str, text: str) -> N
     (line,) = caught.value.problems
     assert (problem if problem.startswith(('has', 'is', 'must')) else 'nested') in line
     assert len(line) < 300
+
+
+def test_the_largest_scenario_that_may_be_is_read() -> None:
+    odd = 1e5 / 3.0  # with as many digits as a number has
+    sensor = {'id': '\U00020000' * MAX_SENSOR_ID, 'x_m': odd, 'y_m': odd, 'data_mbit': odd}
+    zone = ((odd, odd),) * 25
+    fault = {'uav': 64, 'kind': 'silent', 'at_s': (odd, odd), 'share': odd}
+    one = {'sensors': [sensor], 'no_fly': [zone], 'faults': [fault]}
+    n_each = {'sensors': MAX_SENSORS, 'no_fly': MAX_NO_FLY_CORNERS // 25, 'faults': 1_000}
+    text = with_uavs(load('paper_10x10'), MAX_UAVS).to_yaml()
+    text += dump({'boundary': ((odd, odd),) * 1_000})
+    for key, entries in one.items():
+        head, entry = dump({f'more_{key}': entries}).split('\n', 1)
+        text += f'{head}\n{entry * n_each[key]}'
+    assert len(text.encode()) < MAX_BYTES
+    value, _ = read_value(text, 'large.yaml')
+    assert {key: len(value[f'more_{key}']) for key in one} == n_each
 
 
 def test_aliases_count_as_what_they_stand_for() -> None:

@@ -36,8 +36,8 @@ def test_a_scenario_of_as_many_sensors_as_there_may_be_is_read_from_its_text() -
         ('extends: paper_8x8\n', 'is missing'),
         ('[\n', 'is not valid YAML'),
         ('[' * 100_000 + '\n', 'must be at most 50 levels'),
-        (ALIASES, 'must have at most 250,000 values'),
-        ('\n' * 5_000_000, 'has 5,000,000 characters: must have at most 4,194,304'),
+        (ALIASES, 'must have at most 520,000 values'),
+        ('\n' * 17_000_000, 'has 17,000,000 characters: must have at most 16,777,216'),
     ],
     ids=['name', 'unresolved', 'no YAML', 'deep', 'aliases', 'long'],
 )

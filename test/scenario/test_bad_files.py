@@ -11,7 +11,7 @@ from uav_collect.errors import ConfigError
 from uav_collect.scenario.load import from_file, from_yaml, load
 
 NO_FILE = 'cannot be read: is a pipe or a device: must be a file'
-TOO_LARGE = 'cannot be read: has 50,000,000 bytes: must have at most 4,194,304'
+TOO_LARGE = 'cannot be read: has 50,000,000 bytes: must have at most 16,777,216'
 NAME = 'must be 1 to 64 letters of A to Z, digits, _, - and ., the first a letter or a digit'
 
 SITE = 'extends: paper_10x10\nsensors: {kind: csv, file: %s, origin: auto}\n'

@@ -11,16 +11,19 @@ import re
 from typing import Any, NamedTuple
 
 from uav_collect.errors import ConfigError
+from uav_collect.limits import MAX_NO_FLY_CORNERS, MAX_SENSORS
 import yaml
 
 Keys = tuple[str | int, ...]  # the way to a value: mapping keys and list indices
 
-MAX_BYTES = 4 * 2**20  # of a text
+MAX_BYTES = 16 * 2**20  # of a text: the largest scenario, its ids of no Latin letters, has 12 MB
 
 _MAX_SHOWN = 60  # characters of a wrong value, or of a key
 _MAX_PATH = 200  # characters of a path
 _MAX_DEPTH = 50  # of values in values
-_MAX_VALUES = 250_000  # of a text, keys among them, and those of its aliases written out
+# Of a text, keys among them, and those of its aliases written out. The largest scenario has 9 for
+# each sensor, 3 for each corner of a no-fly zone, and fewer than 40,000 more.
+_MAX_VALUES = 9 * MAX_SENSORS + 3 * MAX_NO_FLY_CORNERS + 40_000
 _MAX_ALIASES = 1_000
 _MAX_KEYS = 1_000  # of a mapping
 _MAX_DIGITS = 1_000  # of a number
