@@ -14,6 +14,16 @@ from uav_collect.scenario.airframes import airframe_named, airframe_names
 LINE = [(100.0 * n, 0.0) for n in range(40)]  # 3.9 km
 
 
+@pytest.mark.parametrize('side_m', [1001.7, 5000.0, 9001.0, 9002.0, 9003.0])
+def test_the_least_cell_size_that_is_named_is_one_that_is_taken(side_m: float) -> None:
+    field = ground((0.0, 0.0), (side_m, 0.0))
+    with pytest.raises(ConfigError, match='--cell-size is 1: must be at least ') as caught:
+        proposed(field, cell_size_m=1.0)
+    least_m = float(str(caught.value).split('at least ')[1].split(' m ')[0])
+    assert proposed(field, cell_size_m=least_m).grid.cell_size_m == least_m
+    assert least_m == pytest.approx(side_m / 63.0, abs=0.1)
+
+
 def test_cells_are_as_large_as_corners_have_their_share_of_the_rate() -> None:
     field = proposed(ground(*LINE), n_uavs=2)
     settings, size_m = usual_settings(), field.grid.cell_size_m

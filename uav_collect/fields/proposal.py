@@ -111,9 +111,10 @@ def _size(
     if least_m > _LARGEST_CELL_M:
         raise ConfigError(_too_far_apart(ground))
     if wishes.cell_size_m is not None:
-        if wishes.cell_size_m < least_m:
+        allowed_m = math.ceil(10.0 * least_m) / 10.0  # no less: what is named must do
+        if wishes.cell_size_m < min(least_m, allowed_m):
             raise ConfigError(
-                f'--cell-size is {wishes.cell_size_m:g}: must be at least {least_m:.1f} m here, '
+                f'--cell-size is {wishes.cell_size_m:g}: must be at least {allowed_m:.1f} m here, '
                 f'for an area has at most {MAX_CELLS_PER_SIDE} x {MAX_CELLS_PER_SIDE} cells'
             )
         return wishes.cell_size_m, 'as asked'
