@@ -8,6 +8,7 @@ from bounds import bound, plans
 import numpy as np
 import pytest
 from uav_collect.__main__ import main
+from uav_collect.planning import bound as planned
 from uav_collect.scenario.load import load
 
 pytestmark = pytest.mark.usefixtures('bound_cache')
@@ -52,6 +53,33 @@ def test_more_rounds_find_no_worse_plans_on_average(tmp_path: Path) -> None:
         assert main(['bound', *FEW, '--rounds', rounds, '--json', str(file)]) == 0
         means.append(json.loads(file.read_text())['exact']['shortest_completion_s']['mean'])
     assert means[0] > means[1] >= means[2]
+
+
+@pytest.mark.parametrize(('n_plans', 'n_missions'), [(7, 3), (1, 0)])
+def test_ctrl_c_shows_and_writes_the_missions_that_are_planned(
+    n_plans: int, n_missions: int, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    calls, whole = iter(range(100)), planned.bound_of
+
+    def bound_some(*arguments: object) -> object:
+        if next(calls) == n_plans:
+            raise KeyboardInterrupt
+        return whole(*arguments)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(planned, 'bound_of', bound_some)
+    document, table = tmp_path / 'bound.json', tmp_path / 'bound.csv'
+    written = ['--json', str(document), '--csv', str(table)]
+    assert main(['bound', *FEW, '--bandwidth', 'equal', 'exact', *written]) == 130
+    printed = capsys.readouterr().out
+    assert f'interrupted after {n_missions} of 6 missions' in printed
+    assert document.exists() == table.exists() == bool(n_missions)
+    if n_missions:
+        assert f'{n_missions} missions from seed 5' in printed
+        found = json.loads(document.read_text())
+        assert [of['missions'] for of in found.values()] == [n_missions] * 2
+        rows = [*csv.DictReader(table.read_text().splitlines())]
+        assert [int(row['mission_seed']) for row in rows] == [*range(5, 5 + n_missions)] * 2
 
 
 def test_the_command_says_where_there_is_no_plan(

@@ -209,7 +209,7 @@ def test_set_and_uavs_change_the_scenario(tmp_path: Path, small: Scenario) -> No
     assert json.loads(path.read_text())['sweep']['fingerprint'] == fingerprint(changed)
 
 
-def test_ctrl_c_shows_what_was_flown_and_writes_nothing(
+def test_ctrl_c_shows_and_writes_what_was_flown(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     calls = iter(range(100))
@@ -224,11 +224,27 @@ def test_ctrl_c_shows_what_was_flown_and_writes_nothing(
 
     monkeypatch.setattr(rollout, 'fly', fly_some)
     arguments = ['--missions', '120', '--policy', 'hert', 'sweep']
-    path = tmp_path / 'figures.json'
-    assert evaluate('--scenario', 'paper_8x8', *arguments, '--json', str(path)) == 130
+    figures, table = tmp_path / 'figures.json', tmp_path / 'table.csv'
+    written = ['--json', str(figures), '--csv', str(table)]
+    assert evaluate('--scenario', 'paper_8x8', *arguments, *written) == 130
     shown = capsys.readouterr().out
     assert 'interrupted after 50 of 120 missions' in shown
     assert '50 missions from seed 0' in shown
+    assert [of['missions'] for of in json.loads(figures.read_text()).values()] == [50, 50]
+    seeds = [int(row['mission_seed']) for row in csv.DictReader(table.read_text().splitlines())]
+    assert seeds == [*range(50)] * 2
+
+
+def test_ctrl_c_before_every_policy_has_flown_writes_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fly_none(*_: object) -> list[MissionLog]:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(rollout, 'fly', fly_none)
+    arguments = ['--missions', '120', '--json', str(tmp_path / 'figures.json')]
+    assert evaluate('--scenario', 'paper_8x8', *arguments) == 130
+    assert 'interrupted after 0 of 120 missions' in capsys.readouterr().out
     assert list(tmp_path.iterdir()) == []
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from uav_collect import files
 from uav_collect.commands import options, terminal
-from uav_collect.limits import UNUSABLE
+from uav_collect.limits import INTERRUPTED, UNUSABLE
 
 if TYPE_CHECKING:  # loaded when searching, so that --help answers at once
     from uav_collect.analysis.statistics import Estimate
@@ -24,7 +24,7 @@ efficiency with the thriftiest.
 _MAX_MISSIONS = 100_000
 _MAX_ROUNDS = 10**9
 
-_Bounds = Mapping[str, Sequence['Bound']]  # by bandwidth
+_Bounds = Mapping[str, Sequence['Bound']]  # by bandwidth; the same seeds for each
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -55,24 +55,28 @@ def run(arguments: argparse.Namespace) -> int:
 
     scenario = options.scenario_of(arguments)
     options.check_files(arguments)
-    bounds = _plan(arguments, scenario)
+    bounds, status = _plan(arguments, scenario)
     rows = {
         bandwidth: mean_estimates([bound_metrics(bound) for bound in some], arguments.seed)
         for bandwidth, some in bounds.items()
+        if some
     }
     # Before anything is shown: whoever reads that may have left.
     contents = {}
-    if arguments.json is not None:
-        contents[arguments.json] = _json(arguments, scenario, rows)
-    if arguments.csv is not None:
+    if rows and arguments.json is not None:
+        contents[arguments.json] = _json(arguments, scenario, bounds, rows)
+    if rows and arguments.csv is not None:
         contents[arguments.csv] = _csv(scenario, bounds)
     is_written = terminal.write_files(contents)
+    if status == INTERRUPTED:
+        _show_interrupted(arguments, bounds)
     for bandwidth, (n_known, estimates) in rows.items():
-        _show(arguments, scenario, bandwidth, n_known, estimates)
-    return 0 if is_written else UNUSABLE
+        _show(arguments, scenario, bandwidth, len(bounds[bandwidth]), n_known, estimates)
+    return status if status or is_written else UNUSABLE
 
 
-def _plan(arguments: argparse.Namespace, scenario: 'Scenario') -> '_Bounds':
+def _plan(arguments: argparse.Namespace, scenario: 'Scenario') -> 'tuple[_Bounds, int]':
+    """The plans of all missions, or of those before Ctrl-C, and the exit status by that."""
     from uav_collect.analysis.statistics import mission_seeds
     from uav_collect.planning.bound import bound_of, N_ROUNDS
     from uav_collect.scenario.site import build_site
@@ -81,18 +85,31 @@ def _plan(arguments: argparse.Namespace, scenario: 'Scenario') -> '_Bounds':
     seeds = mission_seeds(arguments.seed, arguments.missions)
     n_rounds = N_ROUNDS if arguments.rounds is None else arguments.rounds
     bounds: dict[str, list[Bound]] = {bandwidth: [] for bandwidth in arguments.bandwidth}
-    with terminal.progress_bar(len(seeds) * len(bounds), 'plans') as advance:
-        for bandwidth, found in bounds.items():
+    try:
+        with terminal.progress_bar(len(seeds) * len(bounds), 'plans') as advance:
             for seed in seeds:
-                found.append(bound_of(site, seed, bandwidth, n_rounds))
-                advance(1)
-    return bounds
+                for bandwidth, found in bounds.items():
+                    found.append(bound_of(site, seed, bandwidth, n_rounds))
+                    advance(1)
+    except KeyboardInterrupt:
+        n_missions = min(map(len, bounds.values()))
+        return {bandwidth: found[:n_missions] for bandwidth, found in bounds.items()}, INTERRUPTED
+    return bounds, 0
+
+
+def _show_interrupted(arguments: argparse.Namespace, bounds: '_Bounds') -> None:
+    from uav_collect.analysis.console import plain_console
+
+    n_missions = min(map(len, bounds.values()))
+    what = f'interrupted after {n_missions} of {arguments.missions} missions'
+    plain_console().print(what, style='bold red')
 
 
 def _show(
     arguments: argparse.Namespace,
     scenario: 'Scenario',
     bandwidth: str,
+    n_missions: int,
     n_known: int,
     estimates: Mapping[str, 'Estimate'],
 ) -> None:
@@ -103,13 +120,13 @@ def _show(
     console.print(
         headline(
             scenario.name,
-            f', {scenario.n_uavs} UAVs, {arguments.missions} missions from seed {arguments.seed},'
+            f', {scenario.n_uavs} UAVs, {n_missions} missions from seed {arguments.seed},'
             f' {bandwidth} bandwidth, all demand known',
         )
     )
     if estimates:
         console.print(bound_table(estimates))
-    n_without = arguments.missions - n_known
+    n_without = n_missions - n_known
     if n_without:
         what = f'no plan within the energy budgets was found in {n_without} missions'
         console.print(what, style='yellow')
@@ -118,6 +135,7 @@ def _show(
 def _json(
     arguments: argparse.Namespace,
     scenario: 'Scenario',
+    bounds: '_Bounds',
     rows: Mapping[str, tuple[int, Mapping[str, 'Estimate']]],
 ) -> bytes:
     from uav_collect.scenario.load import fingerprint
@@ -127,7 +145,7 @@ def _json(
             'scenario': scenario.name,
             'fingerprint': fingerprint(scenario),
             'seed': arguments.seed,
-            'missions': arguments.missions,
+            'missions': len(bounds[bandwidth]),
             'missions_with_plans': n_known,
             'bandwidth': bandwidth,
         }

@@ -110,24 +110,22 @@ def run(arguments: argparse.Namespace) -> int:
     flown: dict[_Contender, list[MissionMetrics]] = {contender: [] for contender in contenders}
     bounds: _Bounds = {bandwidth: {} for bandwidth in arguments.bandwidth if arguments.bound}
     start_s = monotonic()
+    status = 0
     try:
         _fly(arguments, scenario, flown, bounds)
     except KeyboardInterrupt:
-        n_missions = min(len(missions) for missions in flown.values())
-        whole = {contender: missions[:n_missions] for contender, missions in flown.items()}
-        findings = _find(arguments, whole, bounds) if n_missions else None
-        _show(arguments, scenario, whole, findings, monotonic() - start_s)
-        return INTERRUPTED
-    findings = _find(arguments, flown, bounds)
+        status, n_missions = INTERRUPTED, min(map(len, flown.values()))
+        flown = {contender: missions[:n_missions] for contender, missions in flown.items()}
+    findings = _find(arguments, flown, bounds) if all(flown.values()) else None
     # Before anything is shown: whoever reads that may have left.
     contents = {}
-    if arguments.json is not None:
+    if findings is not None and arguments.json is not None:
         contents[arguments.json] = _json(arguments, scenario, flown, findings)
-    if arguments.csv is not None:
+    if findings is not None and arguments.csv is not None:
         contents[arguments.csv] = _csv(arguments, scenario, flown, bounds)
     is_written = terminal.write_files(contents)
     _show(arguments, scenario, flown, findings, monotonic() - start_s)
-    return 0 if is_written else UNUSABLE
+    return status if status or is_written else UNUSABLE
 
 
 def _contenders(arguments: argparse.Namespace, scenario: 'Scenario') -> list[_Contender]:
@@ -246,9 +244,7 @@ def _show(
     console = plain_console()
     n_missions = min(len(missions) for missions in flown.values())
     if n_missions < arguments.missions:
-        what = (
-            f'interrupted after {n_missions} of {arguments.missions} missions; no file is written'
-        )
+        what = f'interrupted after {n_missions} of {arguments.missions} missions'
         console.print(what, style='bold red')
     if findings is None:
         return
@@ -304,7 +300,10 @@ def _find(arguments: argparse.Namespace, flown: _Flown, bounds: '_Bounds') -> _R
 
 
 def _heading(
-    arguments: argparse.Namespace, scenario: 'Scenario', contender: _Contender
+    arguments: argparse.Namespace,
+    scenario: 'Scenario',
+    contender: _Contender,
+    n_missions: int,
 ) -> dict[str, str | int]:
     from uav_collect.scenario.load import fingerprint
 
@@ -314,7 +313,7 @@ def _heading(
         'scenario': scenario.name,
         'fingerprint': fingerprint(scenario),
         'seed': arguments.seed,
-        'missions': arguments.missions,
+        'missions': n_missions,
         'bandwidth': contender.bandwidth,
     }
 
@@ -326,7 +325,7 @@ def _json(
     from uav_collect.analysis.per_uav import uav_figures
 
     document: dict[str, dict[str, object]] = {
-        contender.label: _heading(arguments, scenario, contender)
+        contender.label: _heading(arguments, scenario, contender, len(missions))
         | _by_measure(findings.estimates[contender.label])
         | {'uavs': [uav.to_json() for uav in uav_figures(missions)]}
         for contender, missions in flown.items()
@@ -358,7 +357,7 @@ def _csv(
     columns = (*fixed, *METRIC_COLUMNS, *shares, *uav_columns(scenario.n_uavs))
     table: list[tuple[object, ...]] = [columns]
     for contender, missions in flown.items():
-        heading = _heading(arguments, scenario, contender)
+        heading = _heading(arguments, scenario, contender, len(missions))
         for mission in missions:
             known = bounds.get(contender.bandwidth, {}).get(mission.mission_seed)
             reached = plan_shares(mission, known).values() if known else ()
