@@ -28,6 +28,7 @@ from uav_collect.limits import BEST
 from uav_collect.nodes.agent import settings as agent
 from uav_collect.nodes.launching import ending_with, LaunchArguments, node_options, parameter_of
 from uav_collect.nodes.world import settings as world
+from uav_collect.recording.mission_folder import check_without_logs
 from uav_collect.scenario.load import load
 from uav_collect.scenario.model import Scenario
 from uav_collect.uav.agent import allocator_named
@@ -93,6 +94,7 @@ def _start(context: LaunchContext) -> list:
     arguments.made('bandwidth', lambda: allocator_named(of_agents['bandwidth']))
     if bag:
         arguments.new_folder('output_dir', Path(bag))
+        arguments.made('output_dir', lambda: check_without_logs(Path(output_dir)))
     has_rviz, has_viewer = arguments.flag('rviz'), arguments.flag('view')
     if has_rviz:
         arguments.package('rviz', 'rviz2')

@@ -155,22 +155,6 @@ def write_parts_atomically(path: Path, parts: Iterable[bytes | memoryview]) -> N
         partial.replace(os.path.realpath(path))  # a link stays a link
 
 
-def open_at_once(path: str, flags: int) -> int:
-    """Open a file to be written, as os.open does: an opener that never waits.
-
-    Raises:
-        OSError: it cannot be opened; a pipe, say, that nobody reads.
-    """
-    try:
-        number = os.open(path, flags | os.O_NONBLOCK | os.O_NOCTTY, 0o666)
-    except OSError as error:
-        if error.errno == errno.ENXIO and Path(path).is_fifo():
-            raise OSError(errno.ENXIO, 'is a pipe that nobody reads', path) from error
-        raise
-    os.set_blocking(number, True)
-    return number
-
-
 def drop_partial(folder: Path) -> None:
     """Remove what writers that were killed left in a folder that nobody else writes into."""
     for partial in folder.glob('.*.part'):
@@ -199,12 +183,19 @@ def is_stream(path: Path) -> bool:
 
 
 def _open_stream(path: Path) -> int:
-    """Open a pipe or a device, to be written at its end.
+    """Open a pipe or a device, to be written at its end, without waiting for a reader.
 
     Raises:
         OSError: nobody reads the pipe.
     """
-    return open_at_once(str(path), os.O_WRONLY | os.O_APPEND)
+    try:
+        number = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_NONBLOCK | os.O_NOCTTY)
+    except OSError as error:
+        if error.errno == errno.ENXIO and path.is_fifo():
+            raise OSError(errno.ENXIO, 'is a pipe that nobody reads', str(path)) from error
+        raise
+    os.set_blocking(number, True)
+    return number
 
 
 def _about(path: Path) -> os.stat_result | None:

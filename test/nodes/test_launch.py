@@ -247,6 +247,14 @@ def test_all_that_is_wrong_is_named_at_once(description: Made, tmp_path: Path) -
     assert folder.endswith(f'{tmp_path}/bag exists already')
 
 
+def test_a_folder_with_logs_of_another_world_is_refused_before_anything_starts(
+    description: Made, tmp_path: Path
+) -> None:
+    (tmp_path / 'mission_3.jsonl').touch()
+    with pytest.raises(ConfigError, match='holds logs of missions already'):
+        started(description, output_dir=str(tmp_path))
+
+
 LAUNCH = f"""
 import sys
 from launch import LaunchDescription, LaunchService

@@ -1,6 +1,7 @@
 """Agents and worlds that die at any moment: missions go on as if nothing had happened."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 import signal
 
@@ -11,6 +12,7 @@ import pytest
 from steered_world import steered_world, SteeredWorld
 from uav_collect.analysis.metrics import mission_metrics
 from uav_collect.analysis.tables import mission_warnings
+from uav_collect.limits import UNUSABLE
 from uav_collect.recording.mission_log import read
 
 pytest.importorskip('rclpy')
@@ -175,9 +177,13 @@ def test_agents_of_a_killed_world_fly_for_the_next_one(
     fleet.wait_for_events(SEED, 100)
     world.kill()
     torn = fleet.log(SEED)
-    world = fleet.start_world(seed=SEED + 1)
-    assert world.wait_for_exit() == 0
+    refused = fleet.start_world(seed=SEED)
+    assert refused.wait_for_exit() == UNUSABLE
+    assert f'error: output_dir: {fleet.folder} holds logs of missions already' in refused.output
+    assert fleet.log(SEED) == torn
+    again = replace(fleet, folder=fleet.folder.with_name('again'))
+    assert again.start_world(seed=SEED + 1).wait_for_exit() == 0
     assert all(agent.is_running for agent in agents)
-    assert fleet.log(SEED + 1) == expected[1]
+    assert again.log(SEED + 1) == expected[1]
     assert expected[0].startswith(torn[: torn.rfind(b'\n') + 1])
     assert 100 <= events_of(torn) < events_of(expected[0])

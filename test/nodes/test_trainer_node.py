@@ -157,7 +157,8 @@ def test_agents_and_worlds_that_die_cost_their_mission_and_no_more_beside_anothe
     fleet.start_agent(1, 'topic', 'equal')
     wait_for_updates(folder, seen + 4)
     world.kill()
-    fleet.start_world(missions=-1, real_time_factor=PACE, seed=2 * WORLD_SEEDS)
+    again = {'seed': 2 * WORLD_SEEDS, 'output_dir': tmp_path / 'again'}
+    fleet.start_world(missions=-1, real_time_factor=PACE, **again)
     # What the first world flew waits in line for the learner, who takes it first.
     wait_until(lambda: 2 in worlds_learned_from(folder), TRAINED_S)
     trainer.send(signal.SIGINT)

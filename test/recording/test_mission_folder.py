@@ -2,8 +2,10 @@
 
 from pathlib import Path
 
+from full_disk import no_file_beyond
 import pytest
 from scripted_logs import fly, header, uav
+from uav_collect.errors import RecordingError
 from uav_collect.recording.mission_folder import MissionFolder, scenario_file, take_log
 from uav_collect.recording.mission_log import read
 
@@ -54,18 +56,37 @@ def test_without_a_name_nothing_is_written(
 def test_a_disk_that_is_full_is_named_once_per_mission(at: str, tmp_path: Path) -> None:
     log = fly(header([uav(1)]), [['home']])
     folder = MissionFolder(str(tmp_path))
-    file = tmp_path / 'mission_3.jsonl'
-    file.symlink_to('/dev/full' if at == 'header' else '/dev/null')
-    failures = [folder.begin(log.header)]
-    if at == 'events':
-        assert folder._log is not None
-        folder._log.close()
-        folder._log._file = open('/dev/full', 'w')  # noqa: SIM115 - the log closes it
-    failures += [folder.append(log.events) for _ in range(3)]
+    header_byte = log.to_jsonl().index(b'\n') + 1
+    with no_file_beyond(header_byte - (at == 'header')):
+        failures = [folder.begin(log.header)]
+        failures += [folder.append(log.events) for _ in range(3)]
+        folder.end()
     said = [failure for failure in failures if failure]
-    assert len(said) == 1
-    assert said[0].startswith('the mission log cannot be written: [Errno 28]')
-    folder.end()
+    assert said == ['the mission log cannot be written: [Errno 27] File too large']
+
+
+def test_a_folder_with_logs_of_another_world_is_refused_and_left_as_it_was(tmp_path: Path) -> None:
+    (tmp_path / 'mission_12_3.jsonl').write_text('flown before')
+    with pytest.raises(RecordingError) as refused:
+        MissionFolder(str(tmp_path))
+    assert str(refused.value) == (
+        f'{tmp_path} holds logs of missions already, such as mission_12_3.jsonl: choose another'
+        ' folder, or move them away'
+    )
+    assert [path.read_text() for path in tmp_path.iterdir()] == ['flown before']
+
+
+def test_a_log_that_another_world_has_begun_meanwhile_stays_as_it_is(tmp_path: Path) -> None:
+    log = fly(header([uav(1)]), [['home']])
+    first, second = (MissionFolder(str(tmp_path)) for _ in range(2))
+    assert first.begin(log.header) is None
+    said = second.begin(log.header)
+    assert said is not None
+    assert said.startswith('the mission log cannot be written: [Errno 17] File exists')
+    assert first.append(log.events) is None
+    assert second.append(log.events) is None
+    first.end()
+    assert read(tmp_path / 'mission_3.jsonl').to_jsonl() == log.to_jsonl()
 
 
 def test_a_folder_that_cannot_be_is_refused() -> None:

@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 
 from uav_collect import files
+from uav_collect.errors import RecordingError
 from uav_collect.recording.mission_log import Events, FaultRecord, LogWriter, MissionHeader
 from uav_collect.recording.origin import ORIGIN_FILE, origin_text
 
@@ -13,6 +14,9 @@ SCENARIO_FILE = 'scenario.yaml'  # resolved
 METADATA_FILE = 'metadata.yaml'  # of a bag
 PACKED = '.zstd'  # behind the name of a file that was packed as a whole
 BAG_SUFFIXES = ('.mcap', '.db3', f'.mcap{PACKED}', f'.db3{PACKED}')
+
+
+_LOGS = 'mission_*.jsonl'
 
 
 def log_name(mission_seed: int, index: int | None = None) -> str:
@@ -23,6 +27,20 @@ def log_name(mission_seed: int, index: int | None = None) -> str:
     """
     again = '' if index is None else f'_{index}'
     return f'mission_{mission_seed}{again}.jsonl'
+
+
+def check_without_logs(folder: Path) -> None:
+    """Make sure that logs of a world would not come among, or in place of, those of another.
+
+    Raises:
+        RecordingError: the folder holds logs.
+    """
+    logs = sorted(folder.glob(_LOGS))
+    if logs:
+        raise RecordingError(
+            f'{folder} holds logs of missions already, such as {logs[0].name}: choose another'
+            ' folder, or move them away'
+        )
 
 
 def take_log(logs: dict[str, Path], mission_seed: int, index: int) -> Path | None:
@@ -58,6 +76,7 @@ class MissionFolder:
         """Create the folder; with an empty name nothing is written.
 
         Raises:
+            RecordingError: it holds logs of missions.
             OSError: it cannot be created, or written to.
         """
         self._folder = Path(name) if name else None
@@ -69,6 +88,7 @@ class MissionFolder:
             self._folder.mkdir(parents=True, exist_ok=True)
             if not os.access(self._folder, os.W_OK):
                 raise PermissionError(f'{name} cannot be written to')
+            check_without_logs(self._folder)
 
     def keep_scenario(self, text: str, scenario_fingerprint: str) -> str | None:
         """Write the resolved scenario of missions from now on, and by which code it is flown."""

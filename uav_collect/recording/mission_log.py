@@ -10,7 +10,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, fields
 import json
-import os
 from pathlib import Path
 from typing import Any
 
@@ -124,13 +123,12 @@ class LogWriter:
     """Writes a log as the mission flies; what was appended survives the writer's death."""
 
     def __init__(self, path: Path, header: MissionHeader) -> None:
-        """Create the file, or empty it, and write the header.
+        """Create the file and write the header.
 
         Raises:
-            OSError: the file cannot be written.
+            OSError: the file is there already, or cannot be written.
         """
-        number = files.open_at_once(str(path), os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
-        self._file = os.fdopen(number, 'w', encoding='utf-8')
+        self._file = path.open('x', encoding='utf-8')
         try:
             self._file.write(header_line(header) + '\n')
             self._file.flush()

@@ -10,7 +10,7 @@ from builtin_interfaces.msg import Time
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
 from uav_collect.config.arguments import Parser
-from uav_collect.errors import ConfigError, NodeError
+from uav_collect.errors import ConfigError, NodeError, RecordingError
 from uav_collect.limits import BEST, FAILED
 from uav_collect.lockstep.checks import join_problem
 from uav_collect.lockstep.published_policy import PolicyStore
@@ -71,7 +71,7 @@ class WorldNode(ProcessNode):
             self._folder = MissionFolder(settings.output_dir)
         except ConfigError as error:
             raise NodeError(str(error)) from error
-        except OSError as error:
+        except (OSError, RecordingError) as error:
             raise NodeError(f'output_dir: {error}') from error
         self._identity = WorldIdentity(started_s=time.time(), instance=settings.world_instance)
         self.roster = Roster(scenario.n_uavs)

@@ -84,7 +84,8 @@ PARAMETERS = (
     Parameter(
         name='output_dir',
         default='',
-        description='folder for the mission logs and the resolved scenario; empty: none',
+        description='folder for the mission logs and the resolved scenario, without logs of '
+        'another world; empty: none',
     ),
     Parameter(
         name='viewer_rate_hz',
