@@ -5,6 +5,7 @@ import pytest
 from uav_collect.analysis.resampling import (
     estimate_mean,
     expanded_interval,
+    resampled_deviations,
     resampled_means,
     student_quantile,
 )
@@ -42,6 +43,21 @@ def test_other_trainings_are_drawn_for_themselves() -> None:
     values = np.array([[1.0], [2.0], [6.0]])
     one, other = (resampled_means(values, names) for names in (('a', 'b', 'c'), ('d', 'e', 'f')))
     assert abs(np.corrcoef(one, other)[0, 1]) < 0.1
+
+
+def test_deviations_are_of_trainings_that_differ_and_of_one_alone_there_is_none() -> None:
+    values = np.array([1.0, 2.0, 6.0])
+    drawn = resampled_deviations(values, ('a', 'b', 'c'))
+    pairs = [value / np.sqrt(2.0) for value in (1.0, 4.0, 5.0)]
+    expected = sorted((*pairs, float(values.std(ddof=1))))
+    assert np.unique(drawn[np.isfinite(drawn)].round(9)) == pytest.approx(expected)
+    assert np.isnan(drawn).mean() == pytest.approx(1 / 9, abs=0.01)
+
+
+def test_deviations_are_drawn_about_that_of_all_trainings() -> None:
+    values = np.array([1.0, 2.0, 6.0, 7.0, 3.0, 9.0])
+    drawn = resampled_deviations(values, tuple('abcdef'))
+    assert np.nanmean(drawn * drawn) == pytest.approx(values.var(ddof=1), rel=0.03)
 
 
 def test_an_interval_of_many_is_that_of_their_mean() -> None:

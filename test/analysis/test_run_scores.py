@@ -30,8 +30,29 @@ def test_the_performance_profile_is_rliables() -> None:
     assert performance_profile(ONE, thresholds) == pytest.approx(expected)
 
 
-def test_stratified_intervals_are_rliables_but_for_the_draws() -> None:
-    [mean] = stratified_estimate(interquartile_mean, ONE)
-    assert (mean.low, mean.high) == pytest.approx((0.65333, 0.71167), abs=0.01)
-    [better] = stratified_estimate(improvement_probability, ONE, OTHER)
-    assert (better.low, better.high) == pytest.approx((0.41667, 0.86111), abs=0.03)
+def test_stratified_intervals_of_few_runs_are_rliables_widened() -> None:
+    for statistic, scores, (low, high) in (
+        (interquartile_mean, (ONE,), (0.65333, 0.71167)),
+        (improvement_probability, (ONE, OTHER), (0.41667, 0.86111)),
+    ):
+        [estimate] = stratified_estimate(statistic, *scores)
+        assert estimate.low < low - 0.01 < high + 0.01 < estimate.high
+
+
+def test_a_stratified_interval_of_many_runs_is_that_of_their_mean() -> None:
+    scores = np.random.Generator(np.random.Philox(key=3)).normal(size=(400, 1))
+    [mean] = stratified_estimate(lambda it: it.mean(axis=(-2, -1)), scores)
+    assert (mean.high - mean.low) / 2.0 == pytest.approx(1.96 * scores.std() / 20.0, rel=0.07)
+
+
+def test_runs_of_two_algorithms_are_as_few_as_those_of_the_one_with_fewer() -> None:
+    many, others = np.tile(ONE, (5, 1)), np.tile(OTHER, (5, 1))
+    [few], [enough] = (
+        stratified_estimate(improvement_probability, it, others) for it in (ONE, many)
+    )
+    assert few.high - few.low > 2.0 * (enough.high - enough.low)
+
+
+def test_what_has_a_single_run_of_each_task_is_a_point() -> None:
+    [mean] = stratified_estimate(interquartile_mean, ONE[:1])
+    assert mean.low == mean.mean == mean.high

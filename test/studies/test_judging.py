@@ -71,6 +71,29 @@ def test_few_trainings_decide_nothing(n_trainings: int, status: str) -> None:
     assert evidence.count == f'{n_trainings} trainings'
 
 
+def varies_more(high: Sequence[float], low: Sequence[float]) -> Evidence:
+    samples = (
+        replace(trained(*[[it] for it in values], name=name), is_spread=True)
+        for values, name in ((high, 'a'), (low, 'b'))
+    )
+    return judging.is_positive('it', '1', lambda one, other: one - other, *samples)
+
+
+def test_how_far_three_trainings_lie_apart_can_be_decided() -> None:
+    near, far = (5.0, 5.1, 5.3), (1.0, 6.0, 9.0)
+    evidence = varies_more(far, near)
+    assert evidence.status is ClaimStatus.HOLDS
+    assert evidence.estimate is not None
+    assert evidence.estimate.mean == pytest.approx(np.std(far, ddof=1) - np.std(near, ddof=1))
+    assert varies_more(near, far).status is ClaimStatus.FAILS
+    assert varies_more(far, (2.0, 5.0, 8.5)).status is ClaimStatus.OPEN
+
+
+def test_of_one_training_nobody_knows_how_far_it_would_lie_from_others() -> None:
+    evidence = varies_more((1.0,), (1.0, 2.0, 3.0))
+    assert (evidence.status, evidence.estimate) == (ClaimStatus.OPEN, None)
+
+
 def test_trainings_that_serve_both_sides_are_drawn_once_for_both() -> None:
     before = trained([1.0, 2.0], [9.0, 10.0], [20.0, 21.0])
     after = replace(before, value=before.value + 0.5)

@@ -14,9 +14,10 @@ import math
 from statistics import NormalDist
 
 import numpy as np
-from uav_collect.analysis.statistics import CONFIDENCE_LEVEL, Estimate, N_RESAMPLES
+from uav_collect.analysis.statistics import CONFIDENCE_LEVEL, Estimate
 from uav_collect.kernels.arrays import Floats
 
+N_RESAMPLES = 10_000  # of which those of six trainings leave 24 beyond either end of an interval
 _MISSIONS_KEY = 0
 _TAIL = (1.0 - CONFIDENCE_LEVEL) / 2.0
 
@@ -28,32 +29,52 @@ def resampled_means(values: Floats, trainings: Sequence[str]) -> Floats:
         values: shape (T, M), finite; a row for each training, or one where nothing was trained.
         trainings: names of the trainings, (T,), which key their draws; none if nothing was.
     """
-    n_trainings, n_missions = values.shape
+    n_missions = values.shape[1]
     by_training = _shares(_MISSIONS_KEY, n_missions) @ values.T
     if not trainings:
         return np.asarray(by_training[:, 0])
-    names = hashlib.sha256('\n'.join(trainings).encode()).digest()
-    shares = _shares(int.from_bytes(names[:8], 'big'), n_trainings)
-    return np.asarray((by_training * shares).sum(axis=1))
+    return np.asarray((by_training * _training_shares(trainings)).sum(axis=1))
 
 
-def expanded_interval(draws: Floats, n_least: int) -> tuple[float, float]:
+def resampled_deviations(values: Floats, trainings: Sequence[str]) -> Floats:
+    """The standard deviation over trainings, once for each resampling, (N_RESAMPLES,).
+
+    It is that between trainings that differ: one that was drawn twice stands nowhere beside
+    itself, or few trainings would seem nearer to each other than they are. nan where one alone
+    was drawn.
+
+    Args:
+        values: of each training, shape (T,), finite.
+        trainings: names of the trainings, (T,), which key their draws.
+    """
+    shares = _training_shares(trainings)
+    centred = values - values.mean()
+    mean, square = shares @ centred, shares @ (centred * centred)
+    variance = np.maximum(square - mean * mean, 0.0)
+    is_alone = shares.max(axis=1) == 1.0
+    unlike = np.where(is_alone, np.nan, 1.0 - (shares * shares).sum(axis=1))
+    return np.asarray(np.sqrt(variance / unlike))
+
+
+def expanded_interval(draws: Floats, n_least: int) -> Floats:
     """The interval of a statistic at CONFIDENCE_LEVEL, from its value in each resampling.
 
     A bootstrap of a few is too narrow, that of three covers two thirds of what it should. So its
     percentiles are moved out as Student's t has it; with three they are the extremes.
 
     Args:
-        draws: (N_RESAMPLES,).
+        draws: shape (N, ...), one for each resampling.
         n_least: of how many the fewest were drawn, at least 2: trainings, or missions.
+
+    Returns:
+        Lower and upper bound, shape (2, ...).
 
     Source: T. C. Hesterberg, "What Teachers Should Know About the Bootstrap", The American
     Statistician, 2015, section 3.2.
     """
     reach = math.sqrt(n_least / (n_least - 1)) * student_quantile(1.0 - _TAIL, n_least - 1)
     tail = NormalDist().cdf(-reach)
-    low, high = np.quantile(draws, [tail, 1.0 - tail])
-    return float(low), float(high)
+    return np.asarray(np.quantile(draws, [tail, 1.0 - tail], axis=0))
 
 
 def estimate_mean(values: Floats, trainings: Sequence[str]) -> Estimate:
@@ -69,13 +90,18 @@ def estimate_mean(values: Floats, trainings: Sequence[str]) -> Estimate:
     several = [n for n in (len(trainings), values.shape[1]) if n > 1]
     low, high = (mean, mean)
     if several:
-        low, high = expanded_interval(resampled_means(values, trainings), min(several))
+        low, high = expanded_interval(resampled_means(values, trainings), min(several)).tolist()
     # Rounding may put the mean of equal numbers beside them.
     low, high = min(low, mean), max(high, mean)
     return Estimate(mean=mean, low=low, high=high, median=float(np.median(values)))
 
 
-@lru_cache(maxsize=64)
+def _training_shares(trainings: Sequence[str]) -> Floats:
+    names = hashlib.sha256('\n'.join(trainings).encode()).digest()
+    return _shares(int.from_bytes(names[:8], 'big'), len(trainings))
+
+
+@lru_cache(maxsize=8)  # a thousand missions take 80 MB
 def _shares(key: int, n: int) -> Floats:
     """How often each of n was drawn, as a share of all draws, (N_RESAMPLES, n)."""
     rng = np.random.Generator(np.random.Philox(key=key))

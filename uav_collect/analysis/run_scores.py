@@ -1,7 +1,8 @@
 """Algorithms compared over many tasks by few runs of each: what a field of lucky seeds asks for.
 
 A run is one training, a task one scenario; scores are (R, K), a row for each run and a column for
-each task. Intervals come from runs drawn anew within each task (a stratified bootstrap).
+each task. Intervals come from runs drawn anew within each task (a stratified bootstrap), and are
+widened for few runs like all that are of trainings.
 
 Source: R. Agarwal, M. Schwarzer, P. S. Castro, A. Courville and M. G. Bellemare, "Deep
 Reinforcement Learning at the Edge of the Statistical Precipice", NeurIPS 2021, section 4.
@@ -10,7 +11,8 @@ Reinforcement Learning at the Edge of the Statistical Precipice", NeurIPS 2021, 
 from collections.abc import Callable
 
 import numpy as np
-from uav_collect.analysis.statistics import CONFIDENCE_LEVEL, Estimate, N_RESAMPLES
+from uav_collect.analysis.resampling import expanded_interval, N_RESAMPLES
+from uav_collect.analysis.statistics import Estimate
 from uav_collect.kernels.arrays import Floats
 
 _TRIMMED_SHARE = 0.25  # at either end
@@ -65,6 +67,9 @@ def improvement_probability(scores: Floats, others: Floats) -> Floats:
 def stratified_estimate(statistic: Callable[..., Floats], *scores: Floats) -> tuple[Estimate, ...]:
     """A statistic with the interval that it has if runs are drawn anew within each task.
 
+    It is as wide as on one task: several tell more, but how much more depends on how far the runs
+    of each differ. What has a single run everywhere, as a rule has, is a point.
+
     Args:
         statistic: of scores with any dimensions before their last two; its last one is kept.
         scores: of one algorithm, or of several; shapes (R, K).
@@ -75,8 +80,8 @@ def stratified_estimate(statistic: Callable[..., Floats], *scores: Floats) -> tu
     rng = np.random.Generator(np.random.Philox(key=_KEY))
     value = np.atleast_1d(statistic(*scores))
     drawn = statistic(*(_redrawn(it, rng) for it in scores)).reshape(N_RESAMPLES, -1)
-    tail = (1.0 - CONFIDENCE_LEVEL) / 2.0
-    low, high = np.quantile(drawn, [tail, 1.0 - tail], axis=0)
+    several = [len(it) for it in scores if len(it) > 1]
+    low, high = expanded_interval(drawn, min(several)) if several else (value, value)
     rows = np.stack((value, np.minimum(low, value), np.maximum(high, value)), axis=1)
     return tuple(
         Estimate(mean=mean, low=below, high=above, median=mean)

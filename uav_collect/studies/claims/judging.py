@@ -10,7 +10,12 @@ from enum import StrEnum
 import math
 
 import numpy as np
-from uav_collect.analysis.resampling import expanded_interval, resampled_means, student_quantile
+from uav_collect.analysis.resampling import (
+    expanded_interval,
+    resampled_deviations,
+    resampled_means,
+    student_quantile,
+)
 from uav_collect.analysis.statistics import CONFIDENCE_LEVEL, Estimate
 from uav_collect.kernels.arrays import Floats
 from uav_collect.studies.claims.words import ALIKE_PERCENT
@@ -28,7 +33,7 @@ from uav_collect.studies.study import (
 
 MIN_TRAININGS = 3  # fewer decide nothing, whatever they say
 _ROUNDING = 1e-9  # relative
-_Statistic = Callable[..., Floats]  # of the means of samples, each resampled alike
+_Statistic = Callable[..., Floats]  # of the summaries of samples, each resampled alike
 _Rule = Callable[[float, float], 'ClaimStatus']  # by an interval
 
 
@@ -79,11 +84,25 @@ class Samples:
     value: Floats  # (T, M): a row for each training, or one; M is 1 where trainings are measured
     trainings: tuple[str, ...] = ()  # names, (T,); none where nothing was trained
     source: tuple[str, ...] = ()  # what it is of: the same twice is no comparison
+    is_spread: bool = False  # how far trainings lie apart counts, as deviation, and not the mean
 
     @property
     def is_of_missions(self) -> bool:
         """Whether missions are measured, and not trainings."""
         return self.value.shape[1] > 1 or not self.trainings
+
+    @property
+    def summary(self) -> float:
+        """The mean, or the standard deviation; that of a single training is nan."""
+        if not self.is_spread:
+            return float(self.value.mean())
+        return float(self.value.std(ddof=1)) if len(self.value) > 1 else np.nan
+
+    def resampled(self) -> Floats:
+        """The summary in each resampling; nan where there is none."""
+        if self.is_spread:
+            return resampled_deviations(self.value[:, 0], self.trainings)
+        return resampled_means(self.value, self.trainings)
 
 
 @dataclass(frozen=True)
@@ -165,7 +184,7 @@ def ranked(samples: Mapping[str, Samples]) -> Samples:
 
 
 def is_above(what: str, unit: str, high: Samples, low: Samples) -> Evidence:
-    """Whether one mean is larger than another; the margin is in per cent of the larger one."""
+    """Whether one is larger than another; the margin is in per cent of the larger one."""
     return is_positive(what, unit, lambda first, second: first - second, high, low)
 
 
@@ -175,12 +194,11 @@ def is_positive(
     """Whether a statistic is larger than zero.
 
     Args:
-        statistic: of the means of the samples, in their order.
-        one: what counts as 100 % for the margin and for a tie; None: the largest mean.
+        statistic: of the summaries of the samples, in their order.
+        one: what counts as 100 % for the margin and for a tie; None: the largest summary.
     """
     known = _known(samples)
-    means = [abs(float(it.value.mean())) if it.value.size else 0.0 for it in known]
-    whole = max(means) if one is None else one
+    whole = max(abs(it.summary) if it.value.size else 0.0 for it in known) if one is None else one
     alike = whole * ALIKE_PERCENT / 100.0
 
     def rule(low: float, high: float) -> ClaimStatus:
@@ -193,9 +211,9 @@ def is_positive(
     def margin_percent(mean: float) -> float:
         return 100.0 * mean / whole if whole else 0.0
 
-    def settled(*means: Floats) -> Floats:
+    def settled(*summaries: Floats) -> Floats:
         # Sums of the same data in another order differ by rounding, which must not decide.
-        found = statistic(*means)
+        found = statistic(*summaries)
         return np.where(np.abs(found) <= _ROUNDING * whole, 0.0, found)
 
     return _judged(what, unit, settled, known, rule, margin_percent, lambda mean: -mean)
@@ -212,7 +230,7 @@ def is_within(
     """Whether a statistic in per cent lies between two values, or on one side of one.
 
     Args:
-        statistic: of the means of the samples, in their order.
+        statistic: of the summaries of the samples, in their order.
         low: nothing, where the statement turns at the other end alone: a share is never above
             100 %, but for the rounding of its mean.
         high: likewise.
@@ -246,10 +264,11 @@ def mean_of(mean: Floats) -> Floats:
 
 def change_percent(after: Floats, before: Floats) -> Floats:
     """The statistic of two samples by how much the second becomes the first, in per cent."""
-    return 100.0 * (_ratio(after, before) - 1.0)
+    return 100.0 * (ratio(after, before) - 1.0)
 
 
-def _ratio(first: Floats, second: Floats) -> Floats:
+def ratio(first: Floats, second: Floats) -> Floats:
+    """The statistic of two samples how many times the second the first is; nan where it is 0."""
     known = np.where(second == 0.0, np.nan, second)
     return np.asarray(first / known)
 
@@ -302,12 +321,14 @@ def _judged(
         return replace(evidence, status=ClaimStatus.SAME)
     if not all(it.value.size for it in known):
         return evidence
-    mean = float(statistic(*(it.value.mean() for it in known)))
-    draws = statistic(*(resampled_means(it.value, it.trainings) for it in known))
+    mean = float(statistic(*(it.summary for it in known)))
+    resampled = np.array([it.resampled() for it in known])
+    # Who is alone in a draw lies near nobody: such a draw says nothing.
+    draws = statistic(*resampled[:, np.isfinite(resampled).all(axis=0)])
     n_least = min([*numbers, n_missions] if n_missions else numbers)
     if not np.isfinite(mean) or not np.isfinite(draws).all():
         return evidence
-    low, high = expanded_interval(draws, n_least) if n_least > 1 else (mean, mean)
+    low, high = expanded_interval(draws, n_least).tolist() if n_least > 1 else (mean, mean)
     estimate = Estimate(mean=mean, low=min(low, mean), high=max(high, mean), median=mean)
     status = rule(estimate.low, estimate.high)
     if n_least < 2 or min(numbers, default=MIN_TRAININGS) < MIN_TRAININGS:

@@ -13,6 +13,7 @@ from uav_collect.studies.claims.judging import (
     is_above,
     is_positive,
     is_within,
+    ratio,
     Samples,
     StudyResults,
 )
@@ -49,15 +50,15 @@ def waiting_costs_energy(results: StudyResults) -> Iterator[Evidence]:
 
 
 def aiql_varies_more(results: StudyResults) -> Iterator[Evidence]:
-    """How far each seed's reward is from the middle of all seeds."""
+    """How far the rewards of seeds lie apart."""
     for panel in results.panels('learning-areas'):
         spread = {
-            label: _spread(results.final_values(panel.curve(label), REWARD.key))
+            label: replace(results.final_values(panel.curve(label), REWARD.key), is_spread=True)
             for label in (AIQL, AQMIX, QMIX)
         }
         for rival in (AQMIX, QMIX):
-            what = f'{panel.label}: distance of a seed from the median, AIQL less {rival}'
-            yield is_above(what, REWARD.unit, spread[AIQL], spread[rival])
+            what = f'{panel.label}: deviation of the reward over seeds, from {rival} to AIQL'
+            yield is_positive(what, 'doublings', _doublings, spread[AIQL], spread[rival], one=1.0)
 
 
 def alike_with_one_uav(results: StudyResults) -> Iterator[Evidence]:
@@ -163,7 +164,10 @@ def _further_ahead(*means: Floats) -> Floats:
     )
 
 
-def _spread(samples: Samples) -> Samples:
-    # Distances from the median compare like deviations, and can be resampled.
-    distance = np.abs(samples.value - np.median(samples.value))
-    return replace(samples, value=distance)
+def _doublings(first: Floats, second: Floats) -> Floats:
+    """How often the second is doubled to become the first.
+
+    However far two deviations differ, their difference is only a few of its errors; this is not.
+    """
+    times = ratio(first, second)
+    return np.log2(np.where(times > 0.0, times, np.nan))

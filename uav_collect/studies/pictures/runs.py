@@ -32,7 +32,7 @@ def draw(study: RunsStudy, findings: Findings) -> Drawing:
     counts = '; '.join(_count(suite, scores[suite.key]) for suite in study.suites)
     note = (
         f'{study.about}; {counts}; {CONFIDENCE_LEVEL:.0%} intervals of a stratified bootstrap'
-        ' over trainings'
+        ' over trainings, widened for few'
     )
     figure, grid = panels(len(study.suites), 3, study.title, note, size_in=_SIZE_IN)
     rows: _Rows = []
