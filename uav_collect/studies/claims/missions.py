@@ -14,6 +14,7 @@ from uav_collect.studies.claims.judging import (
     is_within,
     mean_of,
     ranked,
+    ratio,
     Samples,
     StudyResults,
 )
@@ -225,13 +226,17 @@ def second_uav_of_qmix(results: StudyResults) -> Iterator[Evidence]:
 
 
 def better_trade_than_qmix(results: StudyResults) -> Iterator[Evidence]:
-    """What of its efficiency each loses, and for the time that it saves, from one UAV to two."""
+    """What of its efficiency each loses, and for the time that it saves, from one UAV to two.
+
+    It is a trade only if something is given and something got.
+    """
     tests = _Tests(results, 'uavs')
     pair = tests.one_and_two()
     if pair is not None:
         for label in (AQMIX, QMIX):
-            what = f'efficiency of {label}, 1 UAV less 2 UAVs'
-            yield tests.above(what, EFFICIENCY, (label, pair[0]), (label, pair[1]))
+            for measure in (EFFICIENCY, COMPLETION):
+                what = f'{measure.title} of {label}, 1 UAV less 2 UAVs'
+                yield tests.above(what, measure, (label, pair[0]), (label, pair[1]))
         samples = [
             tests.samples((label, index), measure)
             for label in (QMIX, AQMIX)
@@ -243,11 +248,14 @@ def better_trade_than_qmix(results: StudyResults) -> Iterator[Evidence]:
 
 
 def overlap_costs_efficiency(results: StudyResults) -> Iterator[Evidence]:
-    """Overlap of ways with the second fewest and the most UAVs, and what goes with its growth."""
+    """From the second fewest UAVs to the most: efficiency, overlap, and whether both go along."""
     tests = _Tests(results, 'uavs')
     few, many = 1, len(tests.values) - 1
     for label in (AQMIX, QMIX):
         overlaps = [results.overlap_percent(tests.tested((label, it))) for it in (many, few)]
+        fleets = f'{tests.names[few]} less {tests.names[many]} UAVs'
+        what = f'{EFFICIENCY.title} of {label}, {fleets}'
+        yield tests.above(what, EFFICIENCY, (label, few), (label, many))
         span = f'{tests.names[many]} UAVs less {tests.names[few]}'
         yield is_above(f'cells of several UAVs, {label}, {span}', 'percentage points', *overlaps)
         efficiencies = [tests.samples((label, it), EFFICIENCY) for it in (many, few)]
@@ -384,7 +392,7 @@ def _dearer(*means: Floats) -> Floats:
         means: of each policy, efficiency with one UAV and two, then time with one and two.
     """
     first, second = (
-        change_percent(two_kbit, one_kbit) / change_percent(two_s, one_s)
+        ratio(change_percent(two_kbit, one_kbit), change_percent(two_s, one_s))
         for one_kbit, two_kbit, one_s, two_s in (means[:4], means[4:])
     )
     return np.asarray(first - second)
