@@ -392,3 +392,52 @@ def test_a_map_may_have_a_zone_for_each_cell_but_not_more(tmp_path: Path) -> Non
     path.write_text(collection(*SENSORS, *zones))
     with pytest.raises(ConfigError, match=r'orchard\.geojson: has 4,097 no-fly zones with'):
         read(path, ReadOptions())
+
+
+RING = '0,46 1,46 1,47 0,46'
+KML_RING = (
+    '<Polygon><outerBoundaryIs><LinearRing><coordinates>{}</coordinates></LinearRing>'
+    '</outerBoundaryIs></Polygon>'
+)
+LARGE = {
+    'GeoJSON of many polygons': (
+        collection({'type': 'Feature', 'geometry': {
+            'type': 'MultiPolygon', 'coordinates': [[square(0.0, 46.0, 1.0)]] * 1_000
+        }}, *[polygon(square(0.0, 46.0, 1.0))] * 3_098),
+        'has more than 4,097 polygons and holes, or 105,097 corners of them: must have at most ',
+    ),
+    'GeoJSON of many corners': (
+        collection(*[polygon([[0, 46], [1, 46], *[[1, 47]] * 997, [0, 46]])] * 106),
+        'has more than 4,097 polygons and holes, or 105,097 corners of them: must have at most ',
+    ),
+    'GeoJSON of many values': (
+        f'{{"a": [{"[]," * 2_000_000}1], "type": "FeatureCollection", "features": []}}',
+        'is too large: must have at most 4,000,000 values',
+    ),
+    'KML of many polygons': (
+        f'<kml><Placemark><MultiGeometry>{KML_RING.format(RING) * 4_098}</MultiGeometry>'
+        '</Placemark></kml>',
+        'has more than 4,097 polygons and holes, or 105,097 corners of them: must have at most ',
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize('name', LARGE)
+def test_a_map_of_too_many_polygons_or_corners_is_one_line(tmp_path: Path, name: str) -> None:
+    content, problem = LARGE[name]
+    (tmp_path / 'map.json').write_text(content)
+    for reading in (read, read_polygons):
+        with pytest.raises(ConfigError) as raised:
+            reading(tmp_path / 'map.json', ReadOptions())
+        [line] = raised.value.problems
+        assert problem in line
+
+
+def test_a_line_of_a_map_may_be_long_but_not_the_polygon_that_it_closes(tmp_path: Path) -> None:
+    path, way = tmp_path / 'map.kml', '0,46 1,46 1,47 ' * 2_000
+    line = f'<Placemark><LineString><coordinates>{way}</coordinates></LineString></Placemark>'
+    path.write_text(f'<kml>{line}<Placemark>{KML_RING.format(RING)}</Placemark></kml>')
+    assert len(read_polygons(path, ReadOptions()).polygons) == 1
+    path.write_text(f'<kml>{line.replace(way, way + "0,46")}</kml>')
+    with pytest.raises(ConfigError, match='has a polygon of more than 1,000 corners'):
+        read_polygons(path, ReadOptions())

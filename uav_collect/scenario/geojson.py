@@ -9,7 +9,15 @@ from typing import Any, NoReturn
 from uav_collect.config.yaml_text import shown, shown_path
 from uav_collect.errors import ConfigError
 from uav_collect.limits import MAX_CORNERS
-from uav_collect.scenario.shapes import check_names, check_number, Corner, Feature, MapFile, Ring
+from uav_collect.scenario.shapes import (
+    check_names,
+    check_number,
+    Corner,
+    Feature,
+    MapFile,
+    Ring,
+    RingCount,
+)
 from uav_collect.scenario.tables import counted, where_of
 
 _UNIT = 'feature'
@@ -17,6 +25,7 @@ _GEOMETRIES = ('Point', 'MultiPoint', 'Polygon', 'MultiPolygon', 'GeometryCollec
 _LINES = ('LineString', 'MultiLineString')
 _CRS = re.compile(r'(?:urn:ogc:def:crs:)?(EPSG):(?:[0-9.]*:)?([1-9][0-9]{0,5})', re.IGNORECASE)
 _WGS84 = re.compile(r'(?:urn:ogc:def:crs:)?(?:OGC:(?:1\.3)?:?CRS84|EPSG::?4326)', re.IGNORECASE)
+_MAX_VALUES = 4_000_000  # by the signs that begin and part them: 300 MB of memory
 _MAX_DEPTH = 5  # of collections in collections
 
 
@@ -32,10 +41,10 @@ def map_of_geojson(path: Path, text: str) -> MapFile:
     """
     document = _document(path, text)
     crs = _crs_of(path, document)
-    features, problems, n_lines = [], [], 0
+    features, problems, n_lines, count = [], [], 0, RingCount(path)
     for number, entry in enumerate(_entries(path, document), start=1):
         try:
-            feature, n_lines_of_it = _feature(number, entry)
+            feature, n_lines_of_it = _feature(number, entry, count)
         except _OddError as error:
             problems.append(f'{where_of(path, _UNIT, number)}: {error}')
             continue
@@ -48,6 +57,9 @@ def map_of_geojson(path: Path, text: str) -> MapFile:
 
 
 def _document(path: Path, text: str) -> dict[str, Any]:
+    if sum(map(text.count, '[{,')) > _MAX_VALUES:
+        what = f'is too large: must have at most {_MAX_VALUES:,} values'
+        raise ConfigError(f'{shown_path(path)}: {what}')
     try:
         document = json.loads(text, parse_constant=_no_number)
     except json.JSONDecodeError as error:
@@ -98,7 +110,7 @@ def _crs_of(path: Path, document: dict[str, Any]) -> str:
     return f'EPSG:{found[2]}'
 
 
-def _feature(number: int, entry: object) -> tuple[Feature, int]:
+def _feature(number: int, entry: object, count: RingCount) -> tuple[Feature, int]:
     if not isinstance(entry, dict) or entry.get('type') != 'Feature':
         raise _OddError(f'is {shown(entry)}: must be a Feature')
     properties = entry.get('properties') or {}
@@ -117,9 +129,9 @@ def _feature(number: int, entry: object) -> tuple[Feature, int]:
             case 'MultiPoint':
                 points += map(_corner, _short(places))
             case 'Polygon':
-                polygons.append(_rings(places))
+                polygons.append(count.counted(_rings(places)))
             case 'MultiPolygon':
-                polygons += map(_rings, _short(places))
+                polygons += (count.counted(_rings(it)) for it in _short(places))
             case _:
                 n_lines += 1
     read = Feature(

@@ -11,13 +11,23 @@ import zlib
 from uav_collect.config.packages import late_packages
 from uav_collect.config.yaml_text import shown_path
 from uav_collect.errors import ConfigError, in_one_line, reason_of
-from uav_collect.scenario.shapes import check_names, check_number, Corner, Feature, MapFile, Ring
+from uav_collect.limits import MAX_CORNERS
+from uav_collect.scenario.shapes import (
+    check_names,
+    check_number,
+    Corner,
+    Feature,
+    MapFile,
+    Ring,
+    RingCount,
+)
 from uav_collect.scenario.spreadsheets import check_packed
 from uav_collect.scenario.tables import counted, FOLDER, where_of
 
 _UNIT = 'placemark'
 _MAX_DEPTH = 100
 _MAX_ELEMENTS = 1_000_000
+_MAX_WORDS = MAX_CORNERS + 1  # of a polygon: its first corner is there twice
 
 Element = ElementTree.Element  # what is parsed is parsed by defusedxml
 
@@ -56,12 +66,12 @@ def map_of_kml(path: Path, content: bytes) -> MapFile:
     root = _root(path, content)
     if _tag(root) != 'kml':
         raise ConfigError(f'{shown_path(path)}: is XML of {_tag(root)[:50]!r}: must be KML')
-    features, problems, n_lines = [], [], 0
+    features, problems, n_lines, count = [], [], 0, RingCount(path)
     placemarks = [*_placemarks(root)]
     check_number(path, len(placemarks), _UNIT)
     for number, (placemark, folders) in enumerate(placemarks, start=1):
         try:
-            feature, n_lines_of_it = _feature(number, placemark, folders)
+            feature, n_lines_of_it = _feature(number, placemark, folders, count)
         except _OddError as error:
             problems.append(f'{where_of(path, _UNIT, number)}: {error}')
             continue
@@ -141,7 +151,9 @@ def _child_text(element: Element, tag: str) -> str:
     return next(((it.text or '').strip() for it in element if _tag(it) == tag), '')
 
 
-def _feature(number: int, placemark: Element, folders: tuple[str, ...]) -> tuple[Feature, int]:
+def _feature(
+    number: int, placemark: Element, folders: tuple[str, ...], count: RingCount
+) -> tuple[Feature, int]:
     properties = {}
     name = _child_text(placemark, 'name')
     if name:
@@ -159,11 +171,11 @@ def _feature(number: int, placemark: Element, folders: tuple[str, ...]) -> tuple
         if _tag(element) == 'Point':
             points += _corners(element)[:1]
         elif _tag(element) == 'Polygon':
-            polygons.append(_rings(element))
+            polygons.append(count.counted(_rings(element)))
         else:
             ring = _corners(element)
             is_closed = len(ring) > 3 and ring[0] == ring[-1]  # drawn around something
-            polygons += [(ring,)] if is_closed else []
+            polygons += [count.counted((ring,))] if is_closed else []
             n_lines += not is_closed
     read = Feature(
         number=number, properties=properties, points=tuple(points), polygons=tuple(polygons)
@@ -194,9 +206,15 @@ def _rings(polygon: Element) -> tuple[Ring, ...]:
 
 
 def _corners(element: Element) -> Ring:
-    """The corners in an element's `coordinates`: longitude,latitude[,height], ..."""
+    """The corners in an element's `coordinates`: longitude,latitude[,height], ...
+
+    Of more than a polygon may have, only the first ones and the last: too many all the same.
+    """
     texts = [it.text or '' for it in element.iter() if _tag(it) == 'coordinates']
-    corners = [tuple(corner.split(',')) for text in texts for corner in text.split()]
+    words = ' '.join(texts).split(maxsplit=_MAX_WORDS)
+    if len(words) > _MAX_WORDS:
+        words[-1] = words[-1].rsplit(maxsplit=1)[-1]
+    corners = [tuple(word.split(',')) for word in words]
     if not corners:
         raise _OddError(f'has a {_tag(element)} without coordinates')
     wrong = next((it for it in corners if len(it) not in (2, 3)), None)

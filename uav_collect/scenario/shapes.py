@@ -22,6 +22,10 @@ Polygon = tuple[Pair, ...]  # its corners: latitude, longitude [deg], or x, y; t
 
 _MAX_FEATURES = 50_000
 _MAX_PROPERTIES = 1_000  # names of them, of a whole map
+_MAX_RINGS = 1 + MAX_NO_FLY  # polygons, and holes in them: a boundary, and zones
+_MAX_RING_CORNERS = (
+    MAX_CORNERS + MAX_NO_FLY_CORNERS
+) + _MAX_RINGS  # each first one is there twice
 _ANY_POLYGON = polygon(-1e8, 1e8, MAX_CORNERS)
 
 # What says that nobody may fly there, as `plain` leaves it: English, German, French, Spanish, ...
@@ -57,6 +61,29 @@ class MapFile(NamedTuple):
     features: tuple[Feature, ...]
     crs: str  # name of the grid that the map says it is of; '': WGS84
     notes: tuple[str, ...]
+
+
+class RingCount:
+    """Counts what the polygons of a map are made of, while it is read."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._n_rings = self._n_corners = 0
+
+    def counted(self, rings: tuple[Ring, ...]) -> tuple[Ring, ...]:
+        """The rings of one more polygon.
+
+        Raises:
+            ConfigError: they are more than an area and all its no-fly zones may have.
+        """
+        self._n_rings += len(rings)
+        self._n_corners += sum(map(len, rings))
+        if self._n_rings > _MAX_RINGS or self._n_corners > _MAX_RING_CORNERS:
+            raise ConfigError(
+                f'{shown_path(self._path)}: has more than {_MAX_RINGS:,} polygons and holes, or '
+                f'{_MAX_RING_CORNERS:,} corners of them: must have at most as many'
+            )
+        return rings
 
 
 class Outlines(NamedTuple):
@@ -194,7 +221,7 @@ def _system(*, is_angular: bool) -> System:
 
 def _wrong(ring: Ring, is_angular: bool) -> Iterator[str]:
     if len(ring) > MAX_CORNERS + 1:  # the first one is there twice
-        yield f'has a polygon of {len(ring):,} corners: must have at most {MAX_CORNERS:,}'
+        yield f'has a polygon of more than {MAX_CORNERS:,} corners: must have at most as many'
         return
     system = _system(is_angular=is_angular)
     n_wrong = 0
