@@ -79,6 +79,22 @@ def test_a_whole_bag_is_proved(site: Site, log: MissionLog, said: Said, tmp_path
     assert str(proof) == f'bag: mission {ID}, seed {SEED}: proved, {len(log.events)} events'
 
 
+def test_files_beside_a_bag_that_cannot_be_read_do_not_end_the_others(
+    site: Site, log: MissionLog, said: Said, tmp_path: Path
+) -> None:
+    write_bag(tmp_path / 'bag', site, {ID: (phases_of(site, log), said)})
+    for name in (f'mission_{SEED}.jsonl', 'scenario.yaml'):
+        with (tmp_path / name).open('wb') as file:
+            file.truncate(1 << 30)
+    (tmp_path / 'other.jsonl').write_bytes(log.to_jsonl())
+    mission, scenario, alone = prove_recording(tmp_path, Given(site=site))
+    log_name = f'mission_{SEED}.jsonl'
+    for proof, what in ((mission, f'{log_name} cannot be read'), (scenario, 'cannot be read')):
+        assert proof.verdict is Verdict.UNPROVABLE
+        assert proof.findings[0].startswith(f'{what}: has 1,073,741,824 bytes')
+    assert alone.verdict is Verdict.PROVED
+
+
 def other(value: Any) -> Any:  # noqa: ANN401 - of any field
     """Another value of the same kind, as near as can be."""
     if isinstance(value, list):

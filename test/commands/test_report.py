@@ -389,6 +389,57 @@ def test_report_shows_the_bags_of_a_folder_that_can_be_read(
     ]
 
 
+def test_report_shows_the_logs_of_a_folder_that_can_be_read(
+    small: Scenario, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / 'scenario.yaml').write_text(small.to_yaml())
+    for name, log in zip('bdf', rollout.fly(build_site(small), [4, 5, 6], 'sweep'), strict=True):
+        (tmp_path / f'{name}.jsonl').write_bytes(log.to_jsonl())
+    (tmp_path / 'a.jsonl').write_text('none\n')
+    with (tmp_path / 'c.jsonl').open('wb') as large:
+        large.truncate(1 << 30)
+    does_not_add_up = tmp_path / 'd.jsonl'
+    text = does_not_add_up.read_text()
+    does_not_add_up.write_text(re.sub(r'"energy_left_j": [0-9.]+', '"energy_left_j": 1.5', text))
+    (tmp_path / 'e.jsonl').symlink_to(tmp_path / 'nothing')
+    table = tmp_path / 'readings.csv'
+    assert main(['report', str(tmp_path), '--csv', str(table)]) == 2
+    shown = capsys.readouterr()
+    named = [line for line in shown.err.splitlines() if line.startswith('error: ')]
+    assert [line.partition('.jsonl: ')[0] for line in named] == [
+        f'error: {tmp_path}/{name}' for name in 'acde'
+    ]
+    for seed, is_shown in ((4, True), (5, False), (6, True)):
+        assert (f'mission seed {seed}' in shown.out) == is_shown
+    seeds = {line.partition(',')[0] for line in table.read_text().splitlines()[1:]}
+    assert seeds == {'4', '6'}
+
+
+def test_a_scenario_that_many_logs_lack_is_named_once(
+    report_folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copy(report_folder / 'mission.jsonl', report_folder / 'another.jsonl')
+    (report_folder / 'scenario.yaml').write_text('a: [')
+    assert main(['report', str(report_folder)]) == 2
+    assert capsys.readouterr().err.count('is not valid YAML') == 1
+
+
+def test_where_the_log_of_a_gappy_bag_cannot_be_read_the_bag_is_shown(
+    small: Scenario, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    site = build_site(small)
+    [log] = rollout.fly(site, [4], 'sweep')
+    bag = HandMadeBag(tmp_path / 'bag')
+    bag.add_scenario(site)
+    bag.add_mission(replace(log, events=log.events[:5]), 'world-0', phases=[STARTED])
+    bag.writer.close()
+    (tmp_path / 'mission_4.jsonl').write_text('none\n')
+    assert main(['report', str(tmp_path)]) == 2
+    shown = capsys.readouterr()
+    assert 'mission seed 4' in shown.out
+    assert f'error: {tmp_path}/mission_4.jsonl: line 1: ' in shown.err
+
+
 @pytest.mark.parametrize('name', ['pipe', 'pipe.jsonl', 'pipe.mcap', 'pipe.db3', 'pipe.bag'])
 @pytest.mark.parametrize('command', ['report', 'verify'])
 def test_a_pipe_is_no_recording(

@@ -296,6 +296,49 @@ def test_it_says_where_there_is_no_mission(
     assert words in capsys.readouterr().err
 
 
+def unreadable(path: Path) -> Path:
+    """A file that is too large to be a mission log."""
+    with path.open('wb') as file:
+        file.truncate(1 << 30)
+    return path
+
+
+@pytest.mark.parametrize(
+    ('is_changed', 'status', 'came_of'), [(False, 2, '1 proved'), (True, 1, '1 differs')]
+)
+def test_what_cannot_be_read_is_named_and_the_rest_is_proved(
+    is_changed: bool, status: int, came_of: str, run_folder: Path, tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    if is_changed:
+        changed('"event": 2, "time_s": ', '"event": 2, "time_s": 1')(
+            run_folder / f'mission_{SEED}.jsonl'
+        )
+    (tmp_path / 'none.jsonl').write_text('none\n')
+    paths = tmp_path / 'none.jsonl', tmp_path / 'nothing', unreadable(tmp_path / 'large.jsonl')
+    found = tmp_path / 'found.json'
+    asked = [*map(str, (*paths, run_folder)), '--json', str(found)]
+    assert main(['verify', *asked]) == status
+    shown = capsys.readouterr()
+    assert [line.split(': ')[:2] for line in shown.err.splitlines()] == [
+        ['error', str(path)] for path in paths
+    ]
+    [mission, last] = shown.out.splitlines()
+    assert mission.startswith(f'{run_folder}: mission_{SEED}.jsonl: ')
+    assert last == f'4 missions: {came_of}, 3 cannot be proved'
+    assert len(json.loads(found.read_text())) == 4
+
+
+def test_a_log_of_a_folder_that_cannot_be_read_does_not_end_the_others(
+    run_folder: Path, verified: Verified
+) -> None:
+    unreadable(run_folder / 'a.jsonl')
+    [first, second, last] = verified(run_folder, status=2)
+    assert first.startswith('a.jsonl: cannot be proved: cannot be read: has 1,073,741,824 bytes')
+    assert second.startswith(f'mission_{SEED}.jsonl: proved')
+    assert last == '2 missions: 1 proved, 1 cannot be proved'
+
+
 def test_a_mission_of_lost_messages_and_faults_is_proved_with_what_was_injected(
     tmp_path: Path, verified: Verified
 ) -> None:

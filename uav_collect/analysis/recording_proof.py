@@ -116,8 +116,8 @@ def _proofs_of_logs(logs: Sequence[Path], folder: Path, given: Given) -> Iterato
     policies = RecordedPolicies(_policy_files(folder, given))
     code_change, versions = _code_change(read_origin(folder)), read_versions(folder)
     for log in logs:
-        account = log_account(log.name, files.read_bounded(log, MOST_LOG_BYTE))
         try:
+            account = _account_of(log)
             site = given.site or _site_of(account, folder)
         except UavCollectError as error:
             yield _unprovable(log.name, str(error))
@@ -128,6 +128,19 @@ def _proofs_of_logs(logs: Sequence[Path], folder: Path, given: Given) -> Iterato
             continue
         proof = prove(log.name, [account], site, policies, code_change)
         yield _with_name_checked(proof, account)
+
+
+def _account_of(log: Path) -> Account:
+    """What a log holds.
+
+    Raises:
+        MissionLogError: it cannot be read.
+    """
+    try:
+        content = files.read_bounded(log, MOST_LOG_BYTE)
+    except OSError as error:
+        raise MissionLogError(f'cannot be read: {error.strerror or error}') from error
+    return log_account(log.name, content)
 
 
 def _by_uav(account: Account, versions: Mapping[str, str]) -> dict[int, str]:
@@ -215,7 +228,10 @@ class _BagProof:
         accounts, name = [account], f'{self._name}: mission {mission.mission_id}, seed {seed}'
         log = take_log(logs, seed, int(mission.start.index))
         if log is not None:
-            accounts.append(log_account(log.name, files.read_bounded(log, MOST_LOG_BYTE)))
+            try:
+                accounts.append(_account_of(log))
+            except MissionLogError as error:
+                return _unprovable(name, f'{log.name} {error}')
         try:
             site = self._site(mission)
         except UavCollectError as error:
@@ -250,10 +266,12 @@ class _BagProof:
     def _scenario_file_damage(self, file: Path) -> Iterator[Proof]:
         """What of a scenario in the run folder no world has said."""
         sent = [message for each in self._reader.scenarios.values() for message in each]
-        texts, mine = (
-            [message.yaml.encode() for message in sent],
-            files.read_bounded(file, MAX_BYTES),
-        )
+        texts = [message.yaml.encode() for message in sent]
+        try:
+            mine = files.read_bounded(file, MAX_BYTES)
+        except OSError as error:
+            yield _unprovable(file.name, f'cannot be read: {error.strerror or error}')
+            return
         if not texts or mine in texts:
             return
         pairs = enumerate(zip_longest(mine.split(b'\n'), texts[0].split(b'\n')), start=1)

@@ -141,7 +141,7 @@ def _sources(arguments: argparse.Namespace) -> Iterator[_Source]:
         yield _planned(arguments)
         return
     seen: dict[str, int] = {}
-    for mission, _, source in report.missions_at(arguments.path):
+    for mission, _, source in report.missions_at(arguments.path, report.refuse):
         _check_reference(arguments, mission.site.scenario)
         _check_log(mission, source)
         name = mission.site.scenario.name

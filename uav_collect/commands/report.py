@@ -1,16 +1,23 @@
 """Shows missions that were flown: a table each, and a picture of the trajectories beside them."""
 
 import argparse
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 import sys
-from typing import TYPE_CHECKING
+from typing import NoReturn, TYPE_CHECKING
 
 from uav_collect import files
 from uav_collect.commands import options, terminal
-from uav_collect.errors import BagError, FilmError, in_one_line, MissionLogError, StoreError
+from uav_collect.errors import (
+    BagError,
+    FilmError,
+    in_one_line,
+    MissionLogError,
+    StoreError,
+    UavCollectError,
+)
 from uav_collect.kernels.compile import interpret_kernels
 from uav_collect.kernels.patience import waiting_for
 from uav_collect.limits import UNUSABLE
@@ -31,12 +38,15 @@ efficiency [kbit/J], decisions, messages and each UAV's part, and draws the traj
 file beside it; on request it makes a film, as a page (--html) or as GIF or MP4. PATH is a run
 folder, a mission log (.jsonl) or a bag, which needs nothing else. What is missing in the bag of a
 run folder is taken from the mission log. Damage is named, and what is intact is shown with a
-warning. The exit status is 0 if missions were shown, 2 if one could not be read, drawn or written.
+warning. A file that cannot be read is named, and the others are shown. The exit status is 0 if all
+missions were shown, 2 if one could not be read, drawn or written.
 """
 # What a disk or Matplotlib, its fonts and its renderer raise; all else is a mistake of ours.
 _DRAWING_ERRORS = (MemoryError, OSError, OverflowError, RuntimeError, ValueError)
+_UNREADABLE = (OSError, UavCollectError)  # what is raised by a recording that is not one, say
 _LOG_SUFFIX = '.jsonl'
 _Found = tuple['FlownMission', Path, Path]  # with where its picture goes, and what it is from
+_NameUnread = Callable[[Exception], None]  # gets why a log or a bag cannot be read
 _MAX_DATA_CELLS = 200  # on average, up to which a mission's bound takes some seconds
 
 
@@ -93,9 +103,11 @@ def show_missions(arguments: argparse.Namespace) -> int:
     options.check_outputs(arguments.csv, arguments.gif, arguments.mp4)
     console, n_lacking = plain_console(), 0
     readings: list[tuple[int, Sequence[Reading]]] = []
-    missions = missions_at(arguments.path)
+    unread = _Unread()
     if arguments.gif or arguments.mp4:
-        missions = iter([_to_film(missions, arguments)])
+        missions = iter([_to_film(arguments)])
+    else:
+        missions = missions_at(arguments.path, unread.name)
     is_first = arguments.path.is_dir()
     for mission, picture, source in missions:
         if arguments.pictures is not None:
@@ -106,7 +118,8 @@ def show_missions(arguments: argparse.Namespace) -> int:
             n_lacking += not show(mission, file, console)
             _write_films(mission, arguments.gif, arguments.mp4)
         except MissionLogError as error:
-            raise MissionLogError(f'{source}: {error}') from error
+            unread.name(MissionLogError(f'{source}: {error}'))
+            continue
         if arguments.html:
             film = file.parent / film_name(picture, is_first=is_first)
             n_lacking += not leave_film(mission, film, console)
@@ -115,9 +128,22 @@ def show_missions(arguments: argparse.Namespace) -> int:
             console.print(reading_table(mission.readings))
         if arguments.csv is not None:
             readings.append((mission.log.header.mission_seed, mission.readings))
-    if arguments.csv is not None:
+    if readings:
         n_lacking += not terminal.write_files({arguments.csv: readings_csv(readings)})
-    return UNUSABLE if n_lacking else 0
+    return UNUSABLE if n_lacking or unread.named else 0
+
+
+class _Unread:
+    """What could not be read, and why; said once, as many logs may lack the same scenario."""
+
+    def __init__(self) -> None:
+        self.named: set[str] = set()
+
+    def name(self, error: Exception) -> None:
+        """Write a line, unless it was written before."""
+        if str(error) not in self.named:
+            terminal.say_error(error)
+            self.named.add(str(error))
 
 
 def show(mission: 'FlownMission', picture: Path, console: 'Console') -> bool:
@@ -148,17 +174,18 @@ def show(mission: 'FlownMission', picture: Path, console: 'Console') -> bool:
     return True
 
 
-def _to_film(missions: Iterable[_Found], arguments: argparse.Namespace) -> _Found:
+def _to_film(arguments: argparse.Namespace) -> _Found:
     """The one mission that a film is asked for; what is in the way is said before any work.
 
     Raises:
         FilmError: there are several, or there is no ffmpeg for an MP4.
+        OSError, UavCollectError: a log or a bag cannot be read.
     """
     from uav_collect.film.animation import check_ffmpeg
 
     if arguments.mp4:
         check_ffmpeg()
-    found = [*missions]
+    found = [*missions_at(arguments.path, refuse)]
     if len(found) != 1:
         where = f'{arguments.path} holds {len(found)}'
         raise FilmError(f'a film shows one mission, {where}: PATH must be the log of one')
@@ -209,55 +236,85 @@ def mission_bound(header: MissionHeader, site: 'Site') -> 'Bound | None':
         return bound_of(site, header.mission_seed, 'equal' if is_equal else 'exact')
 
 
-def missions_at(path: Path) -> Iterator[_Found]:
-    """The missions at a path, each with where its picture goes, and the log or bag it is from."""
+def refuse(error: Exception) -> NoReturn:
+    """Do nothing with missions unless all can be read."""
+    raise error
+
+
+def missions_at(path: Path, name_unread: _NameUnread) -> Iterator[_Found]:
+    """The missions at a path, each with where its picture goes, and the log or bag it is from.
+
+    Args:
+        name_unread: is given why a log or a bag cannot be read; unless it raises, others follow.
+
+    Raises:
+        OSError: there is nothing at the path; naming it.
+        MissionLogError: it is a folder without logs and bags.
+    """
     files.check_there(path)
     if is_bag(path):
-        yield from ((*found[:2], path) for found in _recorded(path, path.resolve().parent))
+        yield from _of_bags([path], path.resolve().parent, {}, name_unread)
     elif not path.is_dir():
-        yield _logged(path), path.with_suffix('.png'), path
+        yield from _of_logs([path], _logged, name_unread)
     elif bags := [each for each in sorted(path.iterdir()) if is_bag(each)]:
-        yield from _of_run(bags, path)  # bags know more than logs: messages, sensors as they were
-    elif logs := sorted(path.glob(f'*{_LOG_SUFFIX}')):
-        for log in logs:
-            yield _logged(log), log.with_suffix('.png'), log
+        # Bags know more than logs: messages, sensors as they were.
+        logs = {log.name: log for log in sorted(path.glob(f'*{_LOG_SUFFIX}'))}
+        yield from _of_bags(bags, path, logs, name_unread)
+        yield from _of_logs([*logs.values()], _logged_so_far, name_unread)
+    elif found := sorted(path.glob(f'*{_LOG_SUFFIX}')):
+        yield from _of_logs(found, _logged, name_unread)
     else:
         raise MissionLogError(f'{path}: holds no mission log ({_LOG_SUFFIX}) and no bag')
 
 
-def _of_run(bags: Sequence[Path], folder: Path) -> Iterator[_Found]:
-    """The missions of a run folder: by its bags, or where these lack something by their logs.
+def _of_bags(
+    bags: Sequence[Path], pictures: Path, logs: dict[str, Path], name_unread: _NameUnread
+) -> Iterator[_Found]:
+    """The missions of bags, or where these lack something of their logs.
 
-    Raises:
-        BagError: a bag cannot be read, and no log tells its missions; after all that can be read.
+    Args:
+        pictures: where these go.
+        logs: of the run, by name; those of missions in the bags are taken out.
     """
-    logs = {log.name: log for log in sorted(folder.glob(f'*{_LOG_SUFFIX}'))}
-    is_logged, unread = bool(logs), []
+    is_logged = bool(logs)
     for bag in bags:
         try:
-            missions = [*_recorded(bag, folder)]
-        except BagError as error:
-            if is_logged:
+            missions = [*_recorded(bag, pictures)]
+        except _UNREADABLE as error:
+            if is_logged and isinstance(error, BagError):
                 terminal.say(f'{error}; the figures are those of the mission log')
             else:
-                unread.append(error)
+                name_unread(error)
             continue
         for mission, picture, index in missions:
             log = take_log(logs, mission.log.header.mission_seed, index)
-            yield (mission if log is None else _fuller(mission, bag, log)), picture, bag
-    for log in logs.values():
-        yield _logged_so_far(log), log.with_suffix('.png'), log
-    if unread:  # after those that can be read
-        for problem in unread[:-1]:
-            terminal.say_error(problem)
-        raise unread[-1]
+            if log is None or mission.is_whole:
+                yield mission, picture, bag
+            else:
+                yield _fuller(mission, bag, log, name_unread), picture, bag
 
 
-def _fuller(recorded: 'FlownMission', bag: Path, log: Path) -> 'FlownMission':
-    """The mission of a bag, or of its log where that holds more of it."""
-    if recorded.is_whole:
+def _of_logs(
+    logs: Iterable[Path], read: Callable[[Path], 'FlownMission'], name_unread: _NameUnread
+) -> Iterator[_Found]:
+    for log in logs:
+        try:
+            mission = read(log)
+        except _UNREADABLE as error:
+            name_unread(error)
+            continue
+        yield mission, log.with_suffix('.png'), log
+
+
+def _fuller(
+    recorded: 'FlownMission', bag: Path, log: Path, name_unread: _NameUnread
+) -> 'FlownMission':
+    """The mission of a bag that lacks something, or of its log where that holds more of it."""
+    try:
+        logged = _logged_so_far(log)
+    except _UNREADABLE as error:
+        name_unread(error)
         return recorded
-    logged = _logged_so_far(log)
     n_lacking = len(logged.log.events) - len(recorded.log.events)
     if n_lacking <= 0:
         return recorded

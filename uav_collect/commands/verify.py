@@ -2,6 +2,7 @@
 
 import argparse
 from collections import Counter
+from collections.abc import Iterator
 import json
 from pathlib import Path
 import sys
@@ -9,11 +10,14 @@ from typing import Any, TYPE_CHECKING
 
 from uav_collect import files
 from uav_collect.commands import options
+from uav_collect.config.arguments import error_lines
+from uav_collect.errors import UavCollectError
 from uav_collect.kernels.compile import interpret_kernels
 from uav_collect.limits import FAILED, is_code_name, UNUSABLE
 
 if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
     from uav_collect.analysis.proof import Proof
+    from uav_collect.analysis.recording_proof import Given
 
 _DESCRIPTION = """
 Flies each recorded mission again, from the recording alone, and proves it byte for
@@ -21,8 +25,8 @@ byte; or names the first event that differs, its field, the recorded and the flo
 has changed since: a policy's version, the code, the scenario. PATH is a run folder, a bag or
 a mission log. In a bag, messages and the checksums of its file are compared, too. What the
 world decided because an agent was silent, and faults that were injected, are taken as recorded and
-counted. The exit status is 0 if all is proved, 1 if something differs or is damaged, 2 if
-something cannot be read or flown.
+counted. What cannot be read is named, and the rest is proved. The exit status is 0 if all is
+proved, 1 if something differs or is damaged, otherwise 2 if something cannot be read or flown.
 """
 _PROVED, _DIFFERS, _UNPROVABLE = 0, FAILED, UNUSABLE
 
@@ -66,22 +70,40 @@ def run(arguments: argparse.Namespace) -> int:
     """Prove what is at the paths; returns the exit status."""
     if 'numba' not in sys.modules:  # a mission is flown in less time than kernels take to load
         interpret_kernels()
-    from uav_collect.analysis.recording_proof import Given, prove_recording
+    from uav_collect.analysis.recording_proof import Given
 
     if arguments.json is not None:
         files.check_writable(arguments.json)
     _look_at(arguments.policy)
     given = Given(site=_site(arguments.scenario), policy_files=tuple(arguments.policy))
-    proofs = []
+    proofs: list[Proof] = []
+    unread: list[Proof] = []
     for path in arguments.path:
-        for proof in prove_recording(path, given):
+        for proof in _proofs_at(path, given, unread):
             _show(f'{path}: {proof}' if len(arguments.path) > 1 else str(proof))
             proofs.append(proof)
+    if not proofs:
+        return _UNPROVABLE
+    proofs += unread
     _show(_summary(proofs))
     if arguments.json is not None:
         text = json.dumps([_values(proof) for proof in proofs], indent=1)
         files.write_result(arguments.json, f'{text}\n'.encode())
     return _status(proofs)
+
+
+def _proofs_at(path: Path, given: 'Given', unread: 'list[Proof]') -> 'Iterator[Proof]':
+    """The proofs of a recording; one that cannot be read is named, and added to `unread`."""
+    from uav_collect.analysis.proof import Proof, Verdict
+    from uav_collect.analysis.recording_proof import prove_recording
+
+    try:
+        yield from prove_recording(path, given)
+    except (OSError, UavCollectError) as error:
+        text = error_lines(error)
+        sys.stderr.write(text)
+        lines = tuple(line.removeprefix('error: ') for line in text.splitlines())
+        unread.append(Proof(mission=str(path), verdict=Verdict.UNPROVABLE, findings=lines))
 
 
 def _look_at(policies: list[Path]) -> None:
@@ -114,12 +136,13 @@ def _summary(proofs: 'list[Proof]') -> str:
 
 
 def _status(proofs: 'list[Proof]') -> int:
+    """A difference counts for more than what could not be looked at."""
     from uav_collect.analysis.proof import Verdict
 
     found = {proof.verdict for proof in proofs}
     if found & {Verdict.DIFFERS, Verdict.DAMAGED}:
         return _DIFFERS
-    return _UNPROVABLE if Verdict.UNPROVABLE in found or not found else _PROVED
+    return _UNPROVABLE if Verdict.UNPROVABLE in found else _PROVED
 
 
 def _values(proof: 'Proof') -> dict[str, object]:
