@@ -20,11 +20,13 @@ from interpreted import interpreted
 from processes import completed, Processes
 import pytest
 from uav_collect.__main__ import main
+from uav_collect.config.installed import shared_folders
+from uav_collect.config.layers import names_in
 from uav_collect.missions.rollout import fly
 from uav_collect.scenario.load import load, scenario_names
 from uav_collect.scenario.site import build_site
 from uav_collect.studies.claims.claims import CLAIMS
-from uav_collect.studies.scale import load_scale, scale_names
+from uav_collect.studies.scale import load_scale
 import yaml
 
 from tools.structure import ORDER, read, Sources
@@ -253,7 +255,7 @@ def test_every_room_has_its_line_in_contributing_in_the_order_of_imports() -> No
     assert re.findall(r'`(\w+)(?:/|\.py)`', ' '.join(cells)) == [*ORDER]
 
 
-@pytest.mark.parametrize('name', scale_names())
+@pytest.mark.parametrize('name', names_in(shared_folders('studies')))
 def test_the_documents_know_how_much_each_scale_trains_and_flies(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -126,7 +126,7 @@ def test_the_search_ends_with_the_least_battery_that_does_to_a_hundredth() -> No
     n_flights = len(sizing.trials)
     assert sizing.fly(1, found.needed_wh).n_complete >= 6
     assert sizing.fly(1, found.needed_wh * 0.98).n_complete < 6
-    assert n_flights <= sizing_module.MOST_FLIGHTS
+    assert n_flights <= 16
     assert found.best_share == 1.0
     assert found.reversals == ()
 

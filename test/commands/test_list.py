@@ -5,10 +5,9 @@ import re
 
 import pytest
 from uav_collect.__main__ import main
-from uav_collect.config.layers import titles_in
+from uav_collect.config.installed import shared_folders
+from uav_collect.config.layers import names_in, titles_in
 from uav_collect.scenario.load import scenario_names
-from uav_collect.studies.scale import scale_names
-from uav_collect.training.config import preset_names
 from uav_collect.uav.heuristics import Heuristic
 from uav_collect.uav.policy import shipped_policies
 
@@ -26,8 +25,8 @@ def test_it_shows_all_there_is_with_a_line_each_of_80_columns(
     names = {
         'scenarios (--scenario)': scenario_names(),
         'policies (--policy)': (*rules, *shipped_policies(), *own),
-        'presets of trainings (--preset)': preset_names(),
-        'scales of the figures (--scale)': scale_names(),
+        'presets of trainings (--preset)': names_in(shared_folders('training')),
+        'scales of the figures (--scale)': names_in(shared_folders('studies')),
     }
     assert tables.keys() == names.keys()
     for kind, table in tables.items():

@@ -12,7 +12,7 @@ import uav_collect
 from uav_collect.kernels.compile import kernels_are_cached, sources_digest
 from uav_collect.missions import batch_kernels
 from uav_collect.missions.batch_kernels import carry_out
-from uav_collect.physics.energy import flight_energy_j
+from uav_collect.physics.radio import log_of_1_plus
 from uav_collect.planning import bound
 
 CHANGED = {
@@ -45,11 +45,11 @@ def test_kernels_count_as_cached_once_they_were_compiled(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
-    assert not kernels_are_cached([flight_energy_j])
-    script = 'from uav_collect.physics import energy; energy.flight_energy_j(50.0, 5.0, 144.0)'
+    assert not kernels_are_cached([log_of_1_plus])
+    script = 'from uav_collect.physics import radio; radio.log_of_1_plus(0.5)'
     completed(sys.executable, '-c', script)
-    assert kernels_are_cached([flight_energy_j])
-    assert not kernels_are_cached([flight_energy_j, carry_out])
+    assert kernels_are_cached([log_of_1_plus])
+    assert not kernels_are_cached([log_of_1_plus, carry_out])
 
 
 def doubled(tmp_path: Path, *, most_bytes: int | None = None, way: str = '.') -> tuple[str, str]:

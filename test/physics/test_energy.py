@@ -10,7 +10,6 @@ by_the_same_cases = settings(deadline=None, derandomize=True, database=None)
 # Zeng, Xu and Zhang 2019, Table I
 ZENG = (79.86, 88.63, 120.0, 4.03, 0.5 * 0.6 * 1.225 * 0.05 * 0.503)
 
-distances_m = st.floats(0.0, 1e6)
 speeds_mps = st.floats(0.01, 100.0)
 
 
@@ -21,14 +20,6 @@ def test_power_is_that_computed_by_hand(speed_mps: float, power_w: float) -> Non
     # At 10 m/s: 79.86 * 1.0208333 + 88.63 * sqrt(sqrt(1 + 3.0786325^2) - 3.0786325)
     # + 0.009242625 * 1000 = 81.523750 + 35.267312 + 9.242625
     assert energy.propulsion_power_w(speed_mps, *ZENG) == pytest.approx(power_w, rel=1e-7)
-
-
-@pytest.mark.parametrize(('speed_mps', 'energy_j'), [(5.0, 1436.135), (10.0, 630.168)])
-def test_crossing_a_cell_of_50_m_costs_what_was_computed_by_hand(
-    speed_mps: float, energy_j: float
-) -> None:
-    power_w = energy.propulsion_power_w(speed_mps, *ZENG)
-    assert energy.flight_energy_j(50.0, speed_mps, power_w) == pytest.approx(energy_j, abs=5e-4)
 
 
 def test_hovering_takes_blade_and_induced_power() -> None:
@@ -61,29 +52,16 @@ def test_induced_power_falls_and_the_rest_grows_with_speed(one: float, other: fl
     assert 0.0 < rest[0] <= rest[1]
 
 
-@by_the_same_cases
-@given(distances_m, speeds_mps, st.floats(0.0, 1e4))
-def test_flight_energy_grows_with_the_way_and_is_none_for_none(
-    distance_m: float, speed_mps: float, power_w: float
-) -> None:
-    way_j = energy.flight_energy_j(distance_m, speed_mps, power_w)
-    assert way_j == pytest.approx(power_w * distance_m / speed_mps)
-    assert energy.flight_energy_j(2.0 * distance_m, speed_mps, power_w) == pytest.approx(2 * way_j)
-    assert energy.flight_energy_j(0.0, speed_mps, power_w) == 0.0
-
-
 def test_arrays_broadcast_to_the_scalar_results() -> None:
     speed_mps = np.array([5.0, 10.0])
-    power_w = energy.propulsion_powers_w(speed_mps, *ZENG)
-    energy_j = energy.flight_energies_j(np.array([[50.0], [80.0]]), speed_mps, power_w)
-    assert energy_j.shape == (2, 2)
-    assert energy_j[1, 0] == energy.flight_energy_j(80.0, 5.0, power_w[0])
+    power_w = energy.propulsion_powers_w(speed_mps, np.array([[79.86], [80.0]]), *ZENG[1:])
+    assert power_w.shape == (2, 2)
+    assert power_w[0, 1] == energy.propulsion_power_w(10.0, *ZENG)
 
 
 def bits() -> str:
     powers_w = [energy.propulsion_power_w(0.11 * index, *ZENG) for index in range(500)]
-    ways_j = [energy.flight_energy_j(7.3, 0.3 + power_w, power_w) for power_w in powers_w]
-    return '\n'.join(number.hex() for number in powers_w + ways_j)
+    return '\n'.join(map(float.hex, powers_w))
 
 
 def test_interpreted_power_equals_compiled_power_to_the_bit() -> None:

@@ -106,9 +106,10 @@ def test_a_rate_is_concave_in_the_bandwidth(
     bandwidth: float, signal: float, error: float, step: float
 ) -> None:
     low_hz, high_hz = 10.0**bandwidth, 10.0 ** (bandwidth + step)
-    rates = radio.uplink_rates_bps(
-        np.array([low_hz, (low_hz + high_hz) / 2.0, high_hz]), 10.0**signal, 10.0**error, 1.0
-    )
+    rates = [
+        radio.uplink_rate_bps(bandwidth_hz, 10.0**signal, 10.0**error, 1.0)
+        for bandwidth_hz in (low_hz, (low_hz + high_hz) / 2.0, high_hz)
+    ]
     assert rates[1] * (1.0 + 1e-12) >= (rates[0] + rates[2]) / 2.0
 
 

@@ -3,18 +3,20 @@
 from collections.abc import Mapping
 
 import pytest
+from uav_collect.config.installed import shared_folders
+from uav_collect.config.layers import names_in
 from uav_collect.config.rules import Section
 from uav_collect.scenario.load import load, with_uavs
 from uav_collect.studies import catalogue
 from uav_collect.studies.jobs.jobs import FlightsJob, job_config, PlansJob, TrainingJob
 from uav_collect.studies.requests import Requests
-from uav_collect.studies.scale import load_scale, scale_names
+from uav_collect.studies.scale import load_scale
 from uav_collect.studies.study import LinesStudy
 from uav_collect.training.config import load_preset
 from uav_collect.uav.policy import policy_named
 
 
-@pytest.mark.parametrize('name', scale_names())
+@pytest.mark.parametrize('name', names_in(shared_folders('studies')))
 def test_every_study_of_every_scale_can_be_asked_for(name: str) -> None:
     requests = Requests(load_scale(name))
     studies = [catalogue.make_study(it, requests) for it in catalogue.study_names()]

@@ -5,8 +5,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from uav_collect.config.installed import shared_folders
+from uav_collect.config.layers import names_in
 from uav_collect.errors import ConfigError
-from uav_collect.training.config import load_preset, preset_names, TrainingConfig
+from uav_collect.training.config import load_preset, TrainingConfig
 from uav_collect.uav.observation import Layout
 from uav_collect.world.reward import Reward
 
@@ -32,10 +34,11 @@ def written(folder: Path, text: str) -> Path:
 
 
 def test_every_shipped_preset_is_valid_and_has_its_files_name() -> None:
-    assert preset_names() == (
+    names = names_in(shared_folders('training'))
+    assert names == (
         'anywhere', 'field', 'field_anywhere', 'imitation', 'paper', 'refine', 'strong',
     )  # fmt: skip
-    assert [load_preset(name).name for name in preset_names()] == [*preset_names()]
+    assert tuple(load_preset(name).name for name in names) == names
 
 
 def test_refining_learns_and_sees_what_strong_does() -> None:

@@ -6,6 +6,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from uav_collect.config.installed import shared_folders
+from uav_collect.config.layers import names_in
 from uav_collect.errors import ConfigError
 from uav_collect.missions.rollout import fly_for_metrics
 from uav_collect.scenario.area import open_cells
@@ -14,7 +16,6 @@ from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.training.course_draw import draw_course
 from uav_collect.training.courses import (
-    course_names,
     CourseDistribution,
     load_courses,
     load_distribution,
@@ -46,8 +47,9 @@ def problems_of(folder: Path, change: tuple[str, str]) -> str:
 
 
 def test_every_shipped_distribution_is_valid_and_has_its_files_name() -> None:
-    assert course_names() == ('anywhere', 'taught')
-    assert [load_courses(name).distribution.name for name in course_names()] == [*course_names()]
+    names = names_in(shared_folders('training/courses'))
+    assert names == ('anywhere', 'taught')
+    assert tuple(load_courses(name).distribution.name for name in names) == names
 
 
 def test_a_course_follows_from_distribution_seed_and_number() -> None:

@@ -33,8 +33,7 @@ from uav_collect.uav.policy import Policy
 
 J_PER_WH = 1e3 * KJ_PER_WH
 QUANTILES = {'p50': 0.5, 'p95': 0.95, 'max': 1.0}
-MOST_FLIGHTS = 16  # of all missions, in a search for one fleet; few take more than eight
-_MOST_STEPS = 10  # of them by steps towards the least battery
+_MOST_STEPS = 10  # towards the least battery of a fleet, with all missions flown in each
 _PRECISION = 0.01  # of that, relative
 _FIRST_STEP = 0.05  # of the search, relative
 _MOST_MOVES = 100  # over each cell: nobody who gets anywhere makes so many

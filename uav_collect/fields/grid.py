@@ -122,11 +122,6 @@ class CellGrid:
             (round(x - east_m, _DIGITS), round(y - north_m, _DIGITS)) for x, y in places_m
         )
 
-    def covers(self, place_m: Point) -> bool:
-        """Whether a place from the corner lies over a cell."""
-        x_m, y_m = place_m
-        return 0 <= x_m <= self.area.width_m and 0 <= y_m <= self.area.height_m
-
     def centre_m(self, cell: int) -> Point:
         """The middle of a cell, from the corner."""
         row, column = divmod(cell, self.n_columns)

@@ -1,6 +1,6 @@
-"""Propulsion power and flight energy of a rotary-wing UAV.
+"""Propulsion power of a rotary-wing UAV.
 
-Scalar kernels with names in the singular; a plural is the same kernel over broadcast arrays.
+A scalar kernel with a name in the singular; the plural is the same kernel over broadcast arrays.
 """
 
 import math
@@ -43,11 +43,4 @@ def propulsion_power_w(
     return blade_w + induced_w + parasite_coefficient * speed_mps * speed_mps * speed_mps
 
 
-@kernel
-def flight_energy_j(distance_m: float, speed_mps: float, power_w: float) -> float:
-    """Energy [J] to fly a straight way; to the final position it is the paper's xi."""
-    return power_w * (distance_m / speed_mps)
-
-
 propulsion_powers_w = np.vectorize(propulsion_power_w, otypes=[float])
-flight_energies_j = np.vectorize(flight_energy_j, otypes=[float])

@@ -109,11 +109,6 @@ def load_scale(name_or_path: str | Path) -> ScaleConfig:
     return scale
 
 
-def scale_names() -> tuple[str, ...]:
-    """The names of the shipped scales."""
-    return layers.names_in(shared_folders('studies'))
-
-
 def _check_rising(scale: ScaleConfig, path: str) -> None:
     """Every line of a figure runs from the smallest value to the largest."""
     keys = ('budgets_kj', 'densities', 'ranges_m', 'kernels', 'csi_errors')

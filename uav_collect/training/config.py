@@ -410,10 +410,5 @@ def code_of_training(config: TrainingConfig, algorithm: str) -> tuple[str, ...]:
     return tuple(dict.fromkeys((*config.code, *own)))
 
 
-def preset_names() -> tuple[str, ...]:
-    """The names of the shipped presets."""
-    return layers.names_in(shared_folders('training'))
-
-
 def _between(first: float, last: float, share: float) -> float:
     return first + (last - first) * min(max(share, 0.0), 1.0)

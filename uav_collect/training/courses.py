@@ -249,8 +249,3 @@ def _distribution_document(
         return document
     base = resolved_scenario(document, ('base',)).as_mapping()
     return replace(document, values=with_value(document.values, ('base',), base))
-
-
-def course_names() -> tuple[str, ...]:
-    """The names of the shipped distributions."""
-    return layers.names_in(shared_folders('training/courses'))
