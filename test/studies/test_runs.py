@@ -1,6 +1,7 @@
 """The file of all trainings, as marl-eval asks for it."""
 
 import json
+import math
 
 import numpy as np
 from uav_collect.kernels.arrays import Floats
@@ -25,6 +26,21 @@ class Recorded:
 
     def numbers(self, tested: MissionSet, key: str) -> Floats:
         return np.arange(5.0 * len(tested.trainings)).reshape(-1, 5)
+
+
+class Stranded(Recorded):
+    """Training 'b2' had no UAV home in its second mission; 'c2' in none, nor when validated."""
+
+    def curve_rows(self, digest: str) -> list[dict[str, float]]:
+        rows = super().curve_rows(digest)
+        return [row | {'completion_s': math.nan} for row in rows] if digest == 'c2' else rows
+
+    def numbers(self, tested: MissionSet, key: str) -> Floats:
+        values = super().numbers(tested, key)
+        if key == 'completion_s':
+            values[np.array(tested.trainings) == 'b2', 1] = math.nan
+            values[np.array(tested.trainings) == 'c2'] = math.nan
+        return values
 
 
 def task(key: str, digests: tuple[str, ...]) -> StudyTask:
@@ -58,3 +74,30 @@ def test_every_run_of_an_environment_has_as_many_steps_and_every_task_as_many_ru
     counts = [it['step_count'] for name, it in longest.items() if name != 'absolute_metrics']
     assert counts == [0, 400, 800]
     assert longest['absolute_metrics']['completion_s'] == [5.0, 6.0, 7.0, 8.0, 9.0]
+
+
+def environment_of(*digests: str) -> dict[str, dict[str, dict[str, dict[str, list[float]]]]]:
+    """What is written of AQMIX in the environment of one task, read as strict JSON."""
+    suite = Suite(label='areas', key='areas', tasks=(task('small', digests),))
+    study = RunsStudy(name='runs', figure=None, title='', about='', suites=(suite,))
+
+    def refused(constant: str) -> None:
+        raise AssertionError(f'{constant} is no JSON')
+
+    written = json.loads(marl_eval_json(study, Stranded()), parse_constant=refused)
+    return written['uav_collect_areas']['small']['AQMIX']
+
+
+def test_a_mission_whose_uavs_did_not_all_land_has_no_completion_time() -> None:
+    runs = environment_of('a2', 'b2')
+    metrics = runs['seed_1']['absolute_metrics']
+    assert metrics['completion_s'] == [5.0, 7.0, 8.0, 9.0]
+    assert metrics['energy_kj'] == [5.0, 6.0, 7.0, 8.0, 9.0]
+
+
+def test_where_a_run_has_no_completion_time_at_all_the_environment_has_none() -> None:
+    runs = environment_of('a2', 'c2')
+    kinds = {
+        tuple(sorted(it.keys() - {'step_count'})) for run in runs.values() for it in run.values()
+    }
+    assert kinds == {('collected_share', 'efficiency_kbit_per_j', 'energy_kj')}

@@ -26,6 +26,8 @@ _ENVIRONMENT = 'uav_collect'
 _MEASURES = (EFFICIENCY, COMPLETION, ENERGY, COLLECTED)
 _VALIDATED = {measure.key for measure in _MEASURES}  # known of each validation, too
 
+_Part = dict[str, int | list[float]]  # a step, or the absolute metrics
+
 
 def suite_scores(suite: Suite, findings: Findings) -> dict[str, Floats]:
     """Mean efficiency of each training's policy as a share of the thriftiest plans', by label.
@@ -57,52 +59,66 @@ def marl_eval_json(study: RunsStudy, findings: Findings) -> bytes:
     """All trainings: validations as steps, and the test missions as absolute metrics.
 
     A suite is an environment. marl-eval wants as many runs everywhere in an environment, and as
-    many steps of each run: as the one with the fewest has.
+    many steps of each run: as the one with the fewest has. It wants the same measures, too, each
+    with a number: time counts where all UAVs landed, and if they never did in a step or a run, no
+    run of the environment has a time.
     """
     environments = {
         f'{_ENVIRONMENT}_{suite.key}': _environment(suite, findings) for suite in study.suites
     }
-    return (json.dumps(environments, indent=1) + '\n').encode()
+    return (json.dumps(environments, indent=1, allow_nan=False) + '\n').encode()
 
 
-def _environment(suite: Suite, findings: Findings) -> Mapping[str, object]:
+def _environment(suite: Suite, findings: Findings) -> Mapping[str, Mapping[str, object]]:
     labels = [label for label in LEARNED if all(label in task.trained for task in suite.tasks)]
     trained = [task.trained[label].digests for task in suite.tasks for label in labels]
     n_runs = min(map(len, trained), default=0)
     curves = {it: findings.curve_rows(it) for digests in trained for it in digests[:n_runs]}
     n_steps = min(map(len, curves.values()), default=0)
     steps = {digest: _steps(rows, n_steps) for digest, rows in curves.items()}
-    return {
+    tasks = {
         task.key: {label: _runs(task, label, n_runs, steps, findings) for label in labels}
         for task in suite.tasks
     }
+    runs = [run for task in tasks.values() for of in task.values() for run in of.values()]
+    parts = [part for run in runs for part in run.values()]
+    unknown = {key for part in parts for key, numbers in part.items() if numbers == []}
+    for part in parts:
+        for key in unknown & part.keys():
+            del part[key]
+    return tasks
 
 
 def _runs(
     task: StudyTask,
     label: str,
     n_runs: int,
-    steps: Mapping[str, Mapping[str, object]],
+    steps: Mapping[str, Mapping[str, _Part]],
     findings: Findings,
-) -> Mapping[str, object]:
+) -> Mapping[str, Mapping[str, _Part]]:
     tested = task.tests[label]
     values = {measure.key: findings.numbers(tested, measure.key) for measure in _MEASURES}
     return {
         f'seed_{seed}': {
             **steps[digest],
-            'absolute_metrics': {key: value[seed].tolist() for key, value in values.items()},
+            'absolute_metrics': {key: _known(value[seed]) for key, value in values.items()},
         }
         for seed, digest in enumerate(task.trained[label].digests[:n_runs])
     }
 
 
-def _steps(rows: Sequence[Mapping[str, float]], n_steps: int) -> Mapping[str, object]:
+def _steps(rows: Sequence[Mapping[str, float]], n_steps: int) -> Mapping[str, _Part]:
     """So many of a training's validations, evenly, the first and the last among them."""
     numbers = np.linspace(0, len(rows) - 1, n_steps).round().astype(int)
     return {
         f'step_{step}': {
             'step_count': int(rows[number]['n_decisions']),
-            **{key: [rows[number][key]] for key in sorted(_VALIDATED)},
+            **{key: _known(np.array([rows[number][key]])) for key in sorted(_VALIDATED)},
         }
         for step, number in enumerate(numbers)
     }
+
+
+def _known(values: Floats) -> list[float]:
+    known: list[float] = values[np.isfinite(values)].tolist()
+    return known
