@@ -51,11 +51,16 @@ def open_trainer(run: PlannedRun, sources: Sequence[EpisodeSource] | None = None
 def nothing_learned(trainer: Trainer, config: TrainingConfig) -> str:
     """That a training ended before its first update, and what that would have taken."""
     settings = config.replay
-    n_missions = 1 if settings.excerpt_decisions else config.missions_per_batch(0.0)
+    n_missions = min(map(config.missions_per_batch, (0.0, 1.0)))
+    if settings.excerpt_decisions:
+        n_missions = 1
     least = max(config.rollout.decisions_per_update, settings.decisions_before_updates or 0)
+    takes = f'{n_missions} mission{"" if n_missions == 1 else "s"} and {least:,} decisions'
+    if settings.most_rows:
+        takes += f', or {max(least, settings.most_rows):,} decisions of missions that ended'
     return (
         f'nothing was learned: {trainer.n_decisions:,} decisions came, too few for an update: it'
-        f' takes {n_missions} missions and {least:,} decisions'
+        f' takes {takes}'
     )
 
 
