@@ -15,6 +15,25 @@ def test_missions_in_a_row_count_their_seeds_up_and_end() -> None:
     assert schedule.next_seed is None
 
 
+@pytest.mark.parametrize('n_missions', [-1, 9])
+def test_missions_in_a_row_end_with_the_last_seed_of_all(n_missions: int) -> None:
+    schedule = MissionSchedule(n_missions=n_missions, next_seed=MAX_SEED - 1)
+    seeds = []
+    while not schedule.is_over:
+        seeds.append(schedule.start_next())
+        schedule.plan_after(seeds[-1])
+    assert seeds == [MAX_SEED - 1, MAX_SEED]
+    assert schedule.next_seed is None
+
+
+def test_after_the_last_seed_of_all_others_are_flown_on_request() -> None:
+    schedule = MissionSchedule(n_missions=0, next_seed=None)
+    assert schedule.request(MAX_SEED, is_flying=False)[0]
+    schedule.plan_after(schedule.start_next())
+    assert not schedule.is_over
+    assert schedule.request(0, is_flying=False)[0]
+
+
 def test_on_request_a_world_never_ends() -> None:
     schedule = MissionSchedule(n_missions=0, next_seed=None)
     assert schedule.request(9, is_flying=False)[0]

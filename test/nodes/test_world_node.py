@@ -49,6 +49,7 @@ def fleet(processes: Processes, tmp_path: Path) -> Fleet:
         ({'seed': -1}, 'seed'),
         ({'seed': 'seven'}, 'seed'),
         ({'missions': -2}, 'missions'),
+        ({'missions': 3, 'seed': MAX_SEED - 1}, f'must be at most {MAX_SEED - 2} for 3 missions'),
         ({'viewer_rate_hz': 100.0}, 'viewer_rate_hz'),
         ({'real_time_factor': -1.0}, 'real_time_factor'),
         ({'decision_timeout_s': 0.0}, 'decision_timeout_s'),

@@ -19,12 +19,14 @@ class MissionSchedule:
     n_missions: int  # to fly in a row; -1: without end; 0: only on request, without end
     next_seed: int | None  # of the mission that starts once the fleet is complete
     n_started: int = 0
+    last_seed: int | None = None  # of the mission that was started last
     is_closed: bool = False  # the world ends: nothing more is planned on request
 
     @property
     def is_over(self) -> bool:
-        """Whether the last mission in a row has been started."""
-        return 0 < self.n_missions <= self.n_started
+        """Whether the last mission in a row has been started: of its number, or of all seeds."""
+        is_last = self.n_started == self.n_missions or self.last_seed == MAX_SEED
+        return self.n_missions != 0 and is_last
 
     def start_next(self) -> int:
         """Count the next mission as started; its seed."""
@@ -32,6 +34,7 @@ class MissionSchedule:
         if seed is None:
             raise RuntimeError('no mission is to start')
         self.n_started += 1
+        self.last_seed = seed
         return seed
 
     def plan_after(self, seed: int) -> None:

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 import uuid
 
 from rclpy.node import Node
+from uav_collect.errors import NodeError
 from uav_collect.limits import MAX_SEED
 from uav_collect.nodes.parameters import declare, Parameter, values_of, world_instance_of
 
@@ -137,8 +138,14 @@ def read_settings(node: Node) -> WorldSettings:
     """Declare the parameters and read them, as they are at the start; draw an instance not given.
 
     Raises:
-        NodeError: the instance is no UUID.
+        NodeError: the instance is no UUID, or there are not so many seeds.
     """
     declare(node, PARAMETERS)
     instance = world_instance_of(node) or str(uuid.uuid4())
-    return WorldSettings(**{**values_of(node, PARAMETERS), 'world_instance': instance})
+    settings = WorldSettings(**{**values_of(node, PARAMETERS), 'world_instance': instance})
+    most = MAX_SEED + 1 - max(1, settings.missions)
+    if settings.seed > most:
+        raise NodeError(
+            f'seed is {settings.seed}: must be at most {most} for {settings.missions} missions'
+        )
+    return settings
