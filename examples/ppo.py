@@ -73,7 +73,10 @@ class Rollout:
 def train(
     scenario: Scenario | str, n_decisions: int, seed: int, settings: Settings
 ) -> list[tuple[int, float, float]]:
-    """Learn; after each update decisions so far, mean kbit/J and share collected of missions."""
+    """Learn; after each update decisions so far, mean kbit/J and share collected of missions.
+
+    An update in which no mission ended has no row.
+    """
     per_update = settings.n_steps * settings.n_worlds
     if n_decisions < per_update:
         raise ValueError(f'n_decisions is {n_decisions}: must be {per_update} or more, an update')
@@ -144,6 +147,12 @@ def update(
             optimiser.step()
 
 
+def lines_of(rows: list[tuple[int, float, float]]) -> list[str]:
+    """What came of a training, for people."""
+    lines = ['{:>9,} decisions: {:.3f} kbit/J, {:.0%} of the data'.format(*row) for row in rows]
+    return lines or ['no mission has ended: it takes more --decisions']
+
+
 if __name__ == '__main__':
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--scenario', default='paper_8x8')
@@ -154,5 +163,4 @@ if __name__ == '__main__':
         rows = train(arguments.scenario, arguments.decisions, arguments.seed, Settings())
     except ValueError as error:
         parser.error(str(error))
-    for row in rows:
-        print('{:>9,} decisions: {:.3f} kbit/J, {:.0%} of the data'.format(*row))
+    print('\n'.join(lines_of(rows)))

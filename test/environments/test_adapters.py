@@ -73,6 +73,17 @@ def test_ppo_refuses_fewer_decisions_than_an_update_takes() -> None:
         train('paper_8x8', 59, 0, Settings(n_worlds=2, n_steps=30))
 
 
+def test_ppo_says_that_no_mission_has_ended() -> None:
+    pytest.importorskip('torch', reason='needs torch')
+    from examples.ppo import lines_of, Settings, train
+
+    rows = train('paper_8x8', 4, 0, Settings(n_worlds=2, n_steps=2, hidden_size=8))
+    assert lines_of(rows) == ['no mission has ended: it takes more --decisions']
+    ended = lines_of([(4096, 0.5, 0.25), (8192, 1.0, 1.0)])
+    assert ended[0].strip() == '4,096 decisions: 0.500 kbit/J, 25% of the data'
+    assert len(ended) == 2
+
+
 def test_the_programs_of_the_page_run(capsys: pytest.CaptureFixture[str]) -> None:
     for program in blocks(page('rl.md'), 'python'):
         exec(program, {'__name__': 'page'})
