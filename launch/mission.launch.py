@@ -28,7 +28,7 @@ from uav_collect.limits import BEST
 from uav_collect.nodes.agent import settings as agent
 from uav_collect.nodes.launching import ending_with, LaunchArguments, node_options, parameter_of
 from uav_collect.nodes.world import settings as world
-from uav_collect.recording.mission_folder import check_without_logs
+from uav_collect.recording.mission_folder import BAG_FOLDER, check_without_logs
 from uav_collect.scenario.load import load
 from uav_collect.scenario.model import Scenario
 from uav_collect.uav.agent import allocator_named
@@ -84,7 +84,7 @@ def _start(context: LaunchContext) -> list:
     of_world = {n: arguments.value(parameter_of(world.PARAMETERS, n)) for n in _OF_WORLD}
     of_agents = {n: arguments.value(parameter_of(agent.PARAMETERS, n)) for n in _OF_AGENTS}
     output_dir = arguments['output_dir']
-    bag = str(Path(output_dir) / 'bag') if output_dir else ''
+    bag = str(Path(output_dir) / BAG_FOLDER) if output_dir else ''
     scenario = arguments.made('scenario', lambda: load(of_world['scenario']))
     is_best = of_agents['policy'] == BEST
     if scenario is not None and of_agents['policy'] not in (BEST, TOPIC):

@@ -145,7 +145,7 @@ def test_help_that_a_full_disk_does_not_take_is_said_in_one_line(arguments: list
 def test_a_picture_is_drawn_whatever_the_environment_names(
     environment: Mapping[str, str | None], folder: Path
 ) -> None:
-    picture = folder / 'trajectories_seed_5.png'
+    picture = folder / 'run_folder_trajectories_seed_5.png'
     picture.unlink(missing_ok=True)
     golden = ROOT / 'test' / 'golden' / 'run_folder'
     done = run(['report', golden, '--pictures', folder], '', environment)
@@ -159,7 +159,7 @@ def test_a_picture_that_cannot_be_drawn_costs_no_table(folder: Path) -> None:
     done = run(['report', golden, '--pictures', folder / 'field.yaml'])
     assert done.returncode == 2
     [line] = complaints(done.stderr)
-    picture = folder / 'field.yaml' / 'trajectories_seed_5.png'
+    picture = folder / 'field.yaml' / 'run_folder_trajectories_seed_5.png'
     assert line == f'error: {picture}: cannot be drawn: Not a directory'
     assert 'completion time' in done.stdout
     assert 'picture' not in done.stdout

@@ -95,10 +95,52 @@ def test_report_draws_where_it_is_asked_to(
 ) -> None:
     elsewhere = tmp_path_factory.mktemp('pictures') / 'of' / 'mine'
     assert main(['report', str(report_folder), '--pictures', str(elsewhere)]) == 0
-    assert [file.name for file in elsewhere.iterdir()] == ['mission.png']
+    assert [file.name for file in elsewhere.iterdir()] == [f'{report_folder.name}_mission.png']
     unread = elsewhere.parent / 'unread'
     assert main(['report', str(elsewhere / 'nothing'), '--pictures', str(unread)]) == 2
     assert not unread.exists()
+
+
+def test_pictures_of_recordings_with_the_same_seed_lie_side_by_side(
+    small: Scenario, tmp_path: Path
+) -> None:
+    site = build_site(small)
+    [log] = rollout.fly(site, [4], 'sweep')
+    for name in ('run/bag', 'run/again', 'other/bag'):
+        bag = HandMadeBag(tmp_path / name)
+        bag.add_scenario(site)
+        bag.add_mission(log, 'world-0')
+        bag.writer.close()
+    assert main(['report', str(tmp_path / 'run'), '--html']) == 0
+    drawn = {file.name for file in (tmp_path / 'run').iterdir() if file.is_file()}
+    assert drawn == {
+        'trajectories_seed_4.png', 'trajectories_again_seed_4.png', 'film.html',
+        'film_seed_4.html',
+    }  # fmt: skip
+    for name in ('run', 'run/bag', 'run/again', 'other'):
+        asked = ['--html', '--pictures', str(tmp_path / 'all')]
+        assert main(['report', str(tmp_path / name), *asked]) == 0
+    names = {file.name for file in (tmp_path / 'all').iterdir()}
+    pictures = {'run_trajectories_seed_4.png', 'run_trajectories_again_seed_4.png'}
+    assert names >= {*pictures, 'other_trajectories_seed_4.png', 'run_film.html'}
+    assert 'other_film.html' in names
+
+
+def test_films_of_two_bags_beside_each_other_have_names_of_their_own(
+    small: Scenario, tmp_path: Path
+) -> None:
+    site = build_site(small)
+    [log] = rollout.fly(site, [4], 'sweep')
+    for name in ('monday', 'tuesday'):
+        bag = HandMadeBag(tmp_path / name)
+        bag.add_scenario(site)
+        bag.add_mission(log, 'world-0')
+        bag.writer.close()
+        assert main(['report', str(tmp_path / name), '--html']) == 0
+    assert {file.name for file in tmp_path.iterdir() if file.is_file()} == {
+        'trajectories_monday_seed_4.png', 'film_monday_seed_4.html',
+        'trajectories_tuesday_seed_4.png', 'film_tuesday_seed_4.html',
+    }  # fmt: skip
 
 
 def test_report_leaves_a_film_beside_the_picture_if_asked(

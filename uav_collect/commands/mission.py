@@ -27,7 +27,7 @@ from uav_collect.errors import FleetError
 from uav_collect.kernels.compile import interpret_kernels
 from uav_collect.kernels.patience import repeated_line, waiting_for
 from uav_collect.limits import BEST, FAILED, INTERRUPTED
-from uav_collect.recording.mission_folder import log_name, SCENARIO_FILE
+from uav_collect.recording.mission_folder import BAG_FOLDER, log_name, SCENARIO_FILE
 
 if TYPE_CHECKING:  # loaded when flying, so that --help answers at once
     from uav_collect.analysis.choice import Choice
@@ -267,7 +267,7 @@ def _fly(
         _RECORDER,
         [
             '--output',
-            str(folder / 'bag'),
+            str(folder / BAG_FOLDER),
             *ros_parameters(stop_after_missions=1, choice=why, **own),
         ],
         ends_last=True,

@@ -21,7 +21,7 @@ from uav_collect.errors import (
 from uav_collect.kernels.compile import interpret_kernels
 from uav_collect.kernels.patience import waiting_for
 from uav_collect.limits import UNUSABLE
-from uav_collect.recording.mission_folder import is_bag, scenario_file, take_log
+from uav_collect.recording.mission_folder import BAG_FOLDER, is_bag, scenario_file, take_log
 from uav_collect.recording.mission_log import MissionHeader, MissionLog, read_so_far
 
 if TYPE_CHECKING:  # loaded when needed, so that --help answers at once
@@ -58,7 +58,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--pictures',
         type=Path,
         metavar='FOLDER',
-        help='where to draw to; made if there is none (default: beside PATH)',
+        help="where to draw to, made if there is none; names begin with that of the recording's"
+        ' folder (default: beside PATH)',
     )
     parser.add_argument(
         '--readings',
@@ -108,12 +109,12 @@ def show_missions(arguments: argparse.Namespace) -> int:
         missions = iter([_to_film(arguments)])
     else:
         missions = missions_at(arguments.path, unread.name)
-    is_first = arguments.path.is_dir()
+    is_first = arguments.path.is_dir() and not is_bag(arguments.path)
     for mission, picture, source in missions:
         if arguments.pictures is not None:
             with suppress(OSError):  # who draws there says what is wrong; tables come all the same
                 arguments.pictures.mkdir(parents=True, exist_ok=True)
-        file = (arguments.pictures or picture.parent) / picture.name
+        file = _place(picture, arguments.pictures)
         try:
             n_lacking += not show(mission, file, console)
             _write_films(mission, arguments.gif, arguments.mp4)
@@ -121,7 +122,8 @@ def show_missions(arguments: argparse.Namespace) -> int:
             unread.name(MissionLogError(f'{source}: {error}'))
             continue
         if arguments.html:
-            film = file.parent / film_name(picture, is_first=is_first)
+            name = _film_name(picture, is_first=is_first)
+            film = _place(picture.with_name(name), arguments.pictures)
             n_lacking += not leave_film(mission, film, console)
         is_first = False
         if arguments.readings:
@@ -205,7 +207,14 @@ def _write_films(mission: 'FlownMission', gif: Path | None, mp4: Path | None) ->
             terminal.say(f'film: {path}')
 
 
-def film_name(picture: Path, *, is_first: bool) -> str:
+def _place(file: Path, pictures: Path | None) -> Path:
+    """Where a file goes that would lie beside a recording: other folders may have its like."""
+    if pictures is None:
+        return file
+    return pictures / f'{file.parent.resolve().name}_{file.name}'
+
+
+def _film_name(picture: Path, *, is_first: bool) -> str:
     """The file of a mission's film; the first one of a folder has the short name."""
     return 'film.html' if is_first else f'film_{picture.stem.removeprefix("trajectories_")}.html'
 
@@ -368,6 +377,8 @@ def _recorded(path: Path, pictures: Path) -> Iterator[tuple['FlownMission', Path
     from uav_collect.recording.bag_reader import read_recording
 
     seeds = set()
+    bag = path.resolve().name  # of another name: more may lie in its folder
+    whose = '' if bag == BAG_FOLDER else f'{bag}_'
     recording = read_recording(path)
     for damage in recording.damages:
         terminal.say(damage)
@@ -385,4 +396,4 @@ def _recorded(path: Path, pictures: Path) -> Iterator[tuple['FlownMission', Path
         seed, index = recorded.log.header.mission_seed, recorded.index
         again = f'_{index}' if seed in seeds else ''
         seeds.add(seed)
-        yield mission, pictures / f'trajectories_seed_{seed}{again}.png', index
+        yield mission, pictures / f'trajectories_{whose}seed_{seed}{again}.png', index

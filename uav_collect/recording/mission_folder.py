@@ -11,6 +11,7 @@ from uav_collect.recording.mission_log import Events, FaultRecord, LogWriter, Mi
 from uav_collect.recording.origin import ORIGIN_FILE, origin_text
 
 SCENARIO_FILE = 'scenario.yaml'  # resolved
+BAG_FOLDER = 'bag'  # of a run folder, where its own recorder writes
 METADATA_FILE = 'metadata.yaml'  # of a bag
 PACKED = '.zstd'  # behind the name of a file that was packed as a whole
 BAG_SUFFIXES = ('.mcap', '.db3', f'.mcap{PACKED}', f'.db3{PACKED}')
