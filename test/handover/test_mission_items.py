@@ -163,6 +163,18 @@ def test_a_plan_and_a_waypoint_file_say_the_same(
         assert [param or 0.0 for param in planned['params']] == pytest.approx(params, abs=1e-8)
 
 
+def test_a_plan_leaves_the_yaw_open_and_a_waypoint_file_has_a_number_as_it_can_say_no_other(
+    mission: MissionFlights, tmp_path: Path
+) -> None:
+    flight = mission.flights[0]
+    placed = [it for it in loaded(mission, 0, tmp_path) if it.command in PLACED]
+    planned = json.loads(plan_file(mission, flight))['mission']['items']
+    assert {it['params'][3] for it in planned if it['command'] in PLACED} == {None}
+    assert {it.param4 for it in placed} == {0.0}
+    _, *lines = waypoint_file(mission, flight).decode().splitlines()
+    assert all(math.isfinite(float(word)) for line in lines for word in line.split('\t'))
+
+
 @pytest.mark.parametrize('lacking', [0, 1])
 @pytest.mark.parametrize('write', [plan_file, waypoint_file])
 def test_a_flight_with_a_gap_is_no_mission(

@@ -115,6 +115,8 @@ def waypoint_file(mission: MissionFlights, flight: UavFlight) -> bytes:
 
 
 def _line(number: int, item: MissionItem) -> str:
+    # Nan would leave the yaw to the autopilot, as null does in a plan, but Mission Planner refuses
+    # a file with it. ArduPilot's copters ignore the yaw of these commands; PX4 turns to the north.
     params = [f'{param or 0.0:.8f}' for param in item.params]
     place = f'{item.lat_deg:.8f}', f'{item.lon_deg:.8f}', f'{item.altitude_m:.6f}'
     is_current = int(number == 0)
