@@ -149,7 +149,20 @@ def test_a_fleet_that_stays_on_the_ground_has_nothing_to_hand_on(
     assert main(command) == 2
     *lines, error = capsys.readouterr().err.splitlines()
     assert lines == [f'{STEM}: UAV {uav} stayed on the ground: it has no flight' for uav in (1, 2)]
-    assert error == 'error: export: no UAV left the ground: there is nothing to hand on'
+    assert error == 'error: export: no flight of any UAV is known: there is nothing to hand on'
+
+
+def test_a_uav_whose_decisions_were_not_recorded_is_not_said_to_have_stayed(
+    run_folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = run_folder / 'mission_0.jsonl'
+    log.write_text(''.join(log.read_text().splitlines(keepends=True)[:2]))
+    assert main(['export', str(run_folder), '--to', 'kml']) == 0
+    said = capsys.readouterr().err.splitlines()
+    assert (
+        f'{STEM}: UAV 2 has no flight: none of its decisions was recorded,'
+        ' it is not known whether it flew'
+    ) in said
 
 
 def test_a_log_that_does_not_add_up_is_not_handed_on(

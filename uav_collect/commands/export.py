@@ -113,7 +113,7 @@ def run(arguments: argparse.Namespace) -> int:
         with waiting_for('the files of a mission'):
             contents |= _files(arguments, mission, stem, reference)
     if not contents:
-        raise MissionLogError('export: no UAV left the ground: there is nothing to hand on')
+        raise MissionLogError('export: no flight of any UAV is known: there is nothing to hand on')
     _write(contents, is_forced=arguments.force)
     for path in contents:
         print(path)
@@ -199,7 +199,7 @@ def _files(
     stem: str,
     reference: 'GeoReference | None',
 ) -> dict[Path, bytes]:
-    """The files of a mission, by where they go; none where no UAV left the ground."""
+    """The files of a mission, by where they go; none where no flight is known."""
     from uav_collect.handover.flights import mission_flights
     from uav_collect.handover.formats import files_of
 
@@ -213,7 +213,7 @@ def _files(
     flown = {flight.uav for flight in flights.flights}
     for uav in mission.log.header.uavs:
         if uav.id not in flown:
-            terminal.say(f'{stem}: UAV {uav.id} stayed on the ground: it has no flight')
+            terminal.say(f'{stem}: UAV {uav.id} {_why_no_flight(mission, uav.id)}')
     if not flown:
         return {}
     folder = arguments.output or _beside(arguments.path)
@@ -225,6 +225,13 @@ def _files(
     if {'plan', 'mavlink'} & {*arguments.to}:
         _say_shared_homes(flights, stem)
     return contents
+
+
+def _why_no_flight(mission: 'FlownMission', uav: int) -> str:
+    is_all_there = mission.is_whole or mission.given_up is not None
+    if is_all_there or uav in mission.log.events['uav']:
+        return 'stayed on the ground: it has no flight'
+    return 'has no flight: none of its decisions was recorded, it is not known whether it flew'
 
 
 def _say_shared_homes(flights: 'MissionFlights', stem: str) -> None:
