@@ -197,12 +197,12 @@ def test_a_uav_whose_agent_does_not_answer_in_time_is_flown_home_and_notified(
     assert mission_metrics(read(fleet.log_file(SEED))).failsafe_used
 
 
-def test_a_full_disk_is_said_once_and_the_mission_goes_on(
+def test_a_log_that_cannot_be_written_is_said_once_and_the_mission_goes_on(
     fleet: Fleet, pilot: ScriptedAgents
 ) -> None:
-    fleet.folder.mkdir()
-    fleet.log_file(SEED).symlink_to('/dev/full')
     world = fleet.start_world(seed=SEED, missions=2)
+    world.wait_for('waiting for UAV 1')
+    fleet.log_file(SEED).write_text('of somebody else')
     pilot.join(1)
     while (turn := pilot.next_turn()) is not None and turn.observation.decision < 3:
         pilot.answer(turn)
@@ -215,6 +215,7 @@ def test_a_full_disk_is_said_once_and_the_mission_goes_on(
     assert pilot.fly_on().phase == Mission.ENDED
     assert world.wait_for_exit() == 0
     assert world.output.count('the mission log cannot be written') == 1
+    assert fleet.log(SEED) == b'of somebody else'
     assert [fleet.log(SEED + 1)] == logs(fleet.scenario, [SEED + 1])
 
 
