@@ -48,14 +48,12 @@ from uav_collect_msgs.msg import Policy
 
 SCENARIO = tiny(uav(5.0), uav(10.0))
 WORLD = '0123456789abcdef'
-MISSION = f'{WORLD[:8]}-0'
+MISSION = f'{WORLD}-0'
 N_EVENTS = 10
 WHOLE = {'uint8': 2**8 - 1, 'uint16': 2**16 - 1, 'uint32': 2**32 - 1, 'uint64': 2**64 - 1,
          'int8': 2**7 - 1, 'int16': 2**15 - 1, 'int32': 2**31 - 1, 'int64': 2**63 - 1}  # fmt: skip
 NAMES = st.one_of(
-    st.sampled_from(
-        ['', MISSION, f'{WORLD[:8]}-1', f'{WORLD[:8]}-999999999', f'{WORLD[:8]}--1', '-0']
-    ),
+    st.sampled_from(['', MISSION, f'{WORLD}-1', f'{WORLD}-999999999', f'{WORLD}--1', '-0']),
     st.sampled_from(['x' * 5000, '\x1b[31m', '-' + '9' * 5000, '[/b]', '../..', '\u0661']),
     st.text(st.characters(exclude_categories=['Cs'], exclude_characters='\x00'), max_size=20),
 )

@@ -13,6 +13,7 @@ import rclpy
 from steered_world import SteeredWorld
 from uav_collect.lockstep.inbox import Inbox
 from uav_collect.nodes import convert, topics
+from uav_collect.nodes.identity import identity_of
 from uav_collect.nodes.middleware import use_quick_discovery
 from uav_collect.nodes.topics import publisher
 from uav_collect.scenario.load import from_yaml
@@ -136,7 +137,7 @@ class ScriptedAgents:
         agent = _Agent(brief(scenario), uav - 1, policy_named(policy), allocator_named('exact'))
         inbox = Inbox(
             agent,
-            world.world_instance,
+            identity_of(world).short,
             view_from=convert.view_from_msg,
             radio_from=partial(convert.radio_from_msg, n_cells=scenario.n_cells),
         )

@@ -21,7 +21,7 @@ N_EVENTS = 12
 
 
 def mission(number: int) -> str:
-    return f'{WORLD[:8]}-{number}'
+    return f'{WORLD}-{number}'
 
 
 def observation_of(mission_id: str, decision: int, **values: object) -> SimpleNamespace:
@@ -274,7 +274,7 @@ def test_what_is_no_number_of_a_mission_is_ignored(
     number: str, history: History, inbox: Inbox
 ) -> None:
     inbox.replay(history.answer(1))
-    wrong = f'{WORLD[:8]}-{number}'
+    wrong = f'{WORLD}-{number}'
     assert inbox.add_observation(observation_of(wrong, 0)) is None
     inbox.add_radio(SimpleNamespace(mission_id=wrong, delivery=1, message=None))
     assert not inbox.doubts_mission

@@ -14,7 +14,7 @@ for needed in ('rclpy', 'uav_collect_msgs'):
 
 pytestmark = pytest.mark.ros
 
-OTHER, OWN = str(uuid.UUID(int=1)), str(uuid.UUID(int=2 << 96))
+OTHER, OWN = str(uuid.UUID(int=1)), str(uuid.UUID(int=2))  # they begin alike
 SEEDS = {OTHER: 5, OWN: 6}
 
 

@@ -37,7 +37,7 @@ class Inbox:
     def __init__(
         self,
         agent: Agent,
-        world_instance: str,
+        world: str,
         *,
         view_from: Callable[[Any], LocalView],
         radio_from: Callable[[Any], RadioMessage],
@@ -46,6 +46,7 @@ class Inbox:
         """Wait for the first mission of a world.
 
         Args:
+            world: what the ids of its missions begin with, before a dash and a number.
             view_from: the local view in an observation as it was received.
             radio_from: the radio message in what was received as one.
             topic_policy: the agent's policy, if each mission names what is flown.
@@ -53,7 +54,7 @@ class Inbox:
         self.agent = agent
         self._view_from, self._radio_from = view_from, radio_from
         self._topic_policy = topic_policy
-        self._world = world_instance
+        self._world = world
         self._mission = _NONE_YET  # number of the one that is flown
         self._decision = 0  # the next one
         self._n_heard = 0  # radio messages delivered to the agent
@@ -181,6 +182,5 @@ class Inbox:
     def _number(self, mission_id: str) -> int:
         """Running number of a mission of this world; of another world, one before them all."""
         world, _, number = mission_id.rpartition('-')
-        is_own = bool(world) and self._world.startswith(world)
         is_number = number.isdecimal() and number.isascii() and len(number) <= _DIGITS
-        return int(number) if is_own and is_number else _NONE_YET - 1
+        return int(number) if world == self._world and is_number else _NONE_YET - 1

@@ -1,6 +1,7 @@
 """Which world is which: of two in one ROS domain, the later one gives way."""
 
 from dataclasses import dataclass
+import hashlib
 import math
 import os
 from typing import Any
@@ -13,7 +14,7 @@ from uav_collect_msgs.msg import Scenario as ScenarioMsg
 
 _DIGITS = 9  # of a mission's running number
 _NAME = 64  # characters of a scenario's name that are shown
-_SHORT = 8  # characters of an instance that the ids of its missions begin with
+_SHORT = 8  # hexadecimal digits by which a world is named in the ids of its missions
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,8 +30,11 @@ class WorldIdentity:
 
     @property
     def short(self) -> str:
-        """The beginning of the instance, by which missions and services are named."""
-        return self.instance[:_SHORT]
+        """A digest of the instance, by which missions and services are named.
+
+        Instances that users give may begin alike: those that are counted, or made of the time.
+        """
+        return hashlib.sha256(self.instance.encode()).hexdigest()[:_SHORT]
 
     def mission_id(self, index: int) -> str:
         """Names the mission with a running number."""

@@ -144,7 +144,7 @@ class WorldTopics:
     control_service: str
     inject_service: str
     fly_mission: str  # action
-    vouch_prefix: str  # before the beginning of a world's instance: each world has its own
+    vouch_prefix: str  # before a digest of a world's instance: each world has its own
 
     def uav(self, uav: int) -> UavTopics:
         """The topics of the UAV with an id, from 1."""

@@ -21,7 +21,7 @@ from uav_collect.nodes.agent.policy_choice import check_choices, PolicyChoice
 from uav_collect.nodes.agent.settings import argument_parser, PARAMETERS
 from uav_collect.nodes.agent.transitions import TransitionBuilder
 from uav_collect.nodes.agent.world_choice import WorldChoice
-from uav_collect.nodes.identity import place_of
+from uav_collect.nodes.identity import identity_of, place_of
 from uav_collect.nodes.parameters import declare
 from uav_collect.nodes.process import parse_arguments, ProcessNode, run_node
 from uav_collect.nodes.sealing import SealedClient
@@ -174,7 +174,7 @@ class AgentNode(ProcessNode):
         agent = Agent(briefing, uav, policy, allocator, guard_after=self._guard)
         self._inbox = Inbox(
             agent,
-            msg.world_instance,
+            identity_of(msg).short,
             view_from=convert.view_from_msg,
             radio_from=partial(convert.radio_from_msg, n_cells=scenario.n_cells),
             topic_policy=topic_policy,
