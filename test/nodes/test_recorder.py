@@ -22,11 +22,14 @@ from uav_collect.recording.bag_reader import read_missions
 for needed in ('rclpy', 'uav_collect_msgs'):
     pytest.importorskip(needed)
 
+from builtin_interfaces.msg import Time
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.serialization import deserialize_message, serialize_message
+from rosgraph_msgs.msg import Clock
 from uav_collect.errors import BagError
 from uav_collect.nodes import topics
+from uav_collect.nodes.identity import WorldIdentity
 from uav_collect.nodes.middleware import use_quick_discovery
 from uav_collect.nodes.recorder import node
 from uav_collect_msgs.msg import Epoch, Mission, Scenario
@@ -38,6 +41,11 @@ N_LATE = 16  # of a larger fleet
 use_quick_discovery()
 
 
+def mission_of(world_instance: str, index: int = 0) -> str:
+    """The id of a world's mission."""
+    return WorldIdentity(started_s=0.0, instance=world_instance).mission_id(index)
+
+
 class FakeFleet:
     """Publishes on every topic of a mission, and remembers what."""
 
@@ -47,7 +55,7 @@ class FakeFleet:
         self.node = rclpy.create_node('fleet', context=self.context)
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
-        self.mission_id = 'm'
+        self.mission_id = mission_of('w')
         self.topics = {topic.name: topic for topic in topics.fleet_topics(N_UAVS)}
         self.publishers = {
             name: topics.publisher(self.node, topic) for name, topic in self.topics.items()
@@ -190,7 +198,7 @@ def test_a_recorder_stops_by_itself_when_the_missions_have_ended(
     fleet.send_phase(Mission.STARTED)
     fleet.send_event(0)
     fleet.send_phase(Mission.ABORTED)
-    fleet.mission_id = 'n'
+    fleet.mission_id = mission_of('w', 1)
     fleet.send_phase(Mission.STARTED)
     fleet.send_event(0)
     assert recorder.is_running
@@ -211,16 +219,17 @@ def test_what_is_missing_is_named_in_log_and_bag_and_the_exit_status_tells(
     fleet.send_phase(Mission.STARTED)
     for number in range(4):
         fleet.send_event(number)
-    contact = Epoch(event=4, mission_id='m', uav=1, decision=2, terminal=True)
+    contact = Epoch(event=4, mission_id=fleet.mission_id, uav=1, decision=2, terminal=True)
     contact.heard, contact.heard_back = [2], True
     contact.stamp.sec = 4
     fleet.send('/world/epoch', contact)
     fleet.send_phase(Mission.ENDED, 5)
     assert recorder.wait_for_exit() == 1
+    metadata = ' '.join((bag / 'metadata.yaml').read_text().split())  # its lines are broken
     for topic in ('uav_1/command', 'uav_1/observation', 'uav_1/radio_rx', 'uav_2/radio_rx'):
-        line = f'/{topic} lacks 1 of mission m'
+        line = f'/{topic} lacks 1 of mission {fleet.mission_id}'
         assert f'not recorded: {line}' in recorder.output
-        assert line in (bag / 'metadata.yaml').read_text()
+        assert line in metadata
     assert recorded(bag) == sent_by(fleet)
 
 
@@ -349,6 +358,31 @@ def test_a_recording_without_the_scenario_of_its_mission_says_so(
         fleet.send('/world/mission', mission)
     assert recorder.wait_for_exit() == 1
     recorder.wait_for('not recorded: /world/scenario lacks 1 of mission m')
+
+
+def test_only_worlds_that_have_presented_themselves_move_the_clock_of_a_recording(
+    fleet: FakeFleet, recorder_here: node.RecorderNode, tmp_path: Path
+) -> None:
+    def sent(name: str, message: Any) -> None:  # noqa: ANN401
+        fleet.send(name, message)
+        n_sent = sum(map(len, fleet.sent.values()))
+        fleet.wait_until(lambda: recorder_here._bag.n_messages == n_sent)
+
+    fleet.wait_until(lambda: recorder_here._n_recorded == N_UAVS)
+    sent('/world/epoch', Epoch(mission_id=fleet.mission_id, event=0, stamp=Time(sec=5)))
+    sent('/clock', Clock(clock=Time(sec=10**9)))
+    sent('/world/epoch', Epoch(mission_id='foreign-0', event=1, stamp=Time(sec=10**9)))
+    sent('/world/scenario', Scenario(world_instance='next'))
+    sent('/world/epoch', Epoch(mission_id=mission_of('next'), event=2, stamp=Time(sec=1)))
+    sent('/world/epoch', Epoch(mission_id=fleet.mission_id, event=3, stamp=Time(sec=7)))
+    recorder_here.on_stop()
+    with AnyReader([tmp_path / 'bag']) as reader:
+        logged_s = {
+            deserialize_message(content, Epoch).event: log_ns // 10**9
+            for connection, log_ns, content in reader.messages()
+            if connection.topic == '/world/epoch'
+        }
+    assert logged_s == {0: 5, 1: 5, 2: 6, 3: 7}
 
 
 def test_a_recorder_that_is_held_up_has_not_waited(

@@ -11,7 +11,8 @@ from uav_collect.recording.log_times import LogTimes, StampReader
 
 TYPES = get_typestore(Stores.ROS2_JAZZY)
 EPOCH, CLOCK = 'uav_collect_msgs/msg/Epoch', 'rosgraph_msgs/msg/Clock'
-RADIO = 'uav_collect_msgs/msg/RadioMessage'
+RADIO, OBSERVATION = 'uav_collect_msgs/msg/RadioMessage', 'uav_collect_msgs/msg/Observation'
+ODOMETRY = 'nav_msgs/msg/Odometry'
 
 
 def fields_of(type_name: str):  # noqa: ANN201 - as rosbags has them
@@ -83,33 +84,89 @@ def test_a_stamp_of_wall_clock_time_is_none() -> None:
     assert stamp_ns(name, content) is None
 
 
-def test_a_message_is_logged_at_its_stamp_and_one_without_at_the_clock() -> None:
+@pytest.fixture
+def times() -> LogTimes:
+    """Those of a recording that knows the world `a`."""
     times = LogTimes()
-    assert times.log_ns('/note', 'std_msgs/msg/String', None) == 0
-    assert times.log_ns('/world/epoch', EPOCH, 5) == 5
-    assert times.log_ns('/uav_1/odometry', 'nav_msgs/msg/Odometry', 9) == 9
-    assert times.log_ns('/note', 'std_msgs/msg/String', None) == 5
-    assert times.log_ns('/world/epoch', EPOCH, 3) == 3  # it came late
-    assert times.log_ns('/note', 'std_msgs/msg/String', None) == 5
+    times.begin_world('a')
+    return times
 
 
-def test_what_a_uav_hears_is_logged_at_the_clock_however_long_ago_it_was_sent() -> None:
-    times = LogTimes()
-    assert times.log_ns('/world/epoch', EPOCH, 20) == 20
-    assert times.log_ns('/uav_2/radio_tx', RADIO, 5) == 5
-    assert times.log_ns('/w/uav_1/radio_rx', RADIO, 5) == 20
-    assert times.log_ns('/uav_1/radio_rx', RADIO, 30) == 30  # topics are not ordered
-    assert times.log_ns('/uav_1/radio_rx', RADIO, 25) == 30
+def now_ns(times: LogTimes) -> int:
+    """What the clock of a recording shows."""
+    return times.log_ns('/note', 'std_msgs/msg/String', None)
+
+
+def test_a_message_is_logged_at_its_stamp_and_one_without_at_the_clock(times: LogTimes) -> None:
+    assert now_ns(times) == 0
+    assert times.log_ns('/world/epoch', EPOCH, 5, 'a-0') == 5
+    assert times.log_ns('/uav_1/odometry', ODOMETRY, 9) == 9
+    assert now_ns(times) == 5
+    assert times.log_ns('/world/epoch', EPOCH, 3, 'a-0') == 3  # it came late
+    assert now_ns(times) == 5
+    assert times.log_ns('/uav_1/observation', OBSERVATION, 7, 'a-0') == 7
+    assert now_ns(times) == 7
+
+
+def test_what_a_uav_hears_is_logged_at_the_clock_however_long_ago_it_was_sent(
+    times: LogTimes,
+) -> None:
+    assert times.log_ns('/world/epoch', EPOCH, 20, 'a-0') == 20
+    assert times.log_ns('/uav_2/radio_tx', RADIO, 5, 'a-0') == 5
+    assert times.log_ns('/w/uav_1/radio_rx', RADIO, 5, 'a-0') == 20
+    assert times.log_ns('/uav_1/radio_rx', RADIO, 30, 'a-0') == 30  # topics are not ordered
+    assert times.log_ns('/uav_1/radio_rx', RADIO, 25, 'a-0') == 30
 
 
 def test_what_a_second_world_tells_follows_what_the_first_one_did() -> None:
     times = LogTimes()
-    assert times.log_ns('/world/epoch', EPOCH, 60) == 60  # before the first world was known
-    times.begin_world()
-    assert times.log_ns('/clock', CLOCK, 70) == 70
-    times.begin_world()
+    assert times.log_ns('/world/epoch', EPOCH, 60, 'a-0') == 60  # before the first one was known
+    times.begin_world('a')
+    assert times.log_ns('/world/epoch', EPOCH, 70, 'a-0') == 70
+    times.begin_world('b')
     assert times.log_ns('/clock', CLOCK, 1) == 71
-    assert times.log_ns('/note', 'std_msgs/msg/String', None) == 71
+    assert times.log_ns('/world/epoch', EPOCH, 2, 'b-0') == 72
+    assert now_ns(times) == 72
+
+
+def test_each_world_keeps_its_place_in_time_however_often_it_presents_itself(
+    times: LogTimes,
+) -> None:
+    assert times.log_ns('/world/epoch', EPOCH, 70, 'a-0') == 70
+    for number in range(100):
+        times.begin_world(f'b{number}')
+    assert times.log_ns('/world/epoch', EPOCH, 1, 'b0-0') == 71
+    assert times.log_ns('/world/epoch', EPOCH, 80, 'a-0') == 80  # of both some may come late
+    assert times.log_ns('/uav_1/odometry', ODOMETRY, 81) == 81  # of the world that flies
+    times.begin_world('a')
+    assert times.log_ns('/world/epoch', EPOCH, 82, 'a-1') == 82
+
+
+@pytest.mark.parametrize(
+    ('topic', 'type_name', 'mission_id'),
+    [
+        ('/clock', CLOCK, ''),
+        ('/world/epoch', EPOCH, 'foreign-0'),
+        ('/uav_1/radio_rx', RADIO, 'foreign-0'),
+        ('/uav_1/radio_tx', RADIO, 'a-0'),  # of an agent
+        ('/uav_1/odometry', ODOMETRY, ''),
+    ],
+)
+@pytest.mark.parametrize('has_world', [True, False])
+def test_no_one_but_a_known_world_moves_the_clock(
+    has_world: bool, topic: str, type_name: str, mission_id: str
+) -> None:
+    times = LogTimes()
+    if has_world:
+        times.begin_world('a')
+        times.log_ns('/world/epoch', EPOCH, 5, 'a-0')
+    before_ns = now_ns(times)
+    logged_ns = times.log_ns(topic, type_name, 10**18, mission_id)
+    assert now_ns(times) == before_ns
+    if has_world and mission_id.startswith('foreign'):
+        assert logged_ns == before_ns
+    times.begin_world('b')
+    assert times.log_ns('/world/epoch', EPOCH, 1, 'b-0') == before_ns + 1
 
 
 def test_of_the_clock_one_message_is_kept_after_each_event() -> None:

@@ -30,11 +30,8 @@ class WorldIdentity:
 
     @property
     def short(self) -> str:
-        """A digest of the instance, by which missions and services are named.
-
-        Instances that users give may begin alike: those that are counted, or made of the time.
-        """
-        return hashlib.sha256(self.instance.encode()).hexdigest()[:_SHORT]
+        """What missions and services of the world are named by."""
+        return short_instance(self.instance)
 
     def mission_id(self, index: int) -> str:
         """Names the mission with a running number."""
@@ -55,6 +52,14 @@ class WorldIdentity:
         if self.may_own(mission_id):
             return f'decision {decision} is of mission {mission_id}, which is not in flight'
         return f'mission {mission_id!r} is not of this world'
+
+
+def short_instance(instance: str) -> str:
+    """A digest of an instance, by which missions and services of the world are named.
+
+    Instances that users give may begin alike: those that are counted, or made of the time.
+    """
+    return hashlib.sha256(instance.encode()).hexdigest()[:_SHORT]
 
 
 NO_WORLD = WorldIdentity(started_s=math.inf, instance='')  # every world comes before it

@@ -3,8 +3,10 @@
 A mission that is flown as fast as possible is over in a fraction of a second; by the times of
 reception nothing could be seen of it. So a message that has a stamp is logged at its stamp, any
 other one at what the clock shows; and what a UAV hears, too, for its stamp is of the sender, who
-may have sent it long before. Whoever reads a bag sorts by these times; messages of one time
-stay in the order in which they came.
+may have sent it long before. The clock of each world begins at 0, so what a world says is placed
+behind all that was there when it was heard of first. What a recording's clock shows is what such
+worlds say of their missions and nothing else: anybody may publish on /clock. Whoever reads a bag
+sorts by these times; messages of one time stay in the order in which they came.
 """
 
 import struct
@@ -24,10 +26,8 @@ _WALL_STAMPED = frozenset(
         'uav_collect_msgs/msg/Scenario',
     )
 )
-# What worlds say as time goes on; the stamps of all else may be anybody's.
-_CLOCKS = frozenset(
-    ('rosgraph_msgs/msg/Clock', 'uav_collect_msgs/msg/Epoch', 'uav_collect_msgs/msg/Mission')
-)
+# What worlds say as time goes on.
+_CLOCKS = frozenset(f'uav_collect_msgs/msg/{name}' for name in ('Epoch', 'Mission', 'Observation'))
 
 _HEARD = '/radio_rx'  # what its topics end with
 
@@ -70,33 +70,41 @@ class LogTimes:
 
     def __init__(self) -> None:
         """Nothing has come yet: the clock shows 0."""
-        self._clock_ns = 0  # the latest time that a world has told
-        self._begun_ns = 0  # log time at which the clock of the world began
-        self._has_world = False
+        self._clock_ns = 0  # the latest time that a known world has told
+        self._begun_ns: dict[str, int] = {}  # log time at which the clock of a world began
+        self._world = ''  # the one that was heard last
         self._has_news = True  # since the last message of the clock that is kept
 
-    def begin_world(self) -> None:
-        """Let what comes follow what was there: a new world's clock begins at 0 again.
+    def begin_world(self, world: str) -> None:
+        """Know a world: if it is new, what it says follows what was there.
 
-        Of the first world something may have come already: topics are not ordered.
+        Args:
+            world: what the ids of its missions begin with, before a dash.
         """
-        if self._has_world:
-            self._begun_ns = self._clock_ns
-        self._has_world = True
+        self._begun_ns.setdefault(world, self._clock_ns)
+        self._world = world
 
-    def log_ns(self, topic: str, type_name: str, stamp_ns: int | None) -> int:
+    def log_ns(
+        self, topic: str, type_name: str, stamp_ns: int | None, mission_id: str = ''
+    ) -> int:
         """When a message is logged.
 
         Args:
             topic: its name.
             type_name: of the message.
             stamp_ns: what its StampReader has read.
+            mission_id: of the mission that it is about, if it names one.
         """
         if stamp_ns is None:
             return self._clock_ns
-        at_ns = self._begun_ns + stamp_ns
+        world = mission_id.rpartition('-')[0] if mission_id else self._world
+        begun_ns = self._begun_ns.get(world)
+        if begun_ns is None:  # topics are not ordered: it may be of the first world
+            return self._clock_ns if self._begun_ns else stamp_ns
+        at_ns = begun_ns + stamp_ns
         is_heard = topic.endswith(_HEARD)
-        if is_heard or type_name in _CLOCKS:
+        if mission_id and (is_heard or type_name in _CLOCKS):
+            self._world = world
             self._clock_ns = max(self._clock_ns, at_ns)
         return self._clock_ns if is_heard else at_ns
 

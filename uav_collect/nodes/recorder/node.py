@@ -27,6 +27,7 @@ from uav_collect.errors import NodeError, RecordingError, UnreadableError
 from uav_collect.ingest.from_messages import converter_for
 from uav_collect.limits import FAILED, MAX_UAVS, RECORDED
 from uav_collect.lockstep.seals import Checker
+from uav_collect.nodes.identity import short_instance
 from uav_collect.nodes.parameters import (
     add_world_option,
     declare,
@@ -67,7 +68,7 @@ With a key, what has no valid seal is left out.
 _READER_DEPTH = 10_000  # messages of a topic that wait while a chunk is written
 _LOOK_PERIOD_S = 0.05  # between looks for publishers that are not heard yet
 _DRAIN_LOOK_S = _LOOK_PERIOD_S / 10  # between looks for what is still to come
-_MOST_WORLDS = 8  # kept in mind
+_MOST_WORLDS = 64  # that a status names: worlds that are gone, and bags played back, count, too
 _SCENARIO_FIELDS = ('world_instance', 'fingerprint', 'n_uavs')
 _MISSION_FIELDS = ('mission_id', 'scenario_fingerprint')
 _MOST_SCENARIOS = 64  # that missions name and nobody has told
@@ -276,7 +277,10 @@ class RecorderNode(ProcessNode):
             self._n_unreadable[stored.topic] += 1
             self.warn('no message', f'{stored.topic}: {error}')
             return
-        log_ns = self._log_times.log_ns(stored.topic, stored.msgtype, stamps.read_ns(message))
+        mission_id = '' if taken is None else taken.mission_id
+        log_ns = self._log_times.log_ns(
+            stored.topic, stored.msgtype, stamps.read_ns(message), mission_id
+        )
         if self.end_status is None:
             self._write(partial(self._bag.write, stored, log_ns, message))
         if stored.topic in (self._names.epoch.name, self._names.mission.name):
@@ -299,8 +303,7 @@ class RecorderNode(ProcessNode):
         world_instance, scenario_fingerprint, n_uavs = self._scenarios.read(message)
         self._fingerprints.add(scenario_fingerprint)
         self._unexplained.pop(scenario_fingerprint, None)
-        if world_instance not in self._worlds:
-            self._log_times.begin_world()
+        self._log_times.begin_world(short_instance(world_instance))
         self._worlds.pop(world_instance, None)
         self._worlds[world_instance] = scenario_fingerprint
         if len(self._worlds) > _MOST_WORLDS:
