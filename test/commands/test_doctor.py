@@ -31,6 +31,7 @@ def test_the_doctor_names_what_keeps_a_mission_from_flying(
     environment: dict[str, str], topic: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(doctor, '_imported', lambda name, *_: doctor.Finding(topic=name, found=''))
+    monkeypatch.setattr(doctor, 'is_there', lambda _: True)  # of ROS, whether it is sourced or not
     assert set(problems({})) == set()
     assert set(problems(environment)) == {topic}
 
