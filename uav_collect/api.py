@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
-from uav_collect.errors import PolicyMismatchError
+from uav_collect.errors import counted, PolicyMismatchError
 from uav_collect.kernels.patience import waiting_for
 from uav_collect.limits import GUARD_AFTER, MAX_GUARD_AFTER, MAX_SEED
 from uav_collect.missions.small_jobs import choose_kernels, FLIGHTS_OF_A_PLAN
@@ -103,14 +103,14 @@ def evaluate(
 
     site, contenders = build_site(loaded), _by_name(given, loaded)
     seeds = mission_seeds(seed, missions)
-    with waiting_for(f'{n_flights} missions'):
+    with waiting_for(counted(n_flights, 'mission')):
         flown = {
             name: _metrics(site, seeds, it, bandwidth, guard_after)
             for name, it in contenders.items()
         }
     return Evaluation(
-        title=f'{loaded.name}, {loaded.n_uavs} UAVs, {missions} missions from seed {seed},'
-        f' {bandwidth} bandwidth',
+        title=f'{loaded.name}, {counted(loaded.n_uavs, "UAV")}, {counted(missions, "mission")}'
+        f' from seed {seed}, {bandwidth} bandwidth',
         metrics=flown,
         estimates={name: by_measure(estimates(rows, seed)) for name, rows in flown.items()},
         seed=seed,

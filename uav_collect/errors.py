@@ -51,6 +51,11 @@ def _spelled(character: str) -> str:
     return character.encode('unicode_escape').decode()
 
 
+def counted(number: int, unit: str) -> str:
+    """A number of things, `1 line` or `2 lines`."""
+    return f'{number:,} {unit}{"" if number == 1 else "s"}'
+
+
 def reason_of(error: BaseException) -> str:
     """What an exception says; its kind where it says nothing, as MemoryError does."""
     return str(error) or type(error).__name__

@@ -4,7 +4,9 @@ from argparse import Namespace
 from pathlib import Path
 
 import pytest
+from study_jobs import flights
 from uav_collect.commands.figures import _Drawn
+from uav_collect.commands.figures_plan import FiguresPlan
 from uav_collect.limits import UNUSABLE
 
 
@@ -45,6 +47,13 @@ def test_a_figure_that_cannot_be_written_is_tried_again_at_the_end(
     taken.rmdir()
     assert drawn.finish() == 0
     assert taken.read_bytes() == b'png'
+
+
+@pytest.mark.parametrize(('n_missions', 'words'), [(1, '1 mission'), (2, '2 missions')])
+def test_a_job_says_how_many_missions_it_flies(n_missions: int, words: str) -> None:
+    plan = Namespace(jobs={'this': flights(n_missions=n_missions)})
+    name = FiguresPlan.name_of(plan, 'this')  # type: ignore[arg-type]
+    assert name.startswith(f'fly {words} by sweep, tiny, ')
 
 
 def test_an_error_of_a_figure_is_said_while_jobs_run_and_raised_at_the_end(

@@ -311,7 +311,7 @@ def test_report_of_a_run_whose_bag_is_broken_or_gappy_is_that_of_its_log(
     assert main(['report', str(report_folder)]) == 0
     shown = capsys.readouterr()
     [line] = complaints(shown.err)
-    assert line.endswith('lacks 1 events; the figures are those of mission_4.jsonl')
+    assert line.endswith('lacks 1 event; the figures are those of mission_4.jsonl')
     assert 'warning' not in shown.out
     tables = [text.partition('\npicture')[0] for text in (broken.out, shown.out)]
     assert tables[0] == tables[1]

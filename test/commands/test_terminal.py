@@ -10,7 +10,9 @@ from terminal import Ear, in_terminal, on_screen, pictures
 from tiny_world import tiny
 from uav_collect import HOME, Situation
 from uav_collect.__main__ import main
+from uav_collect.missions.rollout import fly
 from uav_collect.recording.mission_log import read
+from uav_collect.scenario.site import build_site
 import user_policies
 
 pytest.importorskip('torch', reason='training needs torch')
@@ -40,6 +42,31 @@ def has(picture: str, *lines: str) -> bool:
     """Whether lines, as regular expressions, stand one below the other."""
     below = '\n'.join(f'{line} *' for line in lines)
     return re.search(f'^{below}$', picture, re.MULTILINE) is not None
+
+
+_FOLLOW = """
+from pathlib import Path
+import sys
+from types import SimpleNamespace
+from uav_collect.commands import mission
+polls = iter([None, None, 0])
+world = SimpleNamespace(popen=SimpleNamespace(poll=lambda: next(polls)))
+mission._follow(SimpleNamespace(check=lambda but: None), world, Path(sys.argv[1]))
+print('landed')
+"""
+
+
+def test_the_progress_of_a_mission_is_gone_when_it_has_landed(
+    processes: Processes, tmp_path: Path
+) -> None:
+    [log] = fly(build_site(tiny()), [0], 'sweep')
+    (tmp_path / 'mission.jsonl').write_bytes(log.to_jsonl())
+    command = (sys.executable, '-c', _FOLLOW, str(tmp_path / 'mission.jsonl'))
+    process = in_terminal(processes, 'follow', *command)
+    assert process.wait_for_exit() == 0, process.output
+    *_, last = pictures(process.output)
+    assert has(last, f'flying {BAR} 100% of the data, .* s simulated'), last
+    assert on_screen(process.output) == 'landed'
 
 
 def test_a_training_is_a_picture_that_is_gone_when_it_ends(

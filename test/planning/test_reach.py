@@ -82,7 +82,9 @@ def test_the_remark_says_how_far_and_how_much_more_it_takes() -> None:
         remark,
     )
     assert take_off_lines(build_site(paper(25.0)))[1:] == [remark]
-    assert take_off_lines(build_site(paper(100.0)))[0].startswith('scenario paper_10x10: 2 UAVs, ')
+    for n_uavs, fleet in ((1, '1 UAV, '), (2, '2 UAVs, ')):
+        site = build_site(with_uavs(paper(100.0), n_uavs))
+        assert take_off_lines(site)[0].startswith(f'scenario paper_10x10: {fleet}')
 
 
 def test_one_uav_is_said_to_do_where_half_its_energy_does_and_then_it_does() -> None:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from uav_collect import files
 from uav_collect.commands import options, terminal
+from uav_collect.errors import counted
 from uav_collect.limits import INTERRUPTED, UNUSABLE
 
 if TYPE_CHECKING:  # loaded when searching, so that --help answers at once
@@ -120,7 +121,8 @@ def _show(
     console.print(
         headline(
             scenario.name,
-            f', {scenario.n_uavs} UAVs, {n_missions} missions from seed {arguments.seed},'
+            f', {counted(scenario.n_uavs, "UAV")}, {counted(n_missions, "mission")} from seed'
+            f' {arguments.seed},'
             f' {bandwidth} bandwidth, all demand known',
         )
     )
@@ -128,7 +130,7 @@ def _show(
         console.print(bound_table(estimates))
     n_without = n_missions - n_known
     if n_without:
-        what = f'no plan within the energy budgets was found in {n_without} missions'
+        what = f'no plan within the energy budgets was found in {counted(n_without, "mission")}'
         console.print(what, style='yellow')
 
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from uav_collect import files
 from uav_collect.commands import options, terminal
-from uav_collect.errors import PolicyMismatchError
+from uav_collect.errors import counted, PolicyMismatchError
 from uav_collect.limits import BEST, INTERRUPTED, UNUSABLE
 from uav_collect.missions.small_jobs import choose_kernels, FLIGHTS_OF_A_PLAN
 
@@ -251,7 +251,8 @@ def _show(
     console.print(
         headline(
             scenario.name,
-            f', {scenario.n_uavs} UAVs, {n_missions} missions from seed {arguments.seed},'
+            f', {counted(scenario.n_uavs, "UAV")}, {counted(n_missions, "mission")} from seed'
+            f' {arguments.seed},'
             f' {" and ".join(arguments.bandwidth)} bandwidth',
         )
     )
@@ -264,7 +265,7 @@ def _show(
     if len(findings.estimates) > 1:
         console.print(verdict(findings.estimates), soft_wrap=True)
     n_flown = n_missions * len(flown)
-    console.print(f'{n_flown} missions flown in {wall_s:.1f} s', style='dim')
+    console.print(f'{counted(n_flown, "mission")} flown in {wall_s:.1f} s', style='dim')
 
 
 def _find(arguments: argparse.Namespace, flown: _Flown, bounds: '_Bounds') -> _Results:

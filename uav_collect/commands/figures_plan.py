@@ -11,7 +11,7 @@ import shutil
 
 from uav_collect.commands.terminal import say
 from uav_collect.config.packages import extra_remedy, is_there
-from uav_collect.errors import ConfigError, PolicyMismatchError, TrainingRunError
+from uav_collect.errors import ConfigError, counted, PolicyMismatchError, TrainingRunError
 from uav_collect.kernels.patience import waiting_for
 from uav_collect.scenario.load import from_yaml
 from uav_collect.studies import catalogue
@@ -134,14 +134,14 @@ class FiguresPlan:
         """What a job is called, for people."""
         job = self.jobs[digest]
         scenario = from_yaml(job.scenario)
-        where = f'{scenario.name}, {scenario.n_uavs} UAVs'
+        where = f'{scenario.name}, {counted(scenario.n_uavs, "UAV")}'
         match job:
             case TrainingJob(algorithm=algorithm, seed=seed):
                 return f'train {algorithm}, seed {seed}, {where}'
             case FlightsJob(policy=policy, n_missions=n_missions):
-                return f'fly {n_missions} missions by {policy}, {where}'
+                return f'fly {counted(n_missions, "mission")} by {policy}, {where}'
             case PlansJob(n_missions=n_missions):
-                return f'plan {n_missions} missions, {where}'
+                return f'plan {counted(n_missions, "mission")}, {where}'
 
 
 def plan_figures(arguments: argparse.Namespace) -> FiguresPlan:

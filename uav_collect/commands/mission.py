@@ -23,7 +23,7 @@ from uav_collect.commands.ros_processes import (
     running_fleet,
 )
 from uav_collect.commands.terminal import interrupted_by_signals, say, say_reach
-from uav_collect.errors import FleetError
+from uav_collect.errors import counted, FleetError
 from uav_collect.kernels.compile import interpret_kernels
 from uav_collect.kernels.patience import repeated_line, waiting_for
 from uav_collect.limits import BEST, FAILED, INTERRUPTED
@@ -101,7 +101,7 @@ def run(arguments: argparse.Namespace) -> int:
     folder = _make_folder(arguments.output, scenario.name)
     _keep_policy(flown, folder)
     why = '' if choice is None else _keep_choice(choice, folder)
-    say(f'{scenario.name}, seed {arguments.seed}, {scenario.n_uavs} UAVs: {policy}')
+    say(f'{scenario.name}, seed {arguments.seed}, {counted(scenario.n_uavs, "UAV")}: {policy}')
     say_reach(scenario)
     own = {'world_instance': str(uuid.uuid4())}  # who else is in the ROS domain counts for nobody
     if not _is_viewed(arguments):
@@ -316,7 +316,9 @@ def _follow(fleet: Fleet, world: FleetProcess, log: Path) -> None:
         if console.is_terminal
         else repeated_line(lambda _: said, every_s=_LINE_EVERY_S)
     )
-    bar = Progress(phase, BarColumn(), line, console=console, disable=not console.is_terminal)
+    bar = Progress(
+        phase, BarColumn(), line, console=console, transient=True, disable=not console.is_terminal
+    )
     with lines, bar as progress:
         task = progress.add_task('', total=1.0, phase='starting')
         for share, said in _progress(world, log):

@@ -12,6 +12,7 @@ from uav_collect import files
 from uav_collect.commands import options, terminal
 from uav_collect.errors import (
     BagError,
+    counted,
     FilmError,
     in_one_line,
     MissionLogError,
@@ -327,7 +328,8 @@ def _fuller(
     n_lacking = len(logged.log.events) - len(recorded.log.events)
     if n_lacking <= 0:
         return recorded
-    terminal.say(f'{bag}: lacks {n_lacking} events; the figures are those of {log.name}')
+    lacking = counted(n_lacking, 'event')
+    terminal.say(f'{bag}: lacks {lacking}; the figures are those of {log.name}')
     return logged
 
 

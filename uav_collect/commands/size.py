@@ -12,7 +12,7 @@ from typing import Any, TYPE_CHECKING
 
 from uav_collect import files
 from uav_collect.commands import options, terminal
-from uav_collect.errors import ConfigError
+from uav_collect.errors import ConfigError, counted
 from uav_collect.limits import INTERRUPTED, MAX_UAVS, UNUSABLE
 from uav_collect.missions.small_jobs import choose_kernels
 
@@ -301,7 +301,7 @@ def _contents(
     if arguments.picture is not None:
         from uav_collect.analysis.size_picture import draw_sizes
 
-        title = f'{scenario.name}, {arguments.policy}, {arguments.missions} missions'
+        title = f'{scenario.name}, {arguments.policy}, {counted(arguments.missions, "mission")}'
         share = arguments.complete / 100
         contents[arguments.picture] = draw_sizes(
             sizing.trials, found, sizing.battery, share, title
@@ -328,7 +328,8 @@ def _show(
     console.print(
         headline(
             scenario.name,
-            f', {arguments.policy}, {arguments.missions} missions from seed {arguments.seed},'
+            f', {arguments.policy}, {counted(arguments.missions, "mission")} from seed'
+            f' {arguments.seed},'
             f' {arguments.bandwidth} bandwidth',
         )
     )
@@ -341,4 +342,4 @@ def _show(
     is_searched = not arguments.battery_wh
     console.print(summary(found, arguments.complete / 100, is_searched=is_searched))
     n_flown = sum(trial.n_missions for trial in trials if trial.metrics is not None)
-    console.print(f'{n_flown} missions flown in {wall_s:.1f} s', style='dim')
+    console.print(f'{counted(n_flown, "mission")} flown in {wall_s:.1f} s', style='dim')

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 from uav_collect.config.yaml_text import shown, shown_path
-from uav_collect.errors import ConfigError, noting
+from uav_collect.errors import ConfigError, counted, noting
 from uav_collect.fields.ground import Ground
 from uav_collect.fields.outlines import lies_in
 from uav_collect.scenario.columns import DEGREES, n_known
@@ -18,7 +18,6 @@ from uav_collect.scenario.model import Point
 from uav_collect.scenario.places import Places, Polygons, read, read_polygons, ReadOptions
 from uav_collect.scenario.plane import place_in, Plane, plane_of
 from uav_collect.scenario.shapes import MapFile, Polygon
-from uav_collect.scenario.tables import counted
 
 _LAT_LON = 'latitude and longitude, WGS84'
 _PLAIN = 'metres of its own'

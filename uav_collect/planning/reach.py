@@ -6,6 +6,7 @@ expected to hold data and hovers there, as far as their budgets last for that an
 
 from dataclasses import dataclass, replace
 
+from uav_collect.errors import counted
 from uav_collect.scenario.area import mean_data_cells
 from uav_collect.scenario.load import with_uavs
 from uav_collect.scenario.site import Site
@@ -100,7 +101,8 @@ def spare_remark(site: Site) -> str | None:
 def take_off_lines(site: Site) -> list[str]:
     """What a world says of a fleet before it takes off."""
     scenario, remark = site.scenario, energy_remark(site)
-    fleet = f'scenario {scenario.name}: {scenario.n_uavs} UAVs, {site.n_sensors} sensors'
+    numbers = f'{counted(scenario.n_uavs, "UAV")}, {counted(site.n_sensors, "sensor")}'
+    fleet = f'scenario {scenario.name}: {numbers}'
     return [fleet] if remark is None else [fleet, remark]
 
 

@@ -7,7 +7,7 @@ import re
 from typing import Any, NoReturn
 
 from uav_collect.config.yaml_text import shown, shown_path
-from uav_collect.errors import ConfigError
+from uav_collect.errors import ConfigError, counted
 from uav_collect.limits import MAX_CORNERS
 from uav_collect.scenario.shapes import (
     check_names,
@@ -18,7 +18,7 @@ from uav_collect.scenario.shapes import (
     Ring,
     RingCount,
 )
-from uav_collect.scenario.tables import counted, where_of
+from uav_collect.scenario.tables import where_of
 
 _UNIT = 'feature'
 _GEOMETRIES = ('Point', 'MultiPoint', 'Polygon', 'MultiPolygon', 'GeometryCollection')

@@ -10,7 +10,7 @@ import zlib
 
 from uav_collect.config.packages import late_packages
 from uav_collect.config.yaml_text import shown_path
-from uav_collect.errors import ConfigError, in_one_line, reason_of
+from uav_collect.errors import ConfigError, counted, in_one_line, reason_of
 from uav_collect.limits import MAX_CORNERS
 from uav_collect.scenario.shapes import (
     check_names,
@@ -22,7 +22,7 @@ from uav_collect.scenario.shapes import (
     RingCount,
 )
 from uav_collect.scenario.spreadsheets import check_packed
-from uav_collect.scenario.tables import counted, FOLDER, where_of
+from uav_collect.scenario.tables import FOLDER, where_of
 
 _UNIT = 'placemark'
 _MAX_DEPTH = 100

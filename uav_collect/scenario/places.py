@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from uav_collect.config.yaml_text import shown, shown_path
-from uav_collect.errors import ConfigError, noting
+from uav_collect.errors import ConfigError, counted, noting
 from uav_collect.limits import MAX_CORNERS
 from uav_collect.scenario.columns import DEGREES, n_known, System
 from uav_collect.scenario.gridded import (
@@ -42,7 +42,7 @@ from uav_collect.scenario.shapes import (
     polygons_of,
     sheet_of_map,
 )
-from uav_collect.scenario.tables import counted, NAMES_PLACES, Sheet
+from uav_collect.scenario.tables import NAMES_PLACES, Sheet
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -92,11 +92,6 @@ def text_of(path: Path, content: bytes) -> str:
     return text
 
 
-def counted(number: int, unit: str) -> str:
-    """A number of things, `1 line` or `2 lines`."""
-    return f'{number:,} {unit}{"" if number == 1 else "s"}'
-
-
 def _decoded(path: Path, content: bytes) -> tuple[str, str]:
     for encoding in _encodings(content):
         try:
