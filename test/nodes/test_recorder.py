@@ -38,6 +38,7 @@ pytestmark = [pytest.mark.ros, pytest.mark.long]
 
 N_UAVS = 2
 N_LATE = 16  # of a larger fleet
+PACE = 200.0  # simulated over wall-clock time: a mission takes some seconds
 use_quick_discovery()
 
 
@@ -316,6 +317,30 @@ def test_a_mission_waits_for_recorders_no_longer_than_was_said(
     assert world.wait_for_exit() == 0
     lines = re.findall('a mission starts after 0.5 s without a recorder', world.output)
     assert len(lines) == 1
+
+
+def test_a_world_whose_recorder_was_killed_waits_for_another_one_that_records_the_next_mission(
+    processes: Processes, tmp_path: Path
+) -> None:
+    scenario = scenario_of(1, fleet__default__energy_budget_kj=40.0)
+    fleet = Fleet(processes=processes, scenario=scenario, folder=tmp_path / 'run')
+    killed = fleet.start_recorder()
+    fleet.start_agents()
+    world = fleet.start_world(recorders=1, missions=-1, real_time_factor=PACE)
+    world.wait_for('starts, seed')
+    killed.kill()
+    # Until the recorder was silent for a while, missions start that it seems to record.
+    world.wait_for('waiting for a recorder that is not there yet')
+    late = start(processes, tmp_path / 'late')
+    waited, seed = world.wait_for(r'mission (\S+) starts, seed (\d+)').groups()
+    world.wait_for(f'mission {waited} ended')
+    world.send(signal.SIGINT)
+    assert world.wait_for_exit() == 0
+    late.send(signal.SIGINT)
+    assert late.wait_for_exit() == 0, late.output
+    missions = {it.log.header.mission_seed: it for it in read_missions(tmp_path / 'late')}
+    assert missions[int(seed)].is_complete
+    assert missions[int(seed)].log.to_jsonl() == fleet.log(int(seed))
 
 
 @pytest.fixture

@@ -212,6 +212,25 @@ def test_what_cannot_be_trained_is_said_in_one_line(processes: Processes, tmp_pa
     assert 'Traceback' not in trainer.output
 
 
+@pytest.mark.parametrize(
+    ('worlds', 'words'),
+    [
+        ('[a, 1b]', "worlds has '1b': must be ROS names, as a or north/a"),
+        ('[1, 2]', "parameter 'worlds' to '[1, 2]' of type 'INTEGER_ARRAY'"),
+    ],
+)
+def test_worlds_that_cannot_be_are_named_and_no_run_is_begun(
+    worlds: str, words: str, processes: Processes, tmp_path: Path
+) -> None:
+    trainer = start_trainer(processes, tmp_path / 'run', worlds=worlds)
+    assert trainer.wait_for_exit() == 2
+    *_, line = trainer.output.splitlines()
+    assert line.startswith('error: ')
+    assert words in line
+    assert 'Traceback' not in trainer.output
+    assert not (tmp_path / 'run').exists()
+
+
 def settings_of(folder: Path, **values: object) -> TrainerSettings:
     defaults = {parameter.name: parameter.default for parameter in PARAMETERS}
     file = folder.parent / 'tiny.yaml'

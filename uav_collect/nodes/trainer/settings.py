@@ -156,8 +156,8 @@ def read_settings(node: Node) -> TrainerSettings:
     """
     declare(node, PARAMETERS)
     settings = TrainerSettings(**values_of(node, PARAMETERS))
-    for name in settings.namespaces:
-        if not is_namespace(name.removeprefix('/')):
+    for name in settings.worlds:
+        if not is_namespace(name.strip('/')):
             raise NodeError(f'worlds has {name!r}: must be ROS names, as a or north/a')
     return settings
 
