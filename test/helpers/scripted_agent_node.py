@@ -119,9 +119,14 @@ class ScriptedAgents:
             policy_version='1',
             allocator='exact',
         )
-        while (answer := self.call(self._join, request)).world_instance != world:
-            pass
-        return answer
+        answers: list[Any] = []
+
+        def has_answered() -> bool:
+            answers.append(self.call(self._join, request))
+            return bool(answers[-1].world_instance == world)
+
+        self.wait_until(has_answered)
+        return answers[-1]
 
     def scenario(self) -> Any:  # noqa: ANN401
         """The scenario of the world that was heard first; waits for it."""

@@ -51,6 +51,10 @@ class SteeredWorld:
         for _ in range(n_events):
             self._wait_until(lambda: bool(self.control(self.asked.STEP).success))
 
+    def step_until(self, message: str) -> None:
+        """Let events happen until the world answers so."""
+        self._wait_until(lambda: self.control(self.asked.STEP).message == message)
+
     def resume(self) -> None:
         """Let the mission go on."""
         assert self.control(self.asked.RESUME).success

@@ -6,7 +6,7 @@ import signal
 import sys
 from threading import Thread
 
-from processes import Processes
+from processes import DEADLINE_S, Processes
 import pytest
 from uav_collect.commands.terminal import deferred_interruption
 from uav_collect.kernels import stops
@@ -170,9 +170,9 @@ def test_handlers_are_nobodys_matter_outside_of_the_main_thread() -> None:
         with kept_handlers(), interrupts.counted():
             came_through.append(os.getpid())
 
-    thread = Thread(target=pass_through)
+    thread = Thread(target=pass_through, daemon=True)
     thread.start()
-    thread.join()
+    thread.join(DEADLINE_S)
     assert came_through == [os.getpid()]
 
 

@@ -9,6 +9,7 @@ from typing import Any
 from checkpoints import read_back
 from episodes import single_threaded_torch, small
 import numpy as np
+from processes import DEADLINE_S, wait_until
 import pytest
 from reports import joined, MissionSetup, reports_of
 from tiny_world import tiny, uav
@@ -119,15 +120,16 @@ def test_it_waits_for_missions_that_another_thread_adds() -> None:
     source, missions = FleetSource(brief(SETUP.scenario), 10**9), episodes(range(10))
     assert not source.is_awaited
 
-    def add() -> None:
-        while not source.is_awaited:
-            pass
-        deque(map(source.add, missions), 0)
+    taken: list[Episode] = []
 
-    adding = Thread(target=add)
-    adding.start()
-    taken = source.collect(agent(), n_made([it.episode for it in missions]), 0.5)
-    adding.join()
+    def take() -> None:
+        taken.extend(source.collect(agent(), n_made([it.episode for it in missions]), 0.5))
+
+    taking = Thread(target=take, daemon=True)
+    taking.start()
+    wait_until(lambda: source.is_awaited)
+    deque(map(source.add, missions), 0)
+    taking.join(DEADLINE_S)
     assert len(taken) == 10
     assert not (source.is_over or source.is_awaited)
 

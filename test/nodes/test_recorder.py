@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from itertools import count, pairwise
 from pathlib import Path
 import random
 import re
@@ -279,14 +280,17 @@ def test_a_fleet_is_listened_to_one_uav_after_the_other_with_other_work_in_betwe
 ) -> None:
     fleet.wait_until(lambda: is_heard(recorder_here, N_UAVS))
     fleet.send('/world/scenario', Scenario(world_instance='w', n_uavs=N_LATE))
-    n_before, n_new = len([*recorder_here.subscriptions]), []
-    while not is_heard(recorder_here, N_LATE):
-        fleet.executor.spin_once(timeout_sec=0.02)
-        n_now = len([*recorder_here.subscriptions])
-        n_new.append(n_now - n_before)
-        n_before = n_now
+    n_heard: list[int] = []
+
+    def is_whole_fleet_heard() -> bool:
+        n_heard.append(len([*recorder_here.subscriptions]))
+        return is_heard(recorder_here, N_LATE)
+
+    fleet.wait_until(is_whole_fleet_heard)
     recorder_here.on_stop()
-    assert max(n_new) <= len(topics.topics_of_uav(1))
+    assert max(after - before for before, after in pairwise(n_heard)) <= len(
+        topics.topics_of_uav(1)
+    )
 
 
 def test_a_mission_takes_off_when_its_recorder_hears_everything(
@@ -537,11 +541,14 @@ def test_a_full_disk_ends_the_recorder_alone_and_leaves_a_readable_bag(
     fleet.wait_for_recorder()
     # No file may grow beyond this: two chunks of noise fit, of 0.4 MB each, and the index.
     resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE, (1_050_000, 1_050_000))
-    draw, number = random.Random(1), 0
-    while recorder.is_running:
-        fleet.send('/world/epoch', Epoch(event=number, uav_complete=draw.randbytes(2000)))
-        number += 1
+    draw, numbers = random.Random(1), count()
+
+    def send() -> None:
+        noise = draw.randbytes(2000)
+        fleet.send('/world/epoch', Epoch(event=next(numbers), uav_complete=noise))
         fleet.executor.spin_once(timeout_sec=0.001)
+
+    wait_until(lambda: not recorder.is_running, meanwhile=send)
     assert recorder.wait_for_exit() == 1
     assert recorder.output.count('ended early') == 1
     assert 'Traceback' not in recorder.output

@@ -129,9 +129,7 @@ def test_a_uav_whose_agent_stays_away_is_flown_home_and_flies_again_in_the_next_
         world, (_, victim) = start_paused(fleet, steered, missions=2)
         steered.step(8)
         victim.kill()
-        awaited = 'one event more, when UAV 2 has answered'
-        while steered.control(steered.asked.STEP).message != awaited:
-            pass
+        steered.step_until('one event more, when UAV 2 has answered')
         steered.change('decision_timeout_s', 0.5)
         steered.change('real_time_factor', HARDLY)  # nobody else is asked meanwhile
         steered.resume()

@@ -88,10 +88,8 @@ def _wait_until_recorded(fleet: Fleet) -> None:
 
 def _let_fly_home(world: RunningProcess, steered: SteeredWorld, agent: RunningProcess) -> None:
     """End the agent of UAV 2, which then does not answer; nobody else has to hurry."""
-    awaited = 'one event more, when UAV 2 has answered'
     agent.kill()
-    while steered.control(steered.asked.STEP).message != awaited:
-        pass
+    steered.step_until('one event more, when UAV 2 has answered')
     steered.change('decision_timeout_s', 0.5)
     steered.change('real_time_factor', HARDLY)
     steered.resume()

@@ -5,6 +5,7 @@ from contextlib import contextmanager
 import json
 from pathlib import Path
 import signal
+import time
 from typing import Any
 
 import pytest
@@ -14,7 +15,7 @@ for needed in ('rclpy', 'uav_collect_msgs', 'websockets'):
 
 from browser import launched_browser, Watched
 from fleets import Fleet, logs, parameters, scenario_of
-from processes import Processes, RunningProcess
+from processes import DEADLINE_S, Processes, RunningProcess, wait_until
 from uav_collect.film.footage import footage
 from uav_collect.lockstep.seals import KEY_FILE
 from uav_collect.recording.mission_log import from_jsonl
@@ -25,7 +26,6 @@ from websockets.sync.client import ClientConnection, connect
 pytestmark = pytest.mark.ros
 
 SEED = 6
-LONG_S = 600.0  # for what takes seconds
 LAPTOP = {'width': 1366, 'height': 768}
 
 
@@ -60,10 +60,12 @@ def listening(url: str, mission: str = '') -> Iterator[ClientConnection]:
 
 def heard(page: ClientConnection, what: str) -> Any:  # noqa: ANN401 - JSON
     """The next message about something."""
-    while True:
-        message = json.loads(page.recv(LONG_S))
+    end_s = time.monotonic() + DEADLINE_S
+    while (left_s := end_s - time.monotonic()) > 0.0:
+        message = json.loads(page.recv(left_s))
         if what in message:
             return message[what]
+    raise AssertionError(f'nothing about {what} within {DEADLINE_S} s')
 
 
 def ask(page: ClientConnection, **wish: object) -> str:
@@ -134,7 +136,9 @@ def flown(processes: Processes, tmp_path: Path) -> RunningProcess:
     fleet = Fleet(processes=processes, scenario=scenario_of(1), folder=tmp_path / 'run')
     world = fleet.start_world(missions=0)
     fleet.start_agents()
-    started = processes.start('control', 'start', '--seed', str(SEED), '--patience', str(LONG_S))
+    started = processes.start(
+        'control', 'start', '--seed', str(SEED), '--patience', str(DEADLINE_S)
+    )
     assert started.wait_for_exit() == 0
     world.wait_for('ended after')
     return world
@@ -161,8 +165,7 @@ def test_who_comes_late_sees_all_and_steers_if_that_is_wanted(
     second = processes.start('viewer', *parameters(port=port))
     _, other = start_viewer(processes)
     with listening(other) as page:
-        while not heard(page, 'state')['world']:
-            pass
+        wait_until(lambda: heard(page, 'state')['world'], meanwhile=lambda: None)
         only = 'this page only looks: start the viewer with --control to steer'
         assert ask(page, command='pause') == ask(page, command='pace', pace=5) == only
     assert second.wait_for_exit() == 2
