@@ -7,6 +7,7 @@ import io
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
+from pictures import legend_of
 import pytest
 from scripted_logs import fly, header, uav
 from tiny_world import tiny
@@ -60,12 +61,6 @@ def drawn(monkeypatch: pytest.MonkeyPatch) -> Callable[[Scene], Axes]:
         return figures[0].axes[0]
 
     return draw
-
-
-def legend_of(axes: Axes) -> list[str]:
-    legend = axes.get_legend()
-    assert legend is not None
-    return [text.get_text() for text in legend.get_texts()]
 
 
 HOME = ['right', 'home']

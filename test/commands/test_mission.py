@@ -1,6 +1,5 @@
 """The command that flies one mission: which policy, what it is compared with, what it refuses."""
 
-from contextlib import suppress
 import os
 from pathlib import Path
 import re
@@ -64,17 +63,6 @@ def policies_in(output: str) -> list[str]:
 
 
 # Over ROS
-
-
-def pids(processes: Processes, name: str) -> list[int]:
-    """The running processes of an executable."""
-    found = []
-    for pid in processes.survivors():
-        with suppress(FileNotFoundError):
-            words = Path(f'/proc/{pid}/cmdline').read_bytes()
-            if f'/{name}\0'.encode() in words:
-                found.append(pid)
-    return found
 
 
 @pytest.mark.ros
@@ -179,7 +167,7 @@ def test_a_mission_whose_recorder_dies_is_shown_by_its_log_and_the_status_tells(
     flown = command(processes, *options)
     fleet = Fleet(processes=processes, scenario=scenario, folder=run)
     fleet.wait_for_events(SEED, 2)
-    (recorder,) = pids(processes, 'recorder')
+    (recorder,) = processes.running('recorder')
     os.kill(recorder, signal.SIGKILL)
     with steered_world() as steered:
         steered.change('real_time_factor', 0.0)

@@ -1,6 +1,5 @@
 """The command that lets a fleet learn over ROS: all its processes, from the start to the end."""
 
-from contextlib import suppress
 import os
 from pathlib import Path
 import re
@@ -47,18 +46,6 @@ def started(
     words += ['--real-time-factor', str(PACE), *arguments]
     command = [sys.executable, '-m', 'uav_collect', 'train-fleet', *words]
     return processes.run('train_fleet', *command, UAV_COLLECT_KERNELS='interpreted')
-
-
-def pids(processes: Processes, executable: str, *arguments: str) -> list[int]:
-    """The running processes of an executable with arguments next to each other."""
-    wanted = b'\0'.join(word.encode() for word in arguments)
-    found = []
-    for pid in processes.survivors():
-        with suppress(OSError):  # it has just ended
-            words = Path(f'/proc/{pid}/cmdline').read_bytes()
-            if f'/{executable}\0'.encode() in words and wanted in words:
-                found.append(pid)
-    return found
 
 
 @pytest.mark.ros
@@ -119,7 +106,7 @@ def test_what_is_killed_is_started_again_costs_no_mission_and_none_is_flown_agai
         ('world_sim', ('world_sim',)),
         ('trainer', ('trainer',)),
     ):
-        [pid] = pids(processes, *words)
+        [pid] = processes.running(*words)
         os.kill(pid, signal.SIGKILL)
         command.wait_for(f'{name} was killed and is started again')
     command.wait_for(r'loss \d', TRAINED_S)

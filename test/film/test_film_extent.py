@@ -1,10 +1,9 @@
 """What part of the area a film's page shows, and how much it draws, in a real browser."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from browser import launched_browser, Watched
+from browser import Watched
 from film_pages import check_places, check_silence, flown, LAPTOP, PHONE, seek, show, written
 import pytest
 from tiny_world import tiny, uav
@@ -12,23 +11,8 @@ from uav_collect.scenario.load import load
 
 
 @pytest.fixture(scope='module')
-def screen() -> Iterator[Watched]:
-    """One page of one browser for all tests."""
-    with launched_browser() as browser:
-        yield Watched(browser)
-
-
-@pytest.fixture(scope='module')
 def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return written(tmp_path_factory.mktemp('film'), flown(load('paper_8x8')))
-
-
-@pytest.fixture
-def watched(screen: Watched, film: Path) -> Iterator[Watched]:
-    """A film of 8 x 8 cells, which must be silent whatever a test does with it."""
-    show(screen, film)
-    yield screen
-    check_silence(screen, film)
 
 
 def test_a_narrow_area_has_the_width_of_the_page(screen: Watched, tmp_path: Path) -> None:

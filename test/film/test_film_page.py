@@ -1,10 +1,9 @@
 """The page of a film in a real browser: it shows what the log says, and asks for nothing."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from browser import launched_browser, Watched
+from browser import Watched
 from film_pages import check_places, check_silence, flown, LAPTOP, PHONE, seek, show, written
 import numpy as np
 import pytest
@@ -19,13 +18,6 @@ NASTY = '</script><img src=x onerror=alert(1)>\u2028&"\''
 
 
 @pytest.fixture(scope='module')
-def screen() -> Iterator[Watched]:
-    """One page of one browser for all tests: to start either takes a second."""
-    with launched_browser() as browser:
-        yield Watched(browser)
-
-
-@pytest.fixture(scope='module')
 def mission() -> FlownMission:
     """One in which UAVs meet and part, and one of them is silent in the end."""
     faults = [{'uav': 2, 'kind': 'silent', 'at_s': 150.0}]
@@ -37,14 +29,6 @@ def film(mission: FlownMission, tmp_path_factory: pytest.TempPathFactory) -> Pat
     file = tmp_path_factory.mktemp('film') / 'film.html'
     file.write_bytes(mission_page(mission, bound_of(mission.site, 0)))
     return file
-
-
-@pytest.fixture
-def watched(screen: Watched, film: Path) -> Iterator[Watched]:
-    """The film, which must be silent and ask for nothing whatever a test does with it."""
-    show(screen, film)
-    yield screen
-    check_silence(screen, film)
 
 
 def test_places_energies_and_data_are_those_of_the_log_at_ten_times(

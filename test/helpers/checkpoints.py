@@ -1,7 +1,8 @@
 """Checkpoints of tiny trainings, and what may befall their files."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 import hashlib
+import os
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,13 @@ _DIGEST = slice(24, 56)  # the bytes that hold it; it is that of all that follow
 def read_back(state: Mapping[str, Any]) -> SavedPart:
     """A state as a checkpoint gives it back."""
     return SavedPart(checkpoint_from_bytes(checkpoint_bytes(state)))
+
+
+class Trap:
+    """What a pickle would do to whoever reads it."""
+
+    def __reduce__(self) -> tuple[Callable[..., object], tuple[str]]:
+        return os.mkdir, ('trapped',)
 
 
 def forged(content: bytes) -> bytes:

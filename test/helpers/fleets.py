@@ -47,6 +47,11 @@ def logs(
     return [log.to_jsonl() for log in flown]
 
 
+def stamp_s(stamp: Any) -> float:  # noqa: ANN401 - Time of builtin_interfaces
+    """The time of a message [s]."""
+    return float(stamp.sec + 1e-9 * stamp.nanosec)
+
+
 FAILSAFE = Decision(action=action_codes.HOME, reason=action_codes.FAILSAFE)
 
 

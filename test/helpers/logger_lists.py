@@ -4,9 +4,11 @@ from collections.abc import Callable
 from io import BytesIO
 import json
 from pathlib import Path
+import zipfile
 
 from openpyxl import Workbook
 from uav_collect.scenario.earth import lat_lon_deg
+from uav_collect.scenario.places import Places, read, ReadOptions
 
 
 def _places(lat_deg: float, lon_deg: float, n: int, gap_m: float) -> list[tuple[float, float]]:
@@ -157,3 +159,22 @@ def write_list(name: str, folder: Path) -> Path:
         content = content.encode('cp1252' if name == 'stations.csv' else 'utf-8')
     path.write_bytes(content)
     return path
+
+
+def places_of(path: Path, content: str | bytes, options: ReadOptions | None = None) -> Places:
+    """What a file of some content is read as."""
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return read(path, options or ReadOptions())
+
+
+def ids_and_places(places: Places) -> dict[str, tuple[float, float]]:
+    """Where each sensor stands."""
+    return {sensor.id: sensor.at for sensor in places.sensors}
+
+
+def zip_of(name: str, content: bytes) -> bytes:
+    """A packed file with one file in it."""
+    packed = BytesIO()
+    with zipfile.ZipFile(packed, 'w') as file:
+        file.writestr(name, content)
+    return packed.getvalue()

@@ -251,6 +251,17 @@ class Processes:
                     pids.append(int(environ.parent.name))
         return pids
 
+    def running(self, executable: str, *arguments: str) -> list[int]:
+        """Those of them that run an executable, with arguments next to each other."""
+        wanted = b'\0'.join(word.encode() for word in arguments)
+        found = []
+        for pid in self.survivors():
+            with suppress(OSError):  # it has just ended
+                words = Path(f'/proc/{pid}/cmdline').read_bytes()
+                if f'/{executable}\0'.encode() in words and wanted in words:
+                    found.append(pid)
+        return found
+
     def outputs(self) -> str:
         """The ends of all outputs."""
         return '\n'.join(process.described() for process in self._started)

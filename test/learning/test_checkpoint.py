@@ -11,7 +11,7 @@ import pickle
 import random
 from typing import Any, BinaryIO
 
-from checkpoints import forged, new_trainer, saved_training
+from checkpoints import forged, new_trainer, saved_training, Trap
 from episodes import single_threaded_torch
 import numpy as np
 import pytest
@@ -174,25 +174,18 @@ def test_arrays_are_read_whole_or_refused(
         assert checkpoint_bytes(read_checkpoint(tmp_path)) == content
 
 
-class _Trap:
-    """What a pickle would do to whoever reads it."""
-
-    def __reduce__(self) -> tuple[Callable[..., object], tuple[str]]:
-        return os.mkdir, ('trapped',)
-
-
 def test_a_pickle_is_refused_and_does_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     torch = single_threaded_torch()
     monkeypatch.chdir(tmp_path)
     file = tmp_path / STATE_FILE
-    torch.save({'scenarios': _Trap()}, file)  # the format of before
+    torch.save({'scenarios': Trap()}, file)  # the format of before
     assert refusal(file).startswith('is a checkpoint of an older version')
-    file.write_bytes(pickle.dumps(_Trap()))
+    file.write_bytes(pickle.dumps(Trap()))
     assert refusal(file).startswith('is damaged: ')
     whole = checkpoint_bytes(STATE)
-    file.write_bytes(forged(whole[:72] + pickle.dumps(_Trap())))
+    file.write_bytes(forged(whole[:72] + pickle.dumps(Trap())))
     assert refusal(file).startswith('is damaged: ')
     assert not (tmp_path / 'trapped').exists()
 

@@ -1,14 +1,14 @@
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 import hashlib
 
 from interpreted import interpreted
 import numpy as np
 import pytest
+from random_policies import Behind
 from tiny_world import Script, tiny, TOTAL_BIT, uav
 from uav_collect.analysis.metrics import check_log, mission_metrics
 from uav_collect.errors import AllocationError, PolicyMismatchError
-from uav_collect.kernels.arrays import Row
 from uav_collect.limits import GUARD_AFTER
 from uav_collect.missions.rollout import fly
 from uav_collect.recording.mission_log import from_jsonl, MissionLog
@@ -16,10 +16,7 @@ from uav_collect.scenario.load import fingerprint, load
 from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
 from uav_collect.uav.action_codes import FORWARD, HOVER, LEFT, RIGHT
-from uav_collect.uav.belief import Belief
-from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.policy import Policy, policy_named
-from uav_collect.uav.view import LocalView
 
 SPEEDS_MPS = (5.0, 10.0, 7.5, 12.0)
 N_SEEDS = 20
@@ -28,27 +25,6 @@ N_SEEDS = 20
 def fleet_of(n_uavs: int, **overrides: object) -> Scenario:
     uavs = [{'speed_mps': speed_mps} for speed_mps in SPEEDS_MPS[:n_uavs]]
     return load('paper_10x10', {'fleet.uavs': uavs, **overrides})
-
-
-@dataclass
-class Behind:
-    """A rule behind the protocol alone, so that it is flown step by step."""
-
-    rule: Policy
-
-    @property
-    def name(self) -> str:
-        return self.rule.name
-
-    @property
-    def version(self) -> str:
-        return self.rule.version
-
-    def begin(self, briefing: Briefing, uav: int) -> None:
-        self.rule.begin(briefing, uav)
-
-    def choose(self, belief: Belief, view: LocalView, legal: Row[int]) -> int:
-        return self.rule.choose(belief, view, legal)
 
 
 def by_agents(rule: str) -> Callable[[], Policy]:

@@ -12,7 +12,7 @@ import pytest
 for needed in ('rclpy', 'uav_collect_msgs'):
     pytest.importorskip(needed)
 
-from fleets import Fleet, scenario_of
+from fleets import Fleet, scenario_of, stamp_s
 from mcap.reader import make_reader
 from processes import Processes, ros_environment
 from rclpy.serialization import deserialize_message
@@ -64,10 +64,6 @@ class Recorded:
         """What the clock showed as each mission ended."""
         missions = self.kept['/world/mission']
         return [stamp_s(kept.message.stamp) for kept in missions if kept.message.phase == 1]
-
-
-def stamp_s(stamp: Any) -> float:  # noqa: ANN401
-    return float(stamp.sec + 1e-9 * stamp.nanosec)
 
 
 def stamp_of(message: Any) -> Any:  # noqa: ANN401

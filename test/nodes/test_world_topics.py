@@ -10,7 +10,7 @@ import pytest
 for needed in ('rclpy', 'uav_collect_msgs'):
     pytest.importorskip(needed)
 
-from fleets import Fleet, logs, scenario_of
+from fleets import Fleet, logs, scenario_of, stamp_s
 from processes import Processes, ros_environment
 from ros_domains import own_domain
 from scripted_agent_node import scripted_agents, ScriptedAgents
@@ -74,10 +74,6 @@ def _is_last(heard: list[Any], result: Any) -> bool:  # noqa: ANN401
         return bool(heard[-1].terminal)
     shown = heard[-1] if hasattr(heard[-1], 'header') else heard[-1].markers[-1]
     return bool(shown.header.stamp == result.stamp)
-
-
-def stamp_s(stamp: Any) -> float:  # noqa: ANN401
-    return float(stamp.sec + 1e-9 * stamp.nanosec)
 
 
 def test_the_log_is_that_of_the_same_mission_in_one_process(flown: Flown) -> None:

@@ -6,11 +6,12 @@ from pathlib import Path
 from typing import Any
 import zipfile
 
+from logger_lists import ids_and_places, places_of, zip_of
 import openpyxl
 import pytest
 from uav_collect.errors import ConfigError
 from uav_collect.scenario.load import load
-from uav_collect.scenario.places import Places, read, read_polygons, ReadOptions
+from uav_collect.scenario.places import read, read_polygons, ReadOptions
 
 HERE = {'a': (46.7812, -117.0891), 'b': (46.78, -117.0875)}
 KML = """<?xml version="1.0" encoding="UTF-8"?>
@@ -55,19 +56,10 @@ def collection(*features: object, **more: object) -> str:
 SENSORS = (point(-117.0891, 46.7812, name='a', data_mbit=1.5), point(-117.0875, 46.78, name='b'))
 
 
-def places_of(path: Path, content: str | bytes, options: ReadOptions | None = None) -> Places:
-    path.write_bytes(content if isinstance(content, bytes) else content.encode())
-    return read(path, options or ReadOptions())
-
-
 def problems_of(path: Path, content: str | bytes) -> list[str]:
     with pytest.raises(ConfigError) as caught:
         places_of(path, content)
     return [line.removeprefix(str(path)).removeprefix(': ') for line in caught.value.problems]
-
-
-def ids_and_places(places: Places) -> dict[str, tuple[float, float]]:
-    return {sensor.id: sensor.at for sensor in places.sensors}
 
 
 def test_what_a_map_has_without_a_place_is_a_row_without_one(tmp_path: Path) -> None:
@@ -281,13 +273,6 @@ def test_a_workbook_is_refused_by_row_column_and_value(tmp_path: Path) -> None:
     assert problems_of(tmp_path / 'list.xlsx', workbook(Data=[])) == [
         'is empty: must have a sheet with a table'
     ]
-
-
-def zip_of(name: str, content: bytes) -> bytes:
-    packed = io.BytesIO()
-    with zipfile.ZipFile(packed, 'w') as file:
-        file.writestr(name, content)
-    return packed.getvalue()
 
 
 OTHERS = {

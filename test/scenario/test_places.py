@@ -2,21 +2,12 @@
 
 from pathlib import Path
 
+from logger_lists import ids_and_places, places_of
 import pytest
 from uav_collect.errors import ConfigError
 from uav_collect.scenario.columns import parse_columns
 from uav_collect.scenario.earth import east_north_m
-from uav_collect.scenario.places import Places, read, ReadOptions
-
-
-def places_of(path: Path, content: str | bytes, options: ReadOptions | None = None) -> Places:
-    path.write_bytes(content if isinstance(content, bytes) else content.encode())
-    return read(path, options or ReadOptions())
-
-
-def ids_and_places(places: Places) -> dict[str, tuple[float, float]]:
-    return {sensor.id: sensor.at for sensor in places.sensors}
-
+from uav_collect.scenario.places import ReadOptions
 
 HERE = {'a': (46.7812, -117.0891), 'b': (46.78, -117.0875)}
 LISTS = {

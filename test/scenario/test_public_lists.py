@@ -1,10 +1,9 @@
 """Lists as portals, surveys and programs publish them: each is read without an edit."""
 
-import io
 from pathlib import Path
 import sys
-import zipfile
 
+from logger_lists import zip_of
 import pytest
 from uav_collect.errors import MissingPackageError
 from uav_collect.scenario.load import load
@@ -158,19 +157,12 @@ def test_a_list_of_each_kind_is_that_of_a_site(tmp_path: Path, name: str) -> Non
     assert (scenario.area.reference is None) == ('metres' in name)
 
 
-def packed(name: str) -> bytes:
-    content = io.BytesIO()
-    with zipfile.ZipFile(content, 'w') as file:
-        file.writestr(name, b'')
-    return content.getvalue()
-
-
 @pytest.mark.parametrize(
     ('package', 'content', 'crs'),
     [
         ('pyproj', b'id,easting,northing\na,2600123,1200234\n', 'EPSG:2056'),
         ('defusedxml', b'<kml/>', ''),
-        ('openpyxl', packed('a.txt'), ''),
+        ('openpyxl', zip_of('a.txt', b''), ''),
     ],
 )
 def test_a_package_that_a_list_needs_is_named_where_it_is_missing(

@@ -1,13 +1,11 @@
 """What a job goes on from is what was saved of it, or nothing goes on; what ends one is said."""
 
-from collections.abc import Callable
 from dataclasses import replace
 import json
-import os
 from pathlib import Path
 import pickle
 
-from checkpoints import forged
+from checkpoints import forged, Trap
 from episodes import small
 import numpy as np
 import pytest
@@ -28,13 +26,6 @@ pytest.importorskip('torch', reason='training needs torch')
 from trainer_states import poisoned
 
 
-class _Trap:
-    """What a pickle would do to whoever reads it."""
-
-    def __reduce__(self) -> tuple[Callable[..., object], tuple[str]]:
-        return os.mkdir, ('trapped',)
-
-
 def saved_by(state: bytes | None) -> bytes:
     """What the first step of a job saves that goes on from a state."""
     job = training(decisions=100_000)
@@ -49,7 +40,7 @@ def test_a_state_that_was_changed_or_runs_code_is_refused(
     whole = saved_by(None)
     assert saved_by(whole)
     for state, words in (
-        (pickle.dumps((_Trap(), _Trap())), 'is damaged: '),
+        (pickle.dumps((Trap(), Trap())), 'is damaged: '),
         (whole[:-1], 'is damaged: '),
         (whole[:200] + b'x' + whole[201:], 'checksum mismatch'),
         (checkpoint_bytes({'job': {}}), 'cost is missing'),

@@ -10,6 +10,7 @@ from pathlib import Path
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
+from pictures import legend_of
 import pytest
 from run_folders import RECORD, write_run
 from uav_collect.__main__ import main
@@ -165,12 +166,6 @@ def drawn(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Axes]:
         return figures[0].axes[0]
 
     return draw
-
-
-def legend_of(axes: Axes) -> list[str]:
-    legend = axes.get_legend()
-    assert legend is not None
-    return [text.get_text() for text in legend.get_texts()]
 
 
 def test_labels_cover_no_curve_however_many_and_long(
