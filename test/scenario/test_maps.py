@@ -301,6 +301,16 @@ def test_what_is_no_list_of_places_is_refused_by_what_it_is(tmp_path: Path, name
     assert line.startswith(problem)
 
 
+def test_a_map_whose_points_begin_with_the_latitude_is_told_from_one_in_metres(
+    tmp_path: Path,
+) -> None:
+    text = collection(point(46.7812, -117.0891, name='a'), point(46.78, -117.0875, name='b'))
+    assert problems_of(tmp_path / 'f.json', text) == [
+        'has lat from -117.0891 to -117.0875 and lon from 46.78 to 46.7812, which are longitudes '
+        'and latitudes: must be written longitude first'
+    ]
+
+
 def test_polygons_alone_are_read_of_maps_and_of_corners_in_a_table(tmp_path: Path) -> None:
     path, corners = tmp_path / 'area', ((46.75, -117.125), (46.75, -117.0), (46.8125, -117.0))
     ring = [[lon, lat] for lat, lon in (*corners, corners[0])]
