@@ -301,7 +301,7 @@ def test_what_is_no_list_of_places_is_refused_by_what_it_is(tmp_path: Path, name
     assert line.startswith(problem)
 
 
-def test_a_map_whose_points_begin_with_the_latitude_is_told_from_one_in_metres(
+def test_a_map_whose_points_begin_with_the_latitude_is_not_taken_for_metres(
     tmp_path: Path,
 ) -> None:
     text = collection(point(46.7812, -117.0891, name='a'), point(46.78, -117.0875, name='b'))
