@@ -36,7 +36,7 @@ def flown(processes: Processes, folder: Path, n_missions: int) -> Heard:
     fleet = fleet_of(processes, folder)
     with listener(*REPORTING) as listening:
         agents = fleet.start_agents('random', 'equal', observation_layout='egocentric')
-        world = fleet.start_world(missions=n_missions)
+        world = fleet.start_world(missions=n_missions, output_dir=folder / 'flown')
         missions = listening.heard[WORLD.mission.name]
         listening.wait_until(lambda: len(missions) == 2 * n_missions)
         epochs = listening.heard[WORLD.epoch.name]
