@@ -32,7 +32,7 @@ from uav_collect.uav.view import LocalView
 
 SWEEP = int(Heuristic.SWEEP)
 KNOWN = {'demand__known_empty': 'sensors'}  # where every sensor has data, all demand is known
-CELLS = ((2, 1), (4, 1), (3, 0), (2, 2), (0, 3), (4, 0), (2, 0))  # column and row
+CELLS = ((2, 4), (3, 2), (4, 4), (4, 2), (3, 1), (3, 3), (1, 1))  # column and row
 
 
 def first_look(scenario: Scenario) -> tuple[Briefing, Belief, LocalView]:

@@ -13,6 +13,7 @@ from uav_collect.scenario.site import build_site
 from uav_collect.uav.action_codes import HOVER
 from uav_collect.uav.briefing import brief
 
+SLOW_AND_FAST = [{'speed_mps': 10.0}, {'speed_mps': 18.0}]
 RULES = ('sweep', 'hert', 'hert-equal')
 FIELDS: dict[str, Callable[..., Scenario]] = {
     'L with a hole': odd_areas.with_a_hole,
@@ -80,6 +81,24 @@ def test_the_sweep_gains_by_what_everybody_knows() -> None:
         for word in ('sensors', 'none')
     )
     assert known > 2.0 * unknown
+
+
+def test_where_all_is_known_whoever_is_done_lands_and_the_fleet_spends_less_than_herts() -> None:
+    scenario = odd_areas.arms(2, fleet__uavs=SLOW_AND_FAST)
+    sweep, hert = (mission_metrics(logs(scenario, rule, 1)[0]) for rule in ('sweep', 'hert'))
+    assert sweep.is_complete
+    assert sweep.energy_j < 0.9 * hert.energy_j
+    assert sweep.completion_s < hert.completion_s
+    first_s, last_s = sorted(uav.landed_s for uav in sweep.uavs)
+    assert first_s < last_s - 5.0
+
+
+@pytest.mark.parametrize('gone', [1, 2])
+def test_where_a_uav_may_fail_the_sweep_waits_and_collects_everything(gone: int) -> None:
+    faults = [{'uav': gone, 'kind': 'gone', 'at_s': 30.0}]
+    scenario = odd_areas.arms(2, fleet__uavs=SLOW_AND_FAST, faults=faults)
+    [log] = logs(scenario, 'sweep', 1)
+    assert mission_metrics(log).is_complete
 
 
 def test_hert_comes_to_no_cell_for_its_own_sake_that_holds_no_data() -> None:

@@ -50,9 +50,21 @@ def test_each_place_of_lanes_is_somebodys(
     assert set.union(*pieces) == {*range(len(shared.tour.stop))}
 
 
-def test_a_faster_uav_has_a_longer_piece_of_a_pipeline_and_the_far_end() -> None:
-    slow, fast = shared_tour(brief(pipeline([10.0, 18.0]))).pieces
-    assert fast.n_own > 1.3 * slow.n_own
+def test_uavs_part_where_all_is_known_and_their_energy_lasts() -> None:
+    def parts(**overrides: object) -> bool:
+        return shared_tour(brief(odd_areas.pipeline(31, **overrides))).parts
+
+    assert parts()
+    assert not parts(fleet__uavs=fleet([18.0]))  # it has nobody to wait for
+    assert not parts(demand__known_empty='none')  # nobody knows what is left
+    assert not parts(faults=[{'uav': 'any', 'kind': 'gone', 'at_s': 60.0, 'share': 0.1}])
+    assert not parts(fleet__default__energy_budget_kj=70.0)  # the faster one would spend 57 kJ
+
+
+def test_where_uavs_part_the_fastest_has_what_time_allows() -> None:
+    shared = shared_tour(brief(pipeline([10.0, 18.0])))
+    slow, fast = shared.pieces
+    assert fast.n_own > 5 * slow.n_own
     assert (slow.direction, fast.direction) == (1, -1)
 
 

@@ -38,6 +38,7 @@ class Briefing(NamedTuple):
     upload_bps: float  # at which that comes up, all its sensors together
     n_uavs: int
     contact_range_m: float  # inf: always in contact
+    may_fail: int  # 1: a UAV or its radio may, as the scenario has it
     bandwidth_hz: float  # of one UAV
     noise_w_per_hz: float
     tx_power_w: float  # of a sensor
@@ -83,6 +84,7 @@ def _brief(scenario: Scenario, is_known: Ints) -> Briefing:
         upload_bps=_mean_rate_bps(scenario, n_sensors),
         n_uavs=len(uavs),
         contact_range_m=_contact_range_m(scenario.radio),
+        may_fail=int(bool(scenario.faults)),
         bandwidth_hz=scenario.bandwidth_hz,
         noise_w_per_hz=scenario.radio.noise_w_per_hz,
         tx_power_w=scenario.radio.tx_power_w,

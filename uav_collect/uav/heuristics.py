@@ -214,7 +214,7 @@ def _next_of_sweep(
     tour. In the others' pieces it goes once its own is complete, and only where it would be back
     by the planned end, else home: there they come by and tell what they know. If they are late, or
     silent for longer than their part takes and nobody else serves that, it looks for itself. Where
-    UAVs hear nothing at all, each trusts the others to do their parts.
+    UAVs part, or hear nothing at all, each trusts the others to do their parts, and lands.
     """
     target = _next_cell(briefing, shares, moves, uav, belief, view)
     if legal[HOVER] == 1:
@@ -222,11 +222,15 @@ def _next_of_sweep(
         is_own = is_own_place(shares, uav, view.cell)
         if is_own or target < 0 or not is_own_place(shares, uav, target):
             return _STAY
-    if target < 0 and briefing.contact_range_m <= 0.0:
-        return _LAND
-    if target < 0:
-        target = briefing.home_cell[uav]
-    return target
+    if target >= 0:
+        return target
+    return _LAND if _trusts_others(briefing, shares) else briefing.home_cell[uav]
+
+
+@kernel
+def _trusts_others(briefing: Briefing, shares: Shares) -> bool:
+    """Whether each UAV leaves to the others what is theirs, and lands once its own is done."""
+    return briefing.contact_range_m <= 0.0 or shares.parts == 1
 
 
 @kernel
@@ -273,7 +277,7 @@ def _next_cell(
 @kernel
 def _reach(briefing: Briefing, shares: Shares, uav: int, belief: Belief, view: LocalView) -> float:
     """Cells that a UAV may fly to serve in the others' pieces and be home; -1: none at all."""
-    if briefing.contact_range_m <= 0.0:
+    if _trusts_others(briefing, shares):
         return -1.0
     if not _awaits_news(shares, uav, belief, view):
         return math.inf

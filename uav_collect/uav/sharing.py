@@ -4,7 +4,7 @@ It depends on the briefing alone, so all UAVs find the same. It is found once in
 plain Python.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -15,6 +15,9 @@ from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.tour import Area, area_of, order_of, Tour, tour_of, TourKind
 
 _LATE = 1.1  # times the planned one until UAVs that are done may help others
+_PARTING = 0.95  # times the energy-delay product of UAVs that wait: from there on they part
+_SPENT = 0.8  # of a UAV's energy, by plan, where nobody would help it out
+_TRIED = 11  # of the times until then, for each of which a tour is shared
 _LONGEST_S = 2**62  # planned: hovers over sensors that can hardly be heard may take any time
 _MOVES_PER_PLACE = 2.0  # planned for a place of a tour from which cells are seen: detours, hovers
 
@@ -32,12 +35,15 @@ class Shares(NamedTuple):
     alone: int  # the UAV that alone serves a piece that a pair might; -1: there is none
     meets: Row[int]  # (U,) 1 where it hears all the others once all are at their homes
     cells_home: Row[float]  # (U * C,) the way home from a cell's centre, in sides of a cell
+    parts: int  # 1: each lands once its own piece is done; 0: once all are, as far as it knows
 
 
 class FleetWays(NamedTuple):
     """What sharing depends on besides the tour; lists are by UAV."""
 
     speed_mps: tuple[float, ...]
+    power_w: tuple[float, ...]  # in flight
+    energy_j: tuple[float, ...]  # above the reserve
     from_start: list[list[float]]  # (U, C) the straight way to a cell, in sides of a cell
     moves_from_start: list[list[int]]  # (U, C)
     home: list[list[float]]  # (U, C) the way home
@@ -61,12 +67,13 @@ class SharedTour(NamedTuple):
     fleet: FleetWays
     planned_s: int  # when all shall be home
     pieces: list[TourPiece]  # (U,)
+    parts: bool  # whether each lands once its own piece is done
 
 
 def no_shares() -> Shares:
     """What whoever flies by no rule gets."""
     ints, floats = filled_row([], 0), filled_row([], 0.0)
-    return Shares(ints, ints, 0, 0, ints, ints, ints, -1, ints, floats)
+    return Shares(ints, ints, 0, 0, ints, ints, ints, -1, ints, floats, 0)
 
 
 def shares_of(briefing: Briefing) -> Shares:
@@ -81,7 +88,7 @@ def shares_of(briefing: Briefing) -> Shares:
 
 @lru_cache(maxsize=128)
 def _shares_of(briefing: Briefing) -> Shares:
-    tour, fleet, planned_s, pieces = shared_tour(briefing)
+    tour, fleet, planned_s, pieces, parts = shared_tour(briefing)
     slowest_first = _slowest_first(fleet)
     is_odd = len(pieces) % 2 == 1 and tour.kind == TourKind.LANES
     return Shares(
@@ -95,6 +102,7 @@ def _shares_of(briefing: Briefing) -> Shares:
         alone=slowest_first[-1] if is_odd else -1,
         meets=filled_row(_meets(briefing), 0),
         cells_home=filled_row([cells for row in fleet.home for cells in row], 0.0),
+        parts=int(parts),
     )
 
 
@@ -102,8 +110,14 @@ def shared_tour(briefing: Briefing) -> SharedTour:
     """The tour of a fleet, and each UAV's piece of it."""
     _, tour = _ways(area_of(briefing))
     fleet = _fleet_ways(briefing)
-    planned_s, pieces = _shared(fleet, tour)
-    return SharedTour(tour, fleet, planned_s, pieces)
+    if tour.kind == TourKind.LANES:
+        long_s, pieces = _in_least_time(_in_pairs, fleet, tour)
+        return SharedTour(tour, fleet, long_s, pieces, parts=False)
+    long_s, pieces = _in_least_time(_one_by_one, fleet, tour)
+    parted = None
+    if tour.kind == TourKind.CELLS and briefing.may_fail == 0:
+        parted = _parted(fleet, tour, long_s, pieces)
+    return SharedTour(tour, fleet, int(long_s * _LATE), parted or pieces, parted is not None)
 
 
 @lru_cache(maxsize=128)
@@ -123,6 +137,13 @@ def _fleet_ways(briefing: Briefing) -> FleetWays:
     start_places = [divmod(cell, briefing.n_columns) for cell in start_cells(briefing)]
     return FleetWays(
         speed_mps=tuple(float(speed_mps) for speed_mps in briefing.speed_mps),
+        power_w=tuple(float(power_w) for power_w in briefing.flight_power_w),
+        energy_j=tuple(
+            float(budget_j - margin_j)
+            for budget_j, margin_j in zip(
+                briefing.energy_budget_j, briefing.energy_margin_j, strict=True
+            )
+        ),
         from_start=[_cells_from(briefing, *place_m).tolist() for place_m in starts],
         moves_from_start=[
             (np.abs(rows - row) + np.abs(columns - column)).tolist()
@@ -156,9 +177,12 @@ def _slowest_first(fleet: FleetWays) -> list[int]:
     return sorted(range(len(fleet.speed_mps)), key=fleet.speed_mps.__getitem__)
 
 
-def _shared(fleet: FleetWays, tour: Tour) -> tuple[int, list[TourPiece]]:
+def _in_least_time(
+    share: Callable[[FleetWays, Tour, int], tuple[int, list[TourPiece]]],
+    fleet: FleetWays,
+    tour: Tour,
+) -> tuple[int, list[TourPiece]]:
     """The shortest time in which all could be home [s], and their pieces of the tour, (U,)."""
-    share = _in_pairs if tour.kind == TourKind.LANES else _one_by_one
     n_places = len(tour.stop)
     long_s = 1
     while share(fleet, tour, long_s)[0] < n_places:
@@ -170,8 +194,7 @@ def _shared(fleet: FleetWays, tour: Tour) -> tuple[int, list[TourPiece]]:
             short_s = middle_s
         else:
             long_s = middle_s
-    pieces = share(fleet, tour, long_s)[1]
-    return long_s if tour.kind == TourKind.LANES else int(long_s * _LATE), pieces
+    return long_s, share(fleet, tour, long_s)[1]
 
 
 def _in_pairs(fleet: FleetWays, tour: Tour, planned_s: int) -> tuple[int, list[TourPiece]]:
@@ -244,6 +267,79 @@ def _one_by_one(fleet: FleetWays, tour: Tour, planned_s: int) -> tuple[int, list
         pieces[uav] = TourPiece(begin if direction == 1 else end - 1, end - begin, direction)
         begin = end
     return begin, pieces
+
+
+def _parted(
+    fleet: FleetWays, tour: Tour, long_s: int, together: list[TourPiece]
+) -> list[TourPiece] | None:
+    """Pieces of a tour for a fleet whose UAVs land one by one, (U,); None: it gains too little.
+
+    Where all that is to be done is known, whose piece is done need not wait for the others. That
+    saves energy, the more so if the fast, to whom a cell costs less, have the larger pieces. But
+    whoever has landed serves nothing that another leaves, should that be lost.
+
+    Args:
+        long_s: in which all could be home.
+        together: the pieces with which they are.
+    """
+    together_s = [max(_homes_s(fleet, tour, together))] * len(together)
+    least_js = _PARTING * _energy_delay_js(fleet, together_s)
+    parted = None
+    later_s = np.linspace(float(long_s), _LATE * long_s, _TRIED).tolist()
+    for pieces in (together, *(_thriftily(fleet, tour, planned_s) for planned_s in later_s)):
+        homes_s = _homes_s(fleet, tour, pieces)
+        cost_js = _energy_delay_js(fleet, homes_s)
+        if cost_js < least_js and _lasts(fleet, homes_s):
+            least_js, parted = cost_js, pieces
+    return parted
+
+
+def _thriftily(fleet: FleetWays, tour: Tour, planned_s: float) -> list[TourPiece]:
+    """Share a tour as `_one_by_one` does, but let the fast have all that time allows, (U,)."""
+    end = len(tour.stop)
+    pieces = [TourPiece(0, 0, 1)] * len(fleet.speed_mps)
+    for number, uav in reversed([*enumerate(_slowest_first(fleet))]):
+        direction = 1 if number % 2 == 0 else -1
+        begin, hover_s = end, 0.0
+        while begin > 0:
+            hover_s += fleet.visit_s * (tour.place[tour.stop[begin - 1]] == begin - 1)
+            ends = tour.stop[begin - 1], tour.stop[end - 1]
+            flight_s = _flight_s(fleet, tour, uav, ends[::direction], end - begin)
+            if number > 0 and flight_s + hover_s > planned_s:
+                break
+            begin -= 1
+        pieces[uav] = TourPiece(begin if direction == 1 else end - 1, end - begin, direction)
+        end = begin
+    return pieces
+
+
+def _homes_s(fleet: FleetWays, tour: Tour, pieces: Sequence[TourPiece]) -> list[float]:
+    """When each UAV is home if it flies its piece of a tour and lands [s], (U,)."""
+    homes_s = [0.0] * len(pieces)
+    for uav, (anchor, n_own, direction) in enumerate(pieces):
+        places = range(anchor, anchor + direction * n_own, direction)
+        visits = [place for place in places if tour.place[tour.stop[place]] == place]
+        if visits:  # else it has nothing to fly for
+            ends = tour.stop[visits[0]], tour.stop[visits[-1]]
+            flight_s = _flight_s(fleet, tour, uav, ends, abs(visits[-1] - visits[0]))
+            homes_s[uav] = flight_s + fleet.visit_s * len(visits)
+    return homes_s
+
+
+def _energy_delay_js(fleet: FleetWays, homes_s: Sequence[float]) -> float:
+    """The energy that a fleet spends until each UAV is home [J], times when all are [s].
+
+    It is what to keep low where neither shall be had at any price of the other.
+    """
+    return float(np.dot(homes_s, fleet.power_w)) * max(homes_s)
+
+
+def _lasts(fleet: FleetWays, homes_s: Sequence[float]) -> bool:
+    """Whether each UAV's energy lasts until it is home, with some to spare."""
+    return all(
+        home_s * power_w <= _SPENT * energy_j
+        for home_s, power_w, energy_j in zip(homes_s, fleet.power_w, fleet.energy_j, strict=True)
+    )
 
 
 def _flight_s(fleet: FleetWays, tour: Tour, uav: int, ends: Sequence[int], n_places: int) -> float:
