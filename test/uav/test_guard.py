@@ -113,12 +113,12 @@ def test_the_guard_decides_once_so_many_decisions_taught_nothing() -> None:
     assert reasons(flight, 6) == [BY_POLICY] * 5 + [GUARD]
 
 
-def test_a_cell_learned_by_radio_gives_the_policy_its_say_again() -> None:
-    flight = Alone(Circling(), guard_after=3)
-    while flight.decide().reason == BY_POLICY:
-        pass
-    flight.hear(15)
-    assert reasons(flight, 3) == [BY_POLICY] * 3
+def test_news_by_radio_give_the_policy_its_say_again_but_no_more_patience() -> None:
+    flight = Alone(Obedient(wanted=LEFT), guard_after=2, start=(0, 3))
+    flight.hear(*range(N_CELLS - 2))
+    assert reasons(flight, 3) == [BY_POLICY, BY_POLICY, GUARD]
+    flight.hear(N_CELLS - 2)
+    assert reasons(flight, 2) == [BY_POLICY, GUARD]
 
 
 def test_a_message_without_news_changes_nothing() -> None:

@@ -54,6 +54,7 @@ def test_what_a_scenario_teaches_is_kept_in_plain_numbers() -> None:
             'area 10 x 10 cells of 60 m (learned: 10 x 10 cells of 50 m)',
         ),
         ({'fleet__uavs': [{'speed_mps': 5.0}]}, 'fleet 1 UAV (learned: 2 UAVs)'),
+        ({'faults': [{'uav': 2, 'kind': 'gone', 'at_s': 60.0}]}, 'faults (learned: none)'),
         (
             {'fleet__uavs': [{'speed_mps': 10.0}, {'speed_mps': 5.0}]},
             'speeds 10 and 5 m/s (learned: 5 and 10 m/s)',

@@ -29,6 +29,7 @@ PAPER = OperatingDomain(
     data_share=(0.1, 0.5),
     budget_crossings=(0.5, math.inf),
     corner_cells=(0.0, 2.0),
+    may_fail=False,
 )
 ELSEWHERE = replace(PAPER, n_uavs=(9, 12))
 GUARD_AFTER = 3  # it decides before long
@@ -69,6 +70,7 @@ def test_within_any_of_them_it_decides_by_itself(ways: Ways) -> None:
 
 
 OUTSIDE = {
+    'faults are listed': {'faults': [{'uav': 1, 'kind': 'gone', 'at_s': 5.0}]},
     '5 UAVs (within: 1 to 4)': {'fleet.uavs': [{'speed_mps': 5.0}] * 5},
     '10 to 18 rows and columns (within: 6 to 12)': {'area.rows': 18, 'area.columns': 10},
     '1 cells of contact range (within: 2 to inf)': {'radio.contact_range_m': 50.0},

@@ -23,9 +23,10 @@ from uav_collect.uav.moves import measure, Moves, n_moves_to, new_moves, NO_WAY,
 from uav_collect.uav.policy import Policy
 from uav_collect.uav.view import LocalView
 
-WATCH_SIZE = 2  # what a guard keeps of a UAV's decisions, NONE before the first
+WATCH_SIZE = 3  # what a guard keeps of a UAV's decisions, NONE before the first
 _KNOWN = 0  # complete cells at the latest decision
 _IDLE = 1  # decisions before it since there were fewer
+_STEPPED_IN = 2  # 1 once the guard has decided
 
 _ROOM = 64  # sensors of a view that an agent has rows for before it makes longer ones
 
@@ -124,7 +125,8 @@ def guarded(
 
     Once so many decisions in a row taught it of no complete cell, by its own look or by radio, the
     guard decides until it knows more: hover, or make for the nearest other cell that is not
-    complete on its map. A policy that chooses to fly home does.
+    complete on its map. From then on it decides after each decision that taught it of none: who
+    has circled once does so again. A policy that chooses to fly home does.
 
     While its energy lasts for what the guard wants, a UAV over C = H x H cells, all of them open,
     decides at most C (guard_after + 2 H + 1) times. There are C news at most, and each hover is
@@ -155,8 +157,10 @@ def guarded(
     if belief.n_complete[0] > watch[_KNOWN]:
         watch[_KNOWN] = belief.n_complete[0]
         watch[_IDLE] = 0
-    if watch[_IDLE] < guard_after or chosen == HOME:
+    patience = 1 if watch[_STEPPED_IN] == 1 else guard_after
+    if watch[_IDLE] < patience or chosen == HOME:
         return chosen, action_codes.BY_POLICY
+    watch[_STEPPED_IN] = 1
     action = HOVER
     if legal[HOVER] == 0:
         target = _nearest_incomplete(briefing, belief, view.cell, moves)

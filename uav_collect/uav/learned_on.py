@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import math
 from typing import Annotated
 
-from uav_collect.config.rules import number, whole
+from uav_collect.config.rules import number, truth, whole
 from uav_collect.limits import MAX_CELLS_PER_SIDE, MAX_UAVS
 from uav_collect.scenario.area import open_cells
 from uav_collect.scenario.model import DrawnSensors, Scenario
@@ -43,6 +43,7 @@ class LearnedOn:
     rows: Annotated[int, whole(0, MAX_CELLS_PER_SIDE)] = 0  # 0: as many as cells per side
     columns: Annotated[int, whole(0, MAX_CELLS_PER_SIDE)] = 0
     closed_share: _Share = 0.0  # of the cells
+    may_fail: Annotated[bool, truth()] = False  # whether faults were listed
 
     @property
     def area(self) -> tuple[int, int]:
@@ -78,6 +79,7 @@ def learned_on(scenario: Scenario) -> LearnedOn:
         rows=0 if area.n_rows == area.n_columns else area.n_rows,
         columns=0 if area.n_rows == area.n_columns else area.n_columns,
         closed_share=1.0 - float(open_cells(area).mean()),
+        may_fail=bool(scenario.faults),
     )
 
 
@@ -165,6 +167,8 @@ def _strange(known: Sequence[LearnedOn], flown: LearnedOn) -> Iterator[str]:
     )
     yield from _beyond('cells with data', '', lambda it: _point(it.cell_share), known, flown)
     yield from _beyond('data of a sensor', 'Mbit', lambda it: it.data_mbit, known, flown)
+    if flown.may_fail and not any(each.may_fail for each in known):
+        yield 'faults (learned: none)'
 
 
 def _strange_radio(known: Sequence[LearnedOn], flown: LearnedOn) -> Iterator[str]:

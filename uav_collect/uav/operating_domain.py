@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 import math
 from typing import Annotated
 
-from uav_collect.config.rules import number_span, Section, whole_span
+from uav_collect.config.rules import number_span, Section, truth, whole_span
 from uav_collect.limits import MAX_CELLS_PER_SIDE, MAX_UAVS
 from uav_collect.uav.briefing import Briefing
 
@@ -31,6 +31,7 @@ class OperatingDomain(Section):
     budget_crossings: Annotated[_Span | None, number_span(0, math.inf)] = None
     # How far UAVs start and land from the nearest corner, along the area's sides.
     corner_cells: Annotated[_Span | None, number_span(0, MAX_CELLS_PER_SIDE)] = None
+    may_fail: Annotated[bool | None, truth()] = None  # whether a UAV or its radio may
 
     def misfits(self, briefing: Briefing) -> Iterator[str]:
         """By what a fleet over a field lies outside, for people."""
@@ -51,6 +52,8 @@ class OperatingDomain(Section):
         )
         away = [*_corner_cells(briefing)]
         yield from _outside('cells from start and home to a corner', self.corner_cells, away)
+        if self.may_fail is not None and self.may_fail != (briefing.may_fail == 1):
+            yield 'no faults are listed' if self.may_fail else 'faults are listed'
 
     def covers(self, briefing: Briefing) -> bool:
         """Whether a fleet over a field lies within."""
