@@ -182,7 +182,7 @@ def check_record(value: Any, said: Any) -> None:  # noqa: ANN401 - a record, or 
             check_record(getattr(value, name), of)
     else:
         assert value == (float(said) if isinstance(value, float) else said)  # as 10^30 is rounded
-        assert not isinstance(said, bool)
+        assert isinstance(said, bool) == isinstance(value, bool)
 
 
 def check_use(policy: FrozenPolicy) -> None:

@@ -24,6 +24,8 @@ PAPER = OperatingDomain(
     n_uavs=(1, 4),
     cells_per_side=(6, 12),
     contact_range_cells=(2.0, math.inf),
+    loss_share=(0.0, 0.2),
+    late_s=(0.0, 3.0),
     speed_ratio=(1.0, 2.0),
     known_share=(0.0, 0.2),
     data_share=(0.1, 0.5),
@@ -70,6 +72,8 @@ def test_within_any_of_them_it_decides_by_itself(ways: Ways) -> None:
 
 
 OUTSIDE = {
+    '0.5 of messages lost (within: 0 to 0.2)': {'radio.loss_share': 0.5},
+    '4 s that messages are late (within: 0 to 3)': {'radio.delay_s': [3.0, 1.0]},
     'faults are listed': {'faults': [{'uav': 1, 'kind': 'gone', 'at_s': 5.0}]},
     '5 UAVs (within: 1 to 4)': {'fleet.uavs': [{'speed_mps': 5.0}] * 5},
     '10 to 18 rows and columns (within: 6 to 12)': {'area.rows': 18, 'area.columns': 10},

@@ -38,6 +38,8 @@ class Briefing(NamedTuple):
     upload_bps: float  # at which that comes up, all its sensors together
     n_uavs: int
     contact_range_m: float  # inf: always in contact
+    loss_share: float  # of the messages between UAVs
+    late_s: float  # that one comes at most, but for what sending it takes
     may_fail: int  # 1: a UAV or its radio may, as the scenario has it
     bandwidth_hz: float  # of one UAV
     noise_w_per_hz: float
@@ -84,6 +86,8 @@ def _brief(scenario: Scenario, is_known: Ints) -> Briefing:
         upload_bps=_mean_rate_bps(scenario, n_sensors),
         n_uavs=len(uavs),
         contact_range_m=_contact_range_m(scenario.radio),
+        loss_share=scenario.radio.loss_share or 0.0,
+        late_s=sum(scenario.radio.delay_s or (0.0, 0.0)),
         may_fail=int(bool(scenario.faults)),
         bandwidth_hz=scenario.bandwidth_hz,
         noise_w_per_hz=scenario.radio.noise_w_per_hz,

@@ -24,6 +24,8 @@ class OperatingDomain(Section):
     n_uavs: Annotated[tuple[int, int] | None, whole_span(1, MAX_UAVS)] = None
     cells_per_side: Annotated[tuple[int, int] | None, whole_span(1, MAX_CELLS_PER_SIDE)] = None
     contact_range_cells: Annotated[_Span | None, number_span(0, math.inf)] = None  # of two or more
+    loss_share: Annotated[_Span | None, number_span(0, 1)] = None  # of their messages
+    late_s: Annotated[_Span | None, number_span(0, math.inf)] = None  # that these come at most
     speed_ratio: Annotated[_Span | None, number_span(1, 1e6)] = None  # fastest UAV to slowest one
     known_share: Annotated[_Span | None, number_span(0, 1)] = None  # cells known to be complete
     data_share: Annotated[_Span | None, number_span(0, 1)] = None  # of the others, with data
@@ -42,6 +44,8 @@ class OperatingDomain(Section):
         if briefing.n_uavs > 1:
             reach = briefing.contact_range_m / briefing.cell_size_m
             yield from _outside('cells of contact range', self.contact_range_cells, (reach,))
+            yield from _outside('of messages lost', self.loss_share, (briefing.loss_share,))
+            yield from _outside('s that messages are late', self.late_s, (briefing.late_s,))
             ratio = max(briefing.speed_mps) / min(briefing.speed_mps)
             yield from _outside('of the fastest to the slowest', self.speed_ratio, (ratio,))
         yield from _outside('of cells known to be empty', self.known_share, (known,))
