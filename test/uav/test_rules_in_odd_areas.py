@@ -93,6 +93,22 @@ def test_where_all_is_known_whoever_is_done_lands_and_the_fleet_spends_less_than
     assert first_s < last_s - 5.0
 
 
+def test_where_every_cell_is_known_to_hold_data_the_sweep_comes_to_each_and_lands() -> None:
+    # Lanes are for those who look for data; here a slow UAV would wait for the fast one.
+    places = [(column, row) for column in range(3) for row in range(4)]
+    entries = [
+        {'id': f's{column}{row}', 'x_m': 50.0 * column + 25.0, 'y_m': 50.0 * row + 25.0}
+        for column, row in places
+    ]
+    sensors = {'kind': 'listed', 'entries': entries}
+    fleet = [{'speed_mps': speed_mps} for speed_mps in (4.0, 4.0, 18.0)]
+    known = {'cell_share': 'all', 'data_mbit': [0.1, 1.0], 'known_empty': 'sensors'}
+    scenario = odd_areas.corridor(4, 3, sensors=sensors, fleet__uavs=fleet, demand=known)
+    sweep, hert = (mission_metrics(logs(scenario, rule, 1)[0]) for rule in ('sweep', 'hert'))
+    assert sweep.is_complete
+    assert sweep.energy_j < 0.5 * hert.energy_j
+
+
 @pytest.mark.parametrize('gone', [1, 2])
 def test_where_a_uav_may_fail_the_sweep_waits_and_collects_everything(gone: int) -> None:
     faults = [{'uav': gone, 'kind': 'gone', 'at_s': 30.0}]

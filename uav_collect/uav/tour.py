@@ -74,12 +74,12 @@ def order_of(area: Area) -> list[int]:
 
 
 def tour_of(area: Area) -> Tour:
-    """A short tour: up and down the lanes of an area that needs visits everywhere.
+    """A short tour through the cells that need a visit.
 
-    Elsewhere, it comes to all cells that need a visit if most of them hold data, as far as that
-    is known, or else so near that they are seen.
+    It comes to all of them if most hold data, as far as that is known. Else it comes so near that
+    they are seen: up and down the lanes of an area that needs visits everywhere.
     """
-    if all(area.is_needed):
+    if all(area.is_needed) and area.data_share < _EXPECTED_SHARE:
         return _lanes(area)
     # Most may be seen from an open cell that no way leads to: nobody looks from there.
     grid = OpenCells(area.n_rows, area.n_columns, area.is_open).reached_from(area.first)
