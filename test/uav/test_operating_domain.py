@@ -5,6 +5,7 @@ from dataclasses import replace
 from functools import partial
 import math
 
+import numpy as np
 import pytest
 from random_policies import header, random_policy
 from uav_collect.errors import PolicyMismatchError
@@ -34,16 +35,28 @@ PAPER = OperatingDomain(
     may_fail=False,
 )
 ELSEWHERE = replace(PAPER, n_uavs=(9, 12))
+FIRST, SECOND = replace(PAPER, network=1), replace(PAPER, network=2)
 GUARD_AFTER = 3  # it decides before long
 
 Ways = Callable[..., Sequence[MissionLog]]
 FIELD = load('paper_10x10', {'fleet.default.energy_budget_kj': 60.0})
 
 
-def frozen_with(*domains: OperatingDomain) -> FrozenPolicy:
+def frozen_with(*domains: OperatingDomain, seed: int = 2) -> FrozenPolicy:
     spans = {'cells_per_side_max': 64, 'n_uavs_max': 16, 'advice_bonus': 0.02}
     of = header(Layout.RELATIVE, side=1, n_uavs=1, **spans, domains=domains)
-    return random_policy(of, seed=2)
+    return random_policy(of, seed=seed)
+
+
+def joint(*domains: OperatingDomain) -> FrozenPolicy:
+    """Two networks, of the seeds 2 and 3, with domains of both."""
+    parts = frozen_with(), frozen_with(seed=3)
+    weights = {
+        f'{number}/{name}': tensor
+        for number, part in enumerate(parts, start=1)
+        for name, tensor in part.weights.items()
+    }
+    return FrozenPolicy(replace(parts[0].header, domains=domains), weights)
 
 
 def flown(*domains: OperatingDomain) -> Sequence[MissionLog]:
@@ -69,6 +82,67 @@ def test_within_any_of_them_it_decides_by_itself(ways: Ways) -> None:
     own = [it.to_jsonl() for it in flown()]
     assert [it.to_jsonl() for it in ways(ELSEWHERE, PAPER)] == own
     assert [it.to_jsonl() for it in ways(ELSEWHERE)] != own
+
+
+@pytest.mark.parametrize(
+    ('domains', 'seed'),
+    [
+        ((replace(ELSEWHERE, network=1), SECOND), 3),
+        ((FIRST, replace(ELSEWHERE, network=2)), 2),
+        ((SECOND, FIRST), 3),
+    ],
+    ids=['within the second', 'within the first', 'within both'],
+)
+def test_of_several_networks_the_one_decides_whose_domain_comes_first(
+    domains: Sequence[OperatingDomain], seed: int
+) -> None:
+    site = build_site(FIELD)
+    own = partial(LearnedPolicy, 'mine', frozen_with(PAPER, seed=seed))
+    both = partial(LearnedPolicy, 'mine', joint(*domains))
+    alone = [it.to_jsonl() for it in fly(site, [5, 8], own, 'exact', GUARD_AFTER)]
+    assert [it.to_jsonl() for it in fly(site, [5, 8], both, 'exact', GUARD_AFTER)] == alone
+    by_agents = [fly_by_agents(site, each, both, 'exact', GUARD_AFTER) for each in (5, 8)]
+    assert [it.to_jsonl() for it in by_agents] == alone
+
+
+def test_outside_of_all_networks_domains_the_adviser_flies() -> None:
+    both = joint(replace(ELSEWHERE, network=1), replace(ELSEWHERE, network=2))
+    site = build_site(FIELD)
+    swept = fly(site, [5], 'sweep', 'exact')
+    mine = fly(site, [5], partial(LearnedPolicy, 'mine', both), 'exact', GUARD_AFTER)
+    assert (mine[0].events == swept[0].events).all()
+    with pytest.raises(ValueError, match='a rule flies there'):
+        both.over(brief(FIELD))
+
+
+def test_none_of_several_networks_is_asked_by_chance() -> None:
+    both = joint(FIRST, SECOND)
+    seen = np.zeros((1, both.header.observation_size))
+    with pytest.raises(ValueError, match='one of several networks'):
+        both.step(seen, both.new_hidden(1))
+
+
+def test_a_file_keeps_several_networks() -> None:
+    both = joint(FIRST, replace(ELSEWHERE, network=2))
+    again = policy_from_bytes(policy_bytes(both))
+    assert again.header == both.header
+    assert again.digest == both.digest
+
+
+def test_each_network_must_have_its_tensors_and_a_domain() -> None:
+    both = joint(FIRST, SECOND)
+    with pytest.raises(PolicyMismatchError, match='domains have no network 1: must have one for'):
+        FrozenPolicy(replace(both.header, domains=(SECOND,)), both.weights)
+    with pytest.raises(PolicyMismatchError, match=r"'1/encoder\.bias' is unknown"):
+        FrozenPolicy(replace(both.header, domains=(FIRST,)), both.weights)
+    third = (FIRST, SECOND, replace(PAPER, network=3))
+    with pytest.raises(PolicyMismatchError, match=r"network 3: tensor 'encoder\.bias' is m"):
+        FrozenPolicy(replace(both.header, domains=third), both.weights)
+    of_none = {**both.weights, 'head.bias': both.weights['1/head.bias']}
+    with pytest.raises(
+        PolicyMismatchError, match=r"'head\.bias' is unknown: must be 1/NAME to"
+    ):
+        FrozenPolicy(both.header, of_none)
 
 
 OUTSIDE = {

@@ -217,6 +217,12 @@ def check_settings(
             f'observation is {config.observation!r}: must be relative for courses with domains,'
             ' outside of which the adviser decides'
         )
+    for place, domain in enumerate(distribution.domains or ()):
+        if domain.network is not None:
+            raise ConfigError(
+                f'courses {distribution.name}: domains.{place}.network is {domain.network}: must'
+                ' be absent: what learns is one network'
+            )
     if algorithm.mixes and not config.mixer.is_of_sets:
         kind = config.mixer.kind or 'fleet'
         raise ConfigError(f'mixer.kind is {kind!r}: must be set to learn on courses')

@@ -101,6 +101,7 @@ def check_same_network(initial: FrozenPolicy, wanted: PolicyHeader) -> None:
     """
     header = initial.header
     for name, value, known in (
+        ('number of networks', header.n_networks, wanted.n_networks),
         ('observation', header.layout.label, wanted.layout.label),
         ('observation size', header.observation_size, wanted.observation_size),
         ('hidden size', header.hidden_size, wanted.hidden_size),

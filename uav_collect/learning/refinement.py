@@ -101,11 +101,12 @@ def start_for(policy: FrozenPolicy, scenario: Scenario) -> FrozenPolicy | None:
 
     Outside of its domains a network knows nothing to go on from.
     """
-    header, area = policy.header, scenario.area
+    header, area, briefing = policy.header, scenario.area, brief(scenario)
     if header.layout not in PRESETS or header.network:
         return None
-    if header.rule_for(brief(scenario)) is not None:
+    if header.rule_for(briefing) is not None:
         return None
+    policy = policy.over(briefing)
     try:
         size = observation_size(header.layout, area.n_cells, scenario.n_uavs)
     except ConfigError:  # it has no room for the fleet

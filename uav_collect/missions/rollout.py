@@ -109,7 +109,7 @@ def _flown(
     if isinstance(pilot, LearnedPolicy):
         layout = pilot.frozen.header.layout
         env = VectorEnv(site, mission_seeds, replace(config, layout=layout))
-        env.fly_by_network(pilot.frozen, between_decisions)
+        env.fly_by_network(pilot.frozen.over(briefing), between_decisions)
         return env, pilot.name
     env = VectorEnv(site, mission_seeds, config)
     env.fly_by_policies(make_policy)

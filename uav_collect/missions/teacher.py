@@ -34,7 +34,7 @@ class Teacher:
         """
         n_worlds = len(batch.n_events)
         self._pilots: _Network | _Copies = (
-            _Network(policy.frozen, batch)
+            _Network(policy.frozen.over(batch.briefing), batch)
             if isinstance(policy, LearnedPolicy) and rule_of(policy, batch.briefing) is None
             else _Copies(policy, batch)
         )

@@ -1,18 +1,20 @@
 """Where a policy decides by itself: the fields and fleets on which it was found to do well.
 
-Elsewhere its adviser flies. The word is that of automated driving: the conditions that a system is
-designed to work in are its operational design domain (SAE J3016).
+Elsewhere its adviser flies. A policy of several networks has domains of each. The word is that of
+automated driving: the conditions that a system is designed to work in are its operational design
+domain (SAE J3016).
 """
 
 from collections.abc import Iterator, Sequence
 import math
 from typing import Annotated
 
-from uav_collect.config.rules import number_span, Section, truth, whole_span
+from uav_collect.config.rules import number_span, Section, truth, whole, whole_span
 from uav_collect.limits import MAX_CELLS_PER_SIDE, MAX_UAVS
 from uav_collect.uav.briefing import Briefing
 
 MAX_DOMAINS = 16  # of a policy: they are looked through at every take-off
+MAX_NETWORKS = 8  # of a policy
 _TOLERANCE = 1e-9  # relative; what floating point rounds away
 
 _Span = tuple[float, float]
@@ -34,6 +36,9 @@ class OperatingDomain(Section):
     # How far UAVs start and land from the nearest corner, along the area's sides.
     corner_cells: Annotated[_Span | None, number_span(0, MAX_CELLS_PER_SIDE)] = None
     may_fail: Annotated[bool | None, truth()] = None  # whether a UAV or its radio may
+    network: Annotated[int | None, whole(1, MAX_NETWORKS)] = (
+        None  # that decides; absent: the first
+    )
 
     def misfits(self, briefing: Briefing) -> Iterator[str]:
         """By what a fleet over a field lies outside, for people."""

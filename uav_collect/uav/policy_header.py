@@ -1,9 +1,9 @@
 """The header of a frozen policy: what it sees, what it may fly, how it was learned."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from itertools import product
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 from uav_collect.config.rules import number, text, whole
 from uav_collect.config.yaml_text import shown
@@ -26,6 +26,7 @@ _MAX_TEXT = 4096  # characters of a text in a header; one may name many scenario
 _Share = Annotated[float, number(0, 1)]
 _Amount = Annotated[float, number(0, 1e12)]
 _Shapes = Mapping[str, tuple[int, ...]]
+_Tensor = TypeVar('_Tensor')
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,10 +101,27 @@ class PolicyHeader:
             return f'n_uavs is {n_uavs}: must be {_span(self.n_uavs_min, self.n_uavs_max)}'
         return None
 
+    @property
+    def n_networks(self) -> int:
+        """How many networks the policy has; each has domains of its own."""
+        return max((it.network or 1 for it in self.domains), default=1)
+
+    def network_for(self, briefing: Briefing) -> int | None:
+        """Which of its networks decides for a fleet over a field, from 1; None: a rule does."""
+        if not self.domains:
+            return 1
+        within = (it.network or 1 for it in self.domains if it.covers(briefing))
+        return next(within, None)
+
     def rule_for(self, briefing: Briefing) -> Heuristic | None:
-        """The rule by which the policy flies a fleet over a field; None: its network decides."""
-        is_own = not self.domains or any(it.covers(briefing) for it in self.domains)
+        """The rule by which the policy flies a fleet over a field; None: a network decides."""
+        is_own = self.network_for(briefing) is not None
         return None if is_own else Heuristic(self.layout.adviser)
+
+    def of_network(self, number: int) -> 'PolicyHeader':
+        """The header of one of the policy's networks alone, counted from 1, in its domains."""
+        own = (it for it in self.domains if (it.network or 1) == number)
+        return replace(self, domains=tuple(replace(it, network=None) for it in own))
 
 
 def check_shapes(header: PolicyHeader, shapes: Mapping[str, tuple[int, ...]]) -> None:
@@ -114,7 +132,13 @@ def check_shapes(header: PolicyHeader, shapes: Mapping[str, tuple[int, ...]]) ->
     """
     _check_texts(header)
     _check_numbers(header)
-    check_network(header.network, header.observation_size, header.hidden_size, shapes)
+    for place, own in enumerate(by_network(shapes, header.n_networks), start=1):
+        try:
+            check_network(header.network, header.observation_size, header.hidden_size, own)
+        except PolicyMismatchError as error:
+            if header.n_networks == 1:
+                raise
+            raise PolicyMismatchError(f'network {place}: {error}') from error
 
 
 def _areas_of_paper(header: PolicyHeader) -> set[tuple[int, int]]:
@@ -158,6 +182,12 @@ def _check_numbers(header: PolicyHeader) -> None:
         raise PolicyMismatchError(
             f'domains are {len(header.domains)}: must be at most {MAX_DOMAINS}'
         )
+    numbers = {it.network or 1 for it in header.domains} or {1}
+    if lacking := {*range(1, header.n_networks + 1)} - numbers:
+        raise PolicyMismatchError(
+            f'domains have no network {min(lacking)}: must have one for each up to the last,'
+            f' {header.n_networks}'
+        )
     squares = {(side, side) for side in (header.cells_per_side_min, header.cells_per_side_max)}
     areas = sorted(_areas_of_paper(header) or squares)
     for (rows, columns), n_uavs in product(areas, (header.n_uavs_min, header.n_uavs_max)):
@@ -172,6 +202,27 @@ def _check_numbers(header: PolicyHeader) -> None:
 
 def _span(low: int, high: int) -> str:
     return str(low) if low == high else f'{low} to {high}'
+
+
+def by_network(tensors: Mapping[str, _Tensor], n_networks: int) -> list[dict[str, _Tensor]]:
+    """The tensors of each network, by their names within it, or what is known of them.
+
+    Of several networks, each has its number, from 1, and a stroke before the names of its tensors.
+
+    Raises:
+        PolicyMismatchError: one belongs to none.
+    """
+    if n_networks == 1:
+        return [{**tensors}]
+    found: list[dict[str, _Tensor]] = [{} for _ in range(n_networks)]
+    numbers = {f'{number}': number for number in range(1, n_networks + 1)}
+    for name, tensor in tensors.items():
+        number, _, own_name = name.partition('/')
+        if number not in numbers:
+            allowed = f'1/NAME to {n_networks}/NAME'
+            raise PolicyMismatchError(f'tensor {shown(name)} is unknown: must be {allowed}')
+        found[numbers[number] - 1][own_name] = tensor
+    return found
 
 
 def weight_shapes(observation_size: int, hidden_size: int) -> dict[str, tuple[int, ...]]:

@@ -26,7 +26,7 @@ from uav_collect.uav.frames import COMPASS_ACTIONS
 from uav_collect.uav.heuristics import RulePolicy
 from uav_collect.uav.named_code import named_code, NamedCode
 from uav_collect.uav.observation import Observer
-from uav_collect.uav.policy_header import ACTIVATIONS, check_shapes, PolicyHeader
+from uav_collect.uav.policy_header import ACTIVATIONS, by_network, check_shapes, PolicyHeader
 from uav_collect.uav.user_code import UserCodeError, value_text
 from uav_collect.uav.view import LocalView
 
@@ -55,12 +55,34 @@ class FrozenPolicy:
         self.header = header
         self.is_header_covered = is_header_covered
         self.weights = dict(weights)
-        self._network = network_of(header.network, weights)
+        self._parts = self._parts_of(weights)
+        self._network = None if self._parts else network_of(header.network, weights)
 
     @property
     def digest(self) -> str:
         """Hex digits that change with any weight."""
         return weights_digest(self.weights)
+
+    def over(self, briefing: Briefing) -> 'FrozenPolicy':
+        """The one network, of those that the policy has, that decides for a fleet over a field.
+
+        Raises:
+            ValueError: a rule does.
+        """
+        number = self.header.network_for(briefing)
+        if number is None:
+            raise ValueError('a rule flies there, no network')
+        return self._parts[number - 1] if self._parts else self
+
+    def _parts_of(self, weights: Weights) -> tuple['FrozenPolicy', ...]:
+        """Its networks, each as a policy; none where there is but one."""
+        n_networks = self.header.n_networks
+        if n_networks == 1:
+            return ()
+        return tuple(
+            FrozenPolicy(self.header.of_network(number), own)
+            for number, own in enumerate(by_network(weights, n_networks), start=1)
+        )
 
     def new_hidden(self, n_decisions: int) -> Floats:
         """The hidden states of UAVs that have not decided yet, (n_decisions, H)."""
@@ -75,7 +97,12 @@ class FrozenPolicy:
 
         Returns:
             Q, shape (N, A), and the hidden states after this decision, shape (N, H).
+
+        Raises:
+            ValueError: the policy has several networks; `over` says which one decides.
         """
+        if self._network is None:
+            raise ValueError('one of several networks must be taken, by `over`')
         return self._network.step(observation, hidden)
 
     def actions(self, values: Floats, legal: Bools, frame: Ints, advice: Ints) -> Ints:
@@ -108,6 +135,7 @@ class LearnedPolicy:
     name: str
     frozen: FrozenPolicy
     _observer: Observer | None = field(default=None, init=False)
+    _network: FrozenPolicy | None = field(default=None, init=False)  # that decides
     _hidden: Floats = field(default_factory=lambda: np.zeros((1, 0)), init=False)  # (1, H)
     _advice: int = field(default=NONE, init=False)
     _rule: RulePolicy | None = field(default=None, init=False)  # which flies instead
@@ -143,24 +171,25 @@ class LearnedPolicy:
             self._rule.begin(briefing, uav)
             return
         self._observer = Observer(self.frozen.header.layout, briefing, uav)
-        self._rule, self._hidden = None, self.frozen.new_hidden(1)
+        self._network = self.frozen.over(briefing)
+        self._rule, self._hidden = None, self._network.new_hidden(1)
 
     def choose(self, belief: Belief, view: LocalView, legal: Row[int]) -> int:
         """The legal action of the highest value, or HOME where its adviser would fly home."""
         if self._rule is not None:
             self._advice = self._rule.choose(belief, view, legal)
             return self._advice
-        observer = self._observer
-        if observer is None:
+        observer, network = self._observer, self._network
+        if observer is None or network is None:
             raise RuntimeError('a policy must begin a mission before it chooses')
         self._advice = observer.advice(belief, view, legal)
         if self._advice == HOME:
             return HOME
         observed = np.array([observer.encode(belief, view, legal, self._advice)], dtype=np.float64)
-        values, self._hidden = self.frozen.step(observed, self._hidden)
+        values, self._hidden = network.step(observed, self._hidden)
         frame, advice = np.array([observer.frame]), np.array([self._advice])
         is_legal = np.array([legal]) == 1
-        return int(self.frozen.actions(values, is_legal, frame, advice)[0])
+        return int(network.actions(values, is_legal, frame, advice)[0])
 
 
 @dataclass
