@@ -1,7 +1,7 @@
 """Policy files with a changed head, texts or tensors, mostly under a digest that is right."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 import functools
 import hashlib
 import json
@@ -9,12 +9,13 @@ from typing import Any
 
 from hypothesis import strategies as st
 import numpy as np
-from random_policies import header, random_policy
+from random_policies import header, random_policy, random_weights
 from tiny_world import tiny
 from uav_collect.uav.learned_on import learned_on
 from uav_collect.uav.observation import Layout
 from uav_collect.uav.operating_domain import OperatingDomain
 from uav_collect.uav.policy_file import FORMAT, policy_bytes, WEIGHTS_FORMAT
+from uav_collect.uav.policy_network import FrozenPolicy
 
 SCENARIO = tiny()
 SMALL = random_policy(
@@ -22,14 +23,22 @@ SMALL = random_policy(
 )
 WHOLE = policy_bytes(SMALL)
 # Flies any field, by itself within its domains alone.
-ADVISED = policy_bytes(
-    random_policy(
-        header(
-            Layout.RELATIVE, side=1, n_uavs=1, hidden_size=1, cells_per_side_max=64,
-            n_uavs_max=16, advice_bonus=0.02, domains=(OperatingDomain(n_uavs=(1, 4)),),
-        )
-    )
+ADVISER = header(
+    Layout.RELATIVE, side=1, n_uavs=1, hidden_size=1, cells_per_side_max=64,
+    n_uavs_max=16, advice_bonus=0.02, domains=(OperatingDomain(n_uavs=(1, 4)),),
 )  # fmt: skip
+ADVISED = policy_bytes(random_policy(ADVISER))
+# The same with two networks.
+JOINT = policy_bytes(
+    FrozenPolicy(
+        replace(ADVISER, domains=tuple(OperatingDomain(network=number) for number in (1, 2))),
+        {
+            f'{number}/{name}': tensor
+            for number in (1, 2)
+            for name, tensor in random_weights(ADVISER, seed=number).items()
+        },
+    )
+)
 
 
 def head_and_data(content: bytes) -> tuple[dict[str, Any], bytes]:
@@ -204,6 +213,7 @@ TRUE_SPANS = st.one_of(
 )  # fmt: skip
 DOMAIN_KEYS = st.sampled_from([field.name for field in fields(OperatingDomain)])
 DOMAINS = st.one_of(
+    st.lists(st.fixed_dictionaries({'network': st.integers(-1, 9)}), min_size=1, max_size=3),
     st.lists(st.dictionaries(DOMAIN_KEYS, TRUE_SPANS, max_size=2), max_size=18),
     st.lists(
         st.dictionaries(st.one_of(DOMAIN_KEYS, WORDS), st.one_of(SPANS, TRUE_SPANS)), max_size=3

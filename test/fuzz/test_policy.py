@@ -24,6 +24,7 @@ from policy_changes import (
     DOMAINS,
     forged,
     head_and_data,
+    JOINT,
     NUMBERS,
     SCENARIO,
     set_json,
@@ -68,7 +69,8 @@ def test_a_forged_file_is_read_as_what_it_says_or_refused(changes: list[Change])
 
 @fuzzed(share=0.1, domains=DOMAINS)
 def test_domains_that_were_forged_are_spans_or_refused(domains: object) -> None:
-    check_forged(forged([functools.partial(set_json, 'domains', domains)], ADVISED))
+    for whole in (ADVISED, JOINT):
+        check_forged(forged([functools.partial(set_json, 'domains', domains)], whole))
 
 
 @fuzzed(
@@ -188,9 +190,10 @@ def check_record(value: Any, said: Any) -> None:  # noqa: ANN401 - a record, or 
 def check_use(policy: FrozenPolicy) -> None:
     """Hold a policy to values that are numbers, differences that can be told, legal actions."""
     observed = np.ones((1, policy.header.observation_size))
-    values, hidden = policy.step(observed, policy.new_hidden(1))
-    assert np.isfinite(values).all()
-    assert np.isfinite(hidden).all()
+    for network in policy.networks:
+        values, hidden = network.step(observed, network.new_hidden(1))
+        assert np.isfinite(values).all()
+        assert np.isfinite(hidden).all()
     flown = LearnedPolicy('forged', policy)
     line = unfamiliar(flown, SCENARIO) or ''
     assert line.isprintable()

@@ -131,7 +131,7 @@ def test_a_file_keeps_several_networks() -> None:
 
 def test_each_network_must_have_its_tensors_and_a_domain() -> None:
     both = joint(FIRST, SECOND)
-    with pytest.raises(PolicyMismatchError, match='domains have no network 1: must have one for'):
+    with pytest.raises(PolicyMismatchError, match='domains of network 1 are none: must be'):
         FrozenPolicy(replace(both.header, domains=(SECOND,)), both.weights)
     with pytest.raises(PolicyMismatchError, match=r"'1/encoder\.bias' is unknown"):
         FrozenPolicy(replace(both.header, domains=(FIRST,)), both.weights)
@@ -139,9 +139,7 @@ def test_each_network_must_have_its_tensors_and_a_domain() -> None:
     with pytest.raises(PolicyMismatchError, match=r"network 3: tensor 'encoder\.bias' is m"):
         FrozenPolicy(replace(both.header, domains=third), both.weights)
     of_none = {**both.weights, 'head.bias': both.weights['1/head.bias']}
-    with pytest.raises(
-        PolicyMismatchError, match=r"'head\.bias' is unknown: must be 1/NAME to"
-    ):
+    with pytest.raises(PolicyMismatchError, match=r"'head\.bias' is unknown: must be 1/NAME to"):
         FrozenPolicy(both.header, of_none)
 
 

@@ -185,8 +185,8 @@ def _check_numbers(header: PolicyHeader) -> None:
     numbers = {it.network or 1 for it in header.domains} or {1}
     if lacking := {*range(1, header.n_networks + 1)} - numbers:
         raise PolicyMismatchError(
-            f'domains have no network {min(lacking)}: must have one for each up to the last,'
-            f' {header.n_networks}'
+            f'domains of network {min(lacking)} are none: must be one or more for each network'
+            f' up to the last, {header.n_networks}'
         )
     squares = {(side, side) for side in (header.cells_per_side_min, header.cells_per_side_max)}
     areas = sorted(_areas_of_paper(header) or squares)

@@ -59,6 +59,11 @@ class FrozenPolicy:
         self._network = None if self._parts else network_of(header.network, weights)
 
     @property
+    def networks(self) -> tuple['FrozenPolicy', ...]:
+        """Its networks, each as a policy of its own; itself where it has one only."""
+        return self._parts or (self,)
+
+    @property
     def digest(self) -> str:
         """Hex digits that change with any weight."""
         return weights_digest(self.weights)
@@ -72,17 +77,7 @@ class FrozenPolicy:
         number = self.header.network_for(briefing)
         if number is None:
             raise ValueError('a rule flies there, no network')
-        return self._parts[number - 1] if self._parts else self
-
-    def _parts_of(self, weights: Weights) -> tuple['FrozenPolicy', ...]:
-        """Its networks, each as a policy; none where there is but one."""
-        n_networks = self.header.n_networks
-        if n_networks == 1:
-            return ()
-        return tuple(
-            FrozenPolicy(self.header.of_network(number), own)
-            for number, own in enumerate(by_network(weights, n_networks), start=1)
-        )
+        return self.networks[number - 1]
 
     def new_hidden(self, n_decisions: int) -> Floats:
         """The hidden states of UAVs that have not decided yet, (n_decisions, H)."""
@@ -123,6 +118,16 @@ class FrozenPolicy:
         best = best_actions(values, np.take_along_axis(legal, turned, axis=1))
         chosen: Ints = turned[np.arange(len(best)), best]
         return chosen
+
+    def _parts_of(self, weights: Weights) -> tuple['FrozenPolicy', ...]:
+        """As `networks`; none where there is one only."""
+        n_networks = self.header.n_networks
+        if n_networks == 1:
+            return ()
+        return tuple(
+            FrozenPolicy(self.header.of_network(number), own)
+            for number, own in enumerate(by_network(weights, n_networks), start=1)
+        )
 
 
 @dataclass
