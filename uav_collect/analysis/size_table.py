@@ -109,7 +109,7 @@ def _trial_cells(trial: Trial, battery: Battery) -> Iterator[str]:
     yield '' if is_free else f'{battery.mah(trial.battery_wh):.0f}'
     low, high = trial.interval
     yield _percent(trial.complete_share).removesuffix(' %')
-    yield f'{100 * low:.1f} to {100 * high:.1f}'
+    yield f'{math.floor(1e3 * low) / 10:.1f} to {math.ceil(1e3 * high) / 10:.1f}'
     if trial.metrics is None:
         yield 'stays'
         return
@@ -147,7 +147,8 @@ def _enough(enough: Sequence[Sized], wanted_share: float, wanted: str) -> Iterat
         return
     for n_complete, n_missions in dict.fromkeys((it.n_complete, it.n_missions) for it in enough):
         low, _ = share_interval(n_complete, n_missions)
-        shown = f'all data in {n_complete} of {n_missions} missions (at least {100 * low:.1f} %)'
+        least = math.floor(1e3 * low) / 10  # not more than was shown
+        shown = f'all data in {n_complete} of {n_missions} missions (at least {least:.1f} %)'
         yield f'{shown}: {_fleets(it for it in enough if it.n_complete == n_complete)}'
     if enough and n_least is not None:
         yield f'too few missions to show {wanted}: fly --missions {n_least} or more'

@@ -227,7 +227,7 @@ def _check_order(events: Sequence[EventReport]) -> None:
     for before, event in pairwise(events):
         if event.time_s < before.time_s:
             raise RefusedError(
-                f'{event.where}: time_s is {event.time_s:g}: must be at least {before.time_s:g}'
+                f'{event.where}: time_s is {event.time_s}: must be at least {before.time_s}'
             )
 
 

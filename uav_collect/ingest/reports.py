@@ -185,7 +185,7 @@ class ReportSpec:
         heard_s = float(np.frombuffer(report.peer_s, FLOAT64).max())
         if heard_s > report.time_s:
             raise RefusedError(
-                f'{where}: peer_s is {heard_s:g}: must be at most time_s, {report.time_s:g}'
+                f'{where}: peer_s is {heard_s}: must be at most time_s, {report.time_s}'
             )
 
     def _check_fingerprint(self, where: str, found: str) -> None:
