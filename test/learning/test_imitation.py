@@ -106,8 +106,11 @@ def test_the_sweep_teaches_unless_a_policy_that_fits_is_better() -> None:
     assert isinstance(taught.policy, LearnedPolicy)
     assert taught.policy.frozen.header.scenario == 'paper_8x8'
     assert taught.kbit_per_j > mark
-    three = build_site(tiny(*[uav(5.0, energy_budget_kj=25.0)] * 3))
-    assert teaching(three, shipped, Algorithm.IMITATION).policy is None  # nobody fits
+    many = build_site(tiny(*[uav(5.0, energy_budget_kj=25.0)] * 7))
+    assert teaching(many, shipped, Algorithm.IMITATION).policy is None  # nobody sees so many
+    fleet = [{'speed_mps': speed_mps} for speed_mps in (5.0, 10.0, 8.0)]
+    three = build_site(load('paper_8x8', {'fleet.uavs': fleet}))
+    assert teaching(three, shipped, Algorithm.IMITATION).policy is not None  # of two UAVs
     small = build_site(load('paper_8x8', {'area.cells_per_side': 6}))  # where nobody learned
     assert teaching(small, shipped, Algorithm.IMITATION).policy is not None
     lost = build_site(load('paper_8x8', {'radio.contact_range_m': 0.0}))

@@ -50,7 +50,7 @@ def teaching(
     by_sweep = fly_for_metrics(site, seeds, 'sweep', 'equal').efficiency_kbit_per_j
     best = Teaching(None, float(by_sweep.mean()))
     for _, teacher in teachers_of(config, algorithm.value):
-        policy = _for_any_area(teacher)
+        policy = _for_any_field(teacher)
         if not _is_fitting(policy, site, config.imitation.most_decision_ms):
             continue
         makes = partial(replace, policy)
@@ -62,12 +62,16 @@ def teaching(
     return best
 
 
-def _for_any_area(policy: NamedPolicy) -> NamedPolicy:
-    """A teacher that may be tried over any area where it sees as much as over its own."""
+def _for_any_field(policy: NamedPolicy) -> NamedPolicy:
+    """A teacher that may be tried wherever it sees as much: over any area, and with more UAVs."""
     if not isinstance(policy, LearnedPolicy) or policy.frozen.header.layout.base == Layout.PAPER:
         return policy
     header = replace(
-        policy.frozen.header, cells_per_side_min=1, cells_per_side_max=MAX_CELLS_PER_SIDE
+        policy.frozen.header,
+        cells_per_side_min=1,
+        cells_per_side_max=MAX_CELLS_PER_SIDE,
+        n_uavs_min=1,
+        n_uavs_max=policy.frozen.header.layout.max_uavs,
     )
     return LearnedPolicy(policy.name, FrozenPolicy(header, policy.frozen.weights))
 
