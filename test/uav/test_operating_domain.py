@@ -24,10 +24,12 @@ from uav_collect.uav.policy_network import FrozenPolicy, LearnedPolicy
 PAPER = OperatingDomain(
     n_uavs=(1, 4),
     cells_per_side=(6, 12),
+    side_ratio=(1.0, 1.5),
     contact_range_cells=(2.0, math.inf),
     loss_share=(0.0, 0.2),
     late_s=(0.0, 3.0),
     speed_ratio=(1.0, 2.0),
+    middle_speed=(0.9, 1.1),
     known_share=(0.0, 0.2),
     data_share=(0.1, 0.5),
     budget_crossings=(0.5, math.inf),
@@ -148,7 +150,14 @@ OUTSIDE = {
     '4 s that messages are late (within: 0 to 3)': {'radio.delay_s': [3.0, 1.0]},
     'faults are listed': {'faults': [{'uav': 1, 'kind': 'gone', 'at_s': 5.0}]},
     '5 UAVs (within: 1 to 4)': {'fleet.uavs': [{'speed_mps': 5.0}] * 5},
-    '10 to 18 rows and columns (within: 6 to 12)': {'area.rows': 18, 'area.columns': 10},
+    '11 to 14 rows and columns (within: 6 to 12)': {'area.rows': 14, 'area.columns': 11},
+    '2 of the longer side to the shorter (within: 1 to 1.5)': {
+        'area.rows': 6,
+        'area.columns': 12,
+    },
+    '0.667 of the median speed to the mean of the extremes (within: 0.9 to 1.1)': {
+        'fleet.uavs': [{'speed_mps': speed_mps} for speed_mps in (5.0, 5.0, 10.0)]
+    },
     '1 cells of contact range (within: 2 to inf)': {'radio.contact_range_m': 50.0},
     '3 of the fastest to the slowest (within: 1 to 2)': {'fleet.uavs.0.speed_mps': 30.0},
     "0.251 crossings of each cell in the fleet's budgets (within: 0.5 to inf)": {

@@ -7,6 +7,7 @@ domain (SAE J3016).
 
 from collections.abc import Iterator, Sequence
 import math
+from statistics import median
 from typing import Annotated
 
 from uav_collect.config.rules import number_span, Section, truth, whole, whole_span
@@ -25,10 +26,13 @@ class OperatingDomain(Section):
 
     n_uavs: Annotated[tuple[int, int] | None, whole_span(1, MAX_UAVS)] = None
     cells_per_side: Annotated[tuple[int, int] | None, whole_span(1, MAX_CELLS_PER_SIDE)] = None
+    side_ratio: Annotated[_Span | None, number_span(1, 1e6)] = None  # longer side to shorter one
     contact_range_cells: Annotated[_Span | None, number_span(0, math.inf)] = None  # of two or more
     loss_share: Annotated[_Span | None, number_span(0, 1)] = None  # of their messages
     late_s: Annotated[_Span | None, number_span(0, math.inf)] = None  # that these come at most
     speed_ratio: Annotated[_Span | None, number_span(1, 1e6)] = None  # fastest UAV to slowest one
+    # The median speed over the mean of the slowest and the fastest; 1: half are fast, half slow.
+    middle_speed: Annotated[_Span | None, number_span(0, 2)] = None  # of three or more
     known_share: Annotated[_Span | None, number_span(0, 1)] = None  # cells known to be complete
     data_share: Annotated[_Span | None, number_span(0, 1)] = None  # of the others, with data
     # What the fleet may spend, in crossings of each cell that is not known to be complete.
@@ -46,6 +50,8 @@ class OperatingDomain(Section):
         known = sum(briefing.known_complete) / len(briefing.known_complete)
         yield from _outside('UAVs', self.n_uavs, (briefing.n_uavs,))
         yield from _outside('rows and columns', self.cells_per_side, sides)
+        square = (max(sides) / min(sides),)
+        yield from _outside('of the longer side to the shorter', self.side_ratio, square)
         if briefing.n_uavs > 1:
             reach = briefing.contact_range_m / briefing.cell_size_m
             yield from _outside('cells of contact range', self.contact_range_cells, (reach,))
@@ -53,6 +59,11 @@ class OperatingDomain(Section):
             yield from _outside('s that messages are late', self.late_s, (briefing.late_s,))
             ratio = max(briefing.speed_mps) / min(briefing.speed_mps)
             yield from _outside('of the fastest to the slowest', self.speed_ratio, (ratio,))
+        if briefing.n_uavs > 2:
+            middle = (_middle_speed(briefing.speed_mps),)
+            yield from _outside(
+                'of the median speed to the mean of the extremes', self.middle_speed, middle
+            )
         yield from _outside('of cells known to be empty', self.known_share, (known,))
         yield from _outside('of cells with data', self.data_share, (briefing.data_chance,))
         budget = (_budget_crossings(briefing),)
@@ -67,6 +78,10 @@ class OperatingDomain(Section):
     def covers(self, briefing: Briefing) -> bool:
         """Whether a fleet over a field lies within."""
         return not any(self.misfits(briefing))
+
+
+def _middle_speed(speed_mps: Sequence[float]) -> float:
+    return 2.0 * median(speed_mps) / (min(speed_mps) + max(speed_mps))
 
 
 def _budget_crossings(briefing: Briefing) -> float:
