@@ -60,7 +60,7 @@ class OperatingDomain(Section):
             ratio = max(briefing.speed_mps) / min(briefing.speed_mps)
             yield from _outside('of the fastest to the slowest', self.speed_ratio, (ratio,))
         if briefing.n_uavs > 2:
-            middle = (_middle_speed(briefing.speed_mps),)
+            middle = (_middle_speed(briefing),)
             yield from _outside(
                 'of the median speed to the mean of the extremes', self.middle_speed, middle
             )
@@ -80,8 +80,9 @@ class OperatingDomain(Section):
         return not any(self.misfits(briefing))
 
 
-def _middle_speed(speed_mps: Sequence[float]) -> float:
-    return 2.0 * median(speed_mps) / (min(speed_mps) + max(speed_mps))
+def _middle_speed(briefing: Briefing) -> float:
+    speeds_mps = [briefing.speed_mps[uav] for uav in range(briefing.n_uavs)]
+    return 2.0 * median(speeds_mps) / (min(speeds_mps) + max(speeds_mps))
 
 
 def _budget_crossings(briefing: Briefing) -> float:
