@@ -29,11 +29,11 @@ PAPER = OperatingDomain(
     loss_share=(0.0, 0.2),
     late_s=(0.0, 3.0),
     speed_ratio=(1.0, 2.0),
-    middle_speed=(0.9, 1.1),
     known_share=(0.0, 0.2),
     data_share=(0.1, 0.5),
     budget_crossings=(0.5, math.inf),
     corner_cells=(0.0, 2.0),
+    apart_cells=(0.0, 3.0),
     may_fail=False,
 )
 ELSEWHERE = replace(PAPER, n_uavs=(9, 12))
@@ -155,9 +155,6 @@ OUTSIDE = {
         'area.rows': 6,
         'area.columns': 12,
     },
-    '0.667 of the median speed to the mean of the extremes (within: 0.9 to 1.1)': {
-        'fleet.uavs': [{'speed_mps': speed_mps} for speed_mps in (5.0, 5.0, 10.0)]
-    },
     '1 cells of contact range (within: 2 to inf)': {'radio.contact_range_m': 50.0},
     '3 of the fastest to the slowest (within: 1 to 2)': {'fleet.uavs.0.speed_mps': 30.0},
     "0.251 crossings of each cell in the fleet's budgets (within: 0.5 to inf)": {
@@ -166,6 +163,9 @@ OUTSIDE = {
     '4.5 cells from start and home to a corner (within: 0 to 2)': {
         'fleet.default.start': {'cell': [5, 4]},
         'fleet.default.home': {'cell': [4, 5]},
+    },
+    "9 cells between two UAVs' starts or homes (within: 0 to 3)": {
+        'fleet.uavs.1.home': {'cell': [0, 9]},
     },
     '0.05 of cells with data (within: 0.1 to 0.5)': {'demand.cell_share': 0.05},
 }
@@ -177,6 +177,19 @@ def test_outside_a_line_says_why(why: str) -> None:
     assert remarks(policy, scenario) == [f'policy mine flies as sweep here: {why}']
     assert not PAPER.covers(brief(scenario))
     assert remarks(policy, FIELD) == []
+
+
+def test_each_uavs_speed_over_the_slowest_ones_may_be_bounded() -> None:
+    paired = replace(PAPER, relative_speeds=((1.0, 1.0), (1.0, 1.25), (1.7, 2.0), (1.7, 2.0)))
+    for speeds_mps, why in (
+        ((10.0, 5.0, 9.0, 6.0), []),
+        ((5.0, 5.0, 8.0, 10.0), ['1.6 of UAV 3 to the slowest (within: 1.7 to 2)']),
+        ((5.0, 5.0, 10.0), ['3 UAVs (within: 4)']),
+    ):
+        fleet = {'fleet.uavs': [{'speed_mps': speed_mps} for speed_mps in speeds_mps]}
+        assert [*paired.misfits(brief(load('paper_10x10', fleet)))] == why
+    policy = frozen_with(paired)
+    assert policy_from_bytes(policy_bytes(policy)).header == policy.header
 
 
 def test_known_cells_and_one_uav_without_a_peer() -> None:

@@ -6,11 +6,11 @@ domain (SAE J3016).
 """
 
 from collections.abc import Iterator, Sequence
+from itertools import combinations
 import math
-from statistics import median
 from typing import Annotated
 
-from uav_collect.config.rules import number_span, Section, truth, whole, whole_span
+from uav_collect.config.rules import number_span, Rule, Section, truth, whole, whole_span
 from uav_collect.limits import MAX_CELLS_PER_SIDE, MAX_UAVS
 from uav_collect.uav.briefing import Briefing
 
@@ -19,6 +19,18 @@ MAX_NETWORKS = 8  # of a policy
 _TOLERANCE = 1e-9  # relative; what floating point rounds away
 
 _Span = tuple[float, float]
+
+
+def _spans(low: float, high: float) -> Rule:
+    """Spans of numbers, one for each UAV."""
+    span = number_span(low, high)
+
+    def parse(value: object) -> tuple[_Span, ...]:
+        if not isinstance(value, list | tuple) or not 1 <= len(value) <= MAX_UAVS:
+            raise ValueError
+        return tuple(span.parse(each) for each in value)
+
+    return Rule(f'a list, of each UAV {span.allowed}', parse)
 
 
 class OperatingDomain(Section):
@@ -31,14 +43,16 @@ class OperatingDomain(Section):
     loss_share: Annotated[_Span | None, number_span(0, 1)] = None  # of their messages
     late_s: Annotated[_Span | None, number_span(0, math.inf)] = None  # that these come at most
     speed_ratio: Annotated[_Span | None, number_span(1, 1e6)] = None  # fastest UAV to slowest one
-    # The median speed over the mean of the slowest and the fastest; 1: half are fast, half slow.
-    middle_speed: Annotated[_Span | None, number_span(0, 2)] = None  # of three or more
+    # Of each UAV over the slowest one's, from the slowest up: as many as there are UAVs.
+    relative_speeds: Annotated[tuple[_Span, ...] | None, _spans(1, 1e6)] = None
     known_share: Annotated[_Span | None, number_span(0, 1)] = None  # cells known to be complete
     data_share: Annotated[_Span | None, number_span(0, 1)] = None  # of the others, with data
     # What the fleet may spend, in crossings of each cell that is not known to be complete.
     budget_crossings: Annotated[_Span | None, number_span(0, math.inf)] = None
     # How far UAVs start and land from the nearest corner, along the area's sides.
     corner_cells: Annotated[_Span | None, number_span(0, MAX_CELLS_PER_SIDE)] = None
+    # How far the starts, or the homes, of two UAVs are from each other.
+    apart_cells: Annotated[_Span | None, number_span(0, 2 * MAX_CELLS_PER_SIDE)] = None
     may_fail: Annotated[bool | None, truth()] = None  # whether a UAV or its radio may
     network: Annotated[int | None, whole(1, MAX_NETWORKS)] = (
         None  # that decides; absent: the first
@@ -59,11 +73,7 @@ class OperatingDomain(Section):
             yield from _outside('s that messages are late', self.late_s, (briefing.late_s,))
             ratio = max(briefing.speed_mps) / min(briefing.speed_mps)
             yield from _outside('of the fastest to the slowest', self.speed_ratio, (ratio,))
-        if briefing.n_uavs > 2:
-            middle = (_middle_speed(briefing),)
-            yield from _outside(
-                'of the median speed to the mean of the extremes', self.middle_speed, middle
-            )
+        yield from self._unlike_speeds(briefing)
         yield from _outside('of cells known to be empty', self.known_share, (known,))
         yield from _outside('of cells with data', self.data_share, (briefing.data_chance,))
         budget = (_budget_crossings(briefing),)
@@ -72,17 +82,32 @@ class OperatingDomain(Section):
         )
         away = [*_corner_cells(briefing)]
         yield from _outside('cells from start and home to a corner', self.corner_cells, away)
+        if briefing.n_uavs > 1:
+            apart = (_apart_cells(briefing),)
+            yield from _outside("cells between two UAVs' starts or homes", self.apart_cells, apart)
         if self.may_fail is not None and self.may_fail != (briefing.may_fail == 1):
             yield 'no faults are listed' if self.may_fail else 'faults are listed'
+
+    def _unlike_speeds(self, briefing: Briefing) -> Iterator[str]:
+        if self.relative_speeds is None:
+            return
+        ratios = _over_slowest(briefing)
+        if len(ratios) != len(self.relative_speeds):
+            yield f'{len(ratios)} UAVs (within: {len(self.relative_speeds)})'
+            return
+        names = (f'of UAV {place} to the slowest' for place in range(1, len(ratios) + 1))
+        for name, span, ratio in zip(names, self.relative_speeds, ratios, strict=True):
+            yield from _outside(name, span, (ratio,))
 
     def covers(self, briefing: Briefing) -> bool:
         """Whether a fleet over a field lies within."""
         return not any(self.misfits(briefing))
 
 
-def _middle_speed(briefing: Briefing) -> float:
-    speeds_mps = [briefing.speed_mps[uav] for uav in range(briefing.n_uavs)]
-    return 2.0 * median(speeds_mps) / (min(speeds_mps) + max(speeds_mps))
+def _over_slowest(briefing: Briefing) -> list[float]:
+    """The UAVs' speeds over the slowest one's, from the slowest up."""
+    speeds_mps = sorted(briefing.speed_mps[uav] for uav in range(briefing.n_uavs))
+    return [speed_mps / speeds_mps[0] for speed_mps in speeds_mps]
 
 
 def _budget_crossings(briefing: Briefing) -> float:
@@ -107,6 +132,14 @@ def _corner_cells(briefing: Briefing) -> Iterator[float]:
         for x_m, y_m in zip(x_row, y_row, strict=True):
             along, across = min(x_m, wide_m - x_m), min(y_m, high_m - y_m)
             yield max(along, across, 0.0) / briefing.cell_size_m
+
+
+def _apart_cells(briefing: Briefing) -> float:
+    uavs = range(briefing.n_uavs)
+    starts = [(briefing.start_x_m[uav], briefing.start_y_m[uav]) for uav in uavs]
+    homes = [(briefing.home_x_m[uav], briefing.home_y_m[uav]) for uav in uavs]
+    pairs = (pair for places in (starts, homes) for pair in combinations(places, 2))
+    return max(math.dist(*pair) for pair in pairs) / briefing.cell_size_m
 
 
 def _outside(name: str, span: _Span | None, flown: Sequence[float]) -> Iterator[str]:
