@@ -1,7 +1,7 @@
 """Measures policies in conditions of all kinds, each beside the better of sweep and HERT.
 
 python bench/anywhere.py [--missions N] [--rows PATTERN] [--policies NAME ...] [--csv FILE]
-python bench/anywhere.py --courses anywhere [--drawn N] ...
+python bench/anywhere.py --courses anywhere [--drawn N] [--within POLICY] ...
 
 Every policy flies the same missions of a row, with optimal bandwidth. What it is held against is,
 in each row, the better of sweep and HERT: the one that collects everything in more missions, and
@@ -46,7 +46,8 @@ from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site, Site
 from uav_collect.training.course_draw import draw_course
 from uav_collect.training.courses import load_distribution
-from uav_collect.uav.policy import policy_for, policy_named, shipped_policies, STRONG
+from uav_collect.uav.briefing import brief
+from uav_collect.uav.policy import policy_for, policy_named, rule_of, shipped_policies, STRONG
 
 HERE = Path(__file__).parent
 BASE = 'paper_10x10'
@@ -55,7 +56,7 @@ ANYWHERE = 'anywhere'
 FIRST_SEED = 777_000
 DRAWN_SEED = 2**61  # of drawn conditions
 N_MISSIONS, N_PAPER_MISSIONS, N_PLANS = 300, 1000, 50
-N_DRAWN = 100
+N_DRAWN, MOST_DRAWS = 100, 100  # the latter for each row that is kept
 MOST_COLUMNS = 200  # of the table
 
 
@@ -148,15 +149,25 @@ def rows_of(path: Path, list_folders: Sequence[Path], pattern: str = '*') -> Ite
         yield Row(name=row.name, kind=row.kind, scenario=scenario)
 
 
-def drawn_rows(courses: str, number: int) -> Iterator[Row]:
+def drawn_rows(courses: str, number: int, within: str | None = None) -> Iterator[Row]:
     """Rows that are drawn as courses of trainings are, by a seed that none has.
+
+    Args:
+        number: of rows; fewer, where hardly any lies within.
+        within: a policy; rows in which it would fly as a rule are left out.
 
     Raises:
         ConfigError: there are no such courses, or they cannot be flown.
     """
-    distribution = load_distribution(courses)
-    for index in range(number):
+    distribution, n_found = load_distribution(courses), 0
+    judge = None if within is None else policy_named(within)
+    for index in range(number if judge is None else MOST_DRAWS * number):
         scenario = draw_course(distribution, DRAWN_SEED, index)
+        if judge is not None and rule_of(judge, brief(scenario)) is not None:
+            continue
+        n_found += 1
+        if n_found > number:
+            return
         area, n_uavs = scenario.area, scenario.n_uavs
         name = f'{scenario.name}: {n_uavs} over {area.n_rows} x {area.n_columns}'
         yield Row(name=name, kind=distribution.name, scenario=scenario)
@@ -381,6 +392,10 @@ def arguments_of(words: Sequence[str] | None = None) -> argparse.Namespace:
         help='how many of these (%(default)s)',
     )  # fmt: skip
     parser.add_argument(
+        '--within', metavar='NAME|FILE',
+        help='of these, only those in which this policy decides by itself: in its domains',
+    )  # fmt: skip
+    parser.add_argument(
         '--policies', nargs='*', default=default, metavar='NAME|FILE',
         help='what flies beside sweep and HERT (default: anywhere, if shipped, and strong)',
     )  # fmt: skip
@@ -439,12 +454,12 @@ def main(words: Sequence[str] | None = None) -> int:
     """Fly all, print the table and what it says; returns the exit status."""
     arguments, results = arguments_of(words), list[Result]()
     try:
-        for name in {*arguments.policies} - {STRONG}:
+        for name in {*arguments.policies, arguments.within} - {STRONG, None}:
             policy_named(name)
         rows = (
             [*rows_of(arguments.conditions, arguments.lists, arguments.rows)]
             if arguments.courses is None
-            else [*drawn_rows(arguments.courses, arguments.drawn)]
+            else [*drawn_rows(arguments.courses, arguments.drawn, arguments.within)]
         )
         if not rows:
             raise ConfigError(f'{arguments.conditions}: no row fits {arguments.rows}')

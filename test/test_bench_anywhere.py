@@ -3,9 +3,12 @@
 from pathlib import Path
 
 import pytest
+from random_policies import header, saved
 from small_courses import small_courses
 from uav_collect.errors import ConfigError
 from uav_collect.scenario.load import fingerprint, load
+from uav_collect.uav.observation import Layout
+from uav_collect.uav.operating_domain import OperatingDomain
 
 from bench import anywhere
 
@@ -83,6 +86,18 @@ def test_the_table_says_how_each_policy_stands(
     lines = [line.split(',')[0] for line in table.read_text().splitlines()]
     assert lines == ['condition', *['tiny'] * 3, *['another'] * 3]
     assert 'hert-equal: flew 2 of 2 rows, 6 missions' in said
+
+
+def test_of_drawn_conditions_those_within_a_policys_domains_may_be_kept(tmp_path: Path) -> None:
+    domains = (OperatingDomain(n_uavs=(2, 3)),)
+    wide = {'cells_per_side_max': 64, 'n_uavs_max': 16, 'advice_bonus': 0.1}
+    of = header(Layout.RELATIVE, side=1, n_uavs=1, **wide, domains=domains)
+    within = str(saved(tmp_path, 'of_two_or_three', of))
+    drawn = [*anywhere.drawn_rows('anywhere', 12)]
+    kept = [*anywhere.drawn_rows('anywhere', 3, within)]
+    assert [it.name for it in kept] == [it.name for it in drawn if it.scenario.n_uavs in (2, 3)][
+        :3
+    ]
 
 
 def test_conditions_may_be_drawn_as_courses_are(
