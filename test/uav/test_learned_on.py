@@ -7,6 +7,7 @@ from random_policies import header, random_policy
 from uav_collect.scenario.load import load, with_uavs
 from uav_collect.scenario.model import Scenario
 from uav_collect.training.courses import load_distribution
+from uav_collect.uav.briefing import brief
 from uav_collect.uav.learned_on import learned_on, LearnedOn, strangeness
 from uav_collect.uav.policy import (
     ANYWHERE,
@@ -18,6 +19,11 @@ from uav_collect.uav.policy import (
 from uav_collect.uav.policy_network import LearnedPolicy
 
 HOME = 'fleet.default.home'
+# Of each network of `anywhere`, in their order.
+ANYWHERES_COURSES = ('taught', 'taught_pairs', 'taught_fleets', 'taught_12x12')
+ANYWHERES_FLEETS = (
+    (12.0,), (5.0, 10.0, 8.0), (5.0, 10.0, 5.0, 10.0), (12.0, 6.0, 10.0, 6.0, 8.0),
+)  # fmt: skip
 
 
 def paper(**overrides: object) -> Scenario:
@@ -40,6 +46,7 @@ def test_what_a_scenario_teaches_is_kept_in_plain_numbers() -> None:
     )
     farm = learned_on(load('lillgrund'))
     assert (farm.sensors_per_cell, farm.cell_share, farm.data_mbit) == (0.48, 1.0, (10.0, 40.0))
+    assert farm.known_share == pytest.approx(0.54)  # two turbines share a cell, twice
 
 
 @pytest.mark.parametrize(
@@ -54,6 +61,10 @@ def test_what_a_scenario_teaches_is_kept_in_plain_numbers() -> None:
             'area 10 x 10 cells of 60 m (learned: 10 x 10 cells of 50 m)',
         ),
         ({'fleet__uavs': [{'speed_mps': 5.0}]}, 'fleet 1 UAV (learned: 2 UAVs)'),
+        (
+            {'demand__known_empty': 'sensors', 'sensors__seed': 4},
+            'cells known to hold nothing 0.29 (learned: 0)',
+        ),
         ({'faults': [{'uav': 2, 'kind': 'gone', 'at_s': 60.0}]}, 'faults (learned: none)'),
         (
             {'fleet__uavs': [{'speed_mps': 10.0}, {'speed_mps': 5.0}]},
@@ -142,7 +153,8 @@ def test_each_shipped_specialist_is_at_home_where_it_learned(name: str) -> None:
     policy = policy_named(name)
     assert isinstance(policy, LearnedPolicy)
     home = policy.frozen.header
-    scenario = with_uavs(load(home.scenario), home.n_uavs_min)
+    # Where nobody knew which cells hold nothing, as files of before have it.
+    scenario = with_uavs(load(home.scenario, {'demand.known_empty': 'none'}), home.n_uavs_min)
     assert home.learned_on == (learned_on(scenario),)
     assert unfamiliar(policy_for(name, scenario), scenario) is None
     wider = dataclasses.replace(scenario.demand, data_mbit=(0.01, 90.0))
@@ -154,9 +166,21 @@ def test_each_shipped_specialist_is_at_home_where_it_learned(name: str) -> None:
 def test_the_policy_for_any_field_flies_anything_and_says_where_it_flies_as_the_sweep() -> None:
     policy = policy_named(ANYWHERE)
     assert isinstance(policy, LearnedPolicy)
-    assert policy.frozen.header.domains == load_distribution('taught').domains
-    for name in ('paper_8x8', 'paper_10x10'):
-        assert unfamiliar(policy, load(name)) is None
+    parts = [load_distribution(name).domains or () for name in ANYWHERES_COURSES]
+    assert policy.frozen.header.domains == tuple(
+        dataclasses.replace(each, network=number)
+        for number, part in enumerate(parts, start=1)
+        for each in part
+    )
+    fleets = [[{'speed_mps': speed} for speed in speeds] for speeds in ANYWHERES_FLEETS]
+    for scenario, number in (
+        (load('paper_8x8'), 2),
+        (load('paper_10x10'), 2),
+        (paper(area__cells_per_side=12), 4),
+        *zip([paper(fleet__uavs=fleet) for fleet in fleets], (1, 3, 1, 3), strict=True),
+    ):
+        assert unfamiliar(policy, scenario) is None
+        assert policy.frozen.header.network_for(brief(scenario)) == number
     for name in ('paper_15x15', 'paper_20x20', 'lillgrund'):
         assert 'flies as sweep here' in (unfamiliar(policy, load(name)) or '')
     assert unfamiliar(policy, paper(area__cells_per_side=40)) is not None

@@ -154,7 +154,7 @@ class VectorEnv:
         """What the missions wait for."""
         if self._decisions is None:
             waiting = self._batch.waiting
-            uav = np.asarray(waiting.uav)
+            uav = np.asarray(waiting.uav, dtype=np.int64)
             self._decisions = AwaitedDecisions(
                 uav=uav,
                 time_s=np.asarray(waiting.time_s),

@@ -12,6 +12,7 @@ from uav_collect.config.rules import number, truth, whole
 from uav_collect.limits import MAX_CELLS_PER_SIDE, MAX_UAVS
 from uav_collect.scenario.area import open_cells
 from uav_collect.scenario.model import DrawnSensors, Scenario
+from uav_collect.scenario.site import known_complete_cells
 
 _TOLERANCE = 1e-6  # relative; what files round away
 
@@ -44,6 +45,7 @@ class LearnedOn:
     columns: Annotated[int, whole(0, MAX_CELLS_PER_SIDE)] = 0
     closed_share: _Share = 0.0  # of the cells
     may_fail: Annotated[bool, truth()] = False  # whether faults were listed
+    known_share: _Share = 0.0  # of the cells, open ones that all know to hold nothing
 
     @property
     def area(self) -> tuple[int, int]:
@@ -64,6 +66,7 @@ def learned_on(scenario: Scenario) -> LearnedOn:
         listed_mbit = [each.data_mbit or 0.0 for each in sensors.entries]
     data_mbit, radio = demand.data_mbit, scenario.radio
     mean_s, jitter_s = radio.delay_s or (0.0, 0.0)
+    closed_share = 1.0 - float(open_cells(area).mean())
     return LearnedOn(
         cells_per_side=max(area.n_rows, area.n_columns),
         cell_size_m=size_m,
@@ -78,8 +81,9 @@ def learned_on(scenario: Scenario) -> LearnedOn:
         rate_bps=radio.rate_bps or math.inf,
         rows=0 if area.n_rows == area.n_columns else area.n_rows,
         columns=0 if area.n_rows == area.n_columns else area.n_columns,
-        closed_share=1.0 - float(open_cells(area).mean()),
+        closed_share=closed_share,
         may_fail=bool(scenario.faults),
+        known_share=max(0.0, float(known_complete_cells(scenario).mean()) - closed_share),
     )
 
 
@@ -167,6 +171,9 @@ def _strange(known: Sequence[LearnedOn], flown: LearnedOn) -> Iterator[str]:
     )
     yield from _beyond('cells with data', '', lambda it: _point(it.cell_share), known, flown)
     yield from _beyond('data of a sensor', 'Mbit', lambda it: it.data_mbit, known, flown)
+    yield from _beyond(
+        'cells known to hold nothing', '', lambda it: _point(it.known_share), known, flown
+    )
     if flown.may_fail and not any(each.may_fail for each in known):
         yield 'faults (learned: none)'
 
