@@ -65,6 +65,10 @@ def test_what_a_scenario_teaches_is_kept_in_plain_numbers() -> None:
             {'demand__known_empty': 'sensors', 'sensors__seed': 4},
             'cells known to hold nothing 0.29 (learned: 0)',
         ),
+        (
+            {'fleet__default__energy_budget_kj': 40.0},
+            'energy that may run out (learned: ample)',
+        ),
         ({'faults': [{'uav': 2, 'kind': 'gone', 'at_s': 60.0}]}, 'faults (learned: none)'),
         (
             {'fleet__uavs': [{'speed_mps': 10.0}, {'speed_mps': 5.0}]},

@@ -66,6 +66,18 @@ def briefing_of(site: Site) -> Briefing:
     return _brief(site.scenario, site.known_complete())
 
 
+def budget_crossings(briefing: Briefing) -> float:
+    """What the fleet may spend, in crossings of each cell that is not known to be complete."""
+    n_crossings = sum(
+        (briefing.energy_budget_j[uav] - briefing.energy_margin_j[uav])
+        / (briefing.flight_power_w[uav] * briefing.cell_size_m / briefing.speed_mps[uav])
+        for uav in range(briefing.n_uavs)
+    )
+    return max(n_crossings, 0.0) / max(
+        len(briefing.known_complete) - sum(briefing.known_complete), 1
+    )
+
+
 def _brief(scenario: Scenario, is_known: Ints) -> Briefing:
     uavs, area = scenario.uavs, scenario.area
     home_m, home_via = _ways_home(scenario)

@@ -12,7 +12,7 @@ from uav_collect.config.rules import number, truth, whole
 from uav_collect.limits import MAX_CELLS_PER_SIDE, MAX_UAVS
 from uav_collect.scenario.area import open_cells
 from uav_collect.scenario.model import DrawnSensors, Scenario
-from uav_collect.scenario.site import known_complete_cells
+from uav_collect.uav.briefing import brief, budget_crossings
 
 _TOLERANCE = 1e-6  # relative; what files round away
 
@@ -45,6 +45,7 @@ class LearnedOn:
     columns: Annotated[int, whole(0, MAX_CELLS_PER_SIDE)] = 0
     closed_share: _Share = 0.0  # of the cells
     may_fail: Annotated[bool, truth()] = False  # whether faults were listed
+    may_run_out: Annotated[bool, truth()] = False  # whether energy was for less than all cells
     known_share: _Share = 0.0  # of the cells, open ones that all know to hold nothing
 
     @property
@@ -66,7 +67,8 @@ def learned_on(scenario: Scenario) -> LearnedOn:
         listed_mbit = [each.data_mbit or 0.0 for each in sensors.entries]
     data_mbit, radio = demand.data_mbit, scenario.radio
     mean_s, jitter_s = radio.delay_s or (0.0, 0.0)
-    closed_share = 1.0 - float(open_cells(area).mean())
+    closed_share, briefing = 1.0 - float(open_cells(area).mean()), brief(scenario)
+    known_share = sum(briefing.known_complete) / len(briefing.known_complete)
     return LearnedOn(
         cells_per_side=max(area.n_rows, area.n_columns),
         cell_size_m=size_m,
@@ -83,7 +85,8 @@ def learned_on(scenario: Scenario) -> LearnedOn:
         columns=0 if area.n_rows == area.n_columns else area.n_columns,
         closed_share=closed_share,
         may_fail=bool(scenario.faults),
-        known_share=max(0.0, float(known_complete_cells(scenario).mean()) - closed_share),
+        may_run_out=budget_crossings(briefing) < 1.0,
+        known_share=max(0.0, known_share - closed_share),
     )
 
 
@@ -176,6 +179,8 @@ def _strange(known: Sequence[LearnedOn], flown: LearnedOn) -> Iterator[str]:
     )
     if flown.may_fail and not any(each.may_fail for each in known):
         yield 'faults (learned: none)'
+    if flown.may_run_out and not any(each.may_run_out for each in known):
+        yield 'energy that may run out (learned: ample)'
 
 
 def _strange_radio(known: Sequence[LearnedOn], flown: LearnedOn) -> Iterator[str]:

@@ -12,7 +12,7 @@ from typing import Annotated
 
 from uav_collect.config.rules import number_span, Rule, Section, truth, whole, whole_span
 from uav_collect.limits import MAX_CELLS_PER_SIDE, MAX_UAVS
-from uav_collect.uav.briefing import Briefing
+from uav_collect.uav.briefing import Briefing, budget_crossings
 
 MAX_DOMAINS = 16  # of a policy: they are looked through at every take-off
 MAX_NETWORKS = 8  # of a policy
@@ -76,7 +76,7 @@ class OperatingDomain(Section):
         yield from self._unlike_speeds(briefing)
         yield from _outside('of cells known to be empty', self.known_share, (known,))
         yield from _outside('of cells with data', self.data_share, (briefing.data_chance,))
-        budget = (_budget_crossings(briefing),)
+        budget = (budget_crossings(briefing),)
         yield from _outside(
             "crossings of each cell in the fleet's budgets", self.budget_crossings, budget
         )
@@ -108,17 +108,6 @@ def _over_slowest(briefing: Briefing) -> list[float]:
     """The UAVs' speeds over the slowest one's, from the slowest up."""
     speeds_mps = sorted(briefing.speed_mps[uav] for uav in range(briefing.n_uavs))
     return [speed_mps / speeds_mps[0] for speed_mps in speeds_mps]
-
-
-def _budget_crossings(briefing: Briefing) -> float:
-    n_crossings = sum(
-        (briefing.energy_budget_j[uav] - briefing.energy_margin_j[uav])
-        / (briefing.flight_power_w[uav] * briefing.cell_size_m / briefing.speed_mps[uav])
-        for uav in range(briefing.n_uavs)
-    )
-    return max(n_crossings, 0.0) / max(
-        len(briefing.known_complete) - sum(briefing.known_complete), 1
-    )
 
 
 def _corner_cells(briefing: Briefing) -> Iterator[float]:
