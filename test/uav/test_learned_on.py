@@ -16,6 +16,7 @@ from uav_collect.uav.policy import (
     shipped_policies,
     unfamiliar,
 )
+from uav_collect.uav.policy_file import policy_bytes, policy_from_bytes
 from uav_collect.uav.policy_network import LearnedPolicy
 
 HOME = 'fleet.default.home'
@@ -188,3 +189,19 @@ def test_the_policy_for_any_field_flies_anything_and_says_where_it_flies_as_the_
     for name in ('paper_15x15', 'paper_20x20', 'lillgrund'):
         assert 'flies as sweep here' in (unfamiliar(policy, load(name)) or '')
     assert unfamiliar(policy, paper(area__cells_per_side=40)) is not None
+
+
+def test_of_closed_cells_nothing_is_said_twice() -> None:
+    """Seven of a hundred cells: shares of them, rounded one by one, do not cancel out."""
+    row = [[0.0, 0.0], [350.0, 0.0], [350.0, 50.0], [0.0, 50.0]]
+    homes = {HOME: {'cell': [5, 5]}, 'fleet.default.start': {'cell': [5, 5]}}
+    kept = learned_on(load('paper_10x10', {'area.no_fly': [row], **homes}))
+    assert kept.closed_share == pytest.approx(0.07)
+    assert kept.known_share == 0.0
+
+
+def test_a_header_of_what_was_learned_can_be_written() -> None:
+    for scenario in (paper(), paper(fleet__default__energy_budget_kj=25.0), load('lillgrund')):
+        kept = learned_on(scenario)
+        policy = random_policy(header(learned_on=(kept,)))
+        assert policy_from_bytes(policy_bytes(policy)).header.learned_on == (kept,)

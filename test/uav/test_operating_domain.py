@@ -183,7 +183,7 @@ def test_each_uavs_speed_over_the_slowest_ones_may_be_bounded() -> None:
     paired = replace(PAPER, relative_speeds=((1.0, 1.0), (1.0, 1.25), (1.7, 2.0), (1.7, 2.0)))
     for speeds_mps, why in (
         ((10.0, 5.0, 9.0, 6.0), []),
-        ((5.0, 5.0, 8.0, 10.0), ['1.6 of UAV 3 to the slowest (within: 1.7 to 2)']),
+        ((5.0, 5.0, 8.0, 10.0), ['1.6 of speed 3 from below to the slowest (within: 1.7 to 2)']),
         ((5.0, 5.0, 10.0), ['3 UAVs (within: 4)']),
     ):
         fleet = {'fleet.uavs': [{'speed_mps': speed_mps} for speed_mps in speeds_mps]}

@@ -45,6 +45,7 @@ class LearnedOn:
     columns: Annotated[int, whole(0, MAX_CELLS_PER_SIDE)] = 0
     closed_share: _Share = 0.0  # of the cells
     may_fail: Annotated[bool, truth()] = False  # whether faults were listed
+    # Files of before say nothing of these two: specialists had ample energy, and knew of no cell.
     may_run_out: Annotated[bool, truth()] = False  # whether energy was for less than all cells
     known_share: _Share = 0.0  # of the cells, open ones that all know to hold nothing
 
@@ -68,7 +69,8 @@ def learned_on(scenario: Scenario) -> LearnedOn:
     data_mbit, radio = demand.data_mbit, scenario.radio
     mean_s, jitter_s = radio.delay_s or (0.0, 0.0)
     closed_share, briefing = 1.0 - float(open_cells(area).mean()), brief(scenario)
-    known_share = sum(briefing.known_complete) / len(briefing.known_complete)
+    # Of open cells: those that are closed hold nothing, either.
+    n_known = int(sum(briefing.known_complete)) - int((open_cells(area) == 0).sum())
     return LearnedOn(
         cells_per_side=max(area.n_rows, area.n_columns),
         cell_size_m=size_m,
@@ -85,8 +87,8 @@ def learned_on(scenario: Scenario) -> LearnedOn:
         columns=0 if area.n_rows == area.n_columns else area.n_columns,
         closed_share=closed_share,
         may_fail=bool(scenario.faults),
-        may_run_out=budget_crossings(briefing) < 1.0,
-        known_share=max(0.0, known_share - closed_share),
+        may_run_out=bool(budget_crossings(briefing) < 1.0),
+        known_share=n_known / scenario.n_cells,
     )
 
 

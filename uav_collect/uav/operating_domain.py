@@ -88,14 +88,21 @@ class OperatingDomain(Section):
         if self.may_fail is not None and self.may_fail != (briefing.may_fail == 1):
             yield 'no faults are listed' if self.may_fail else 'faults are listed'
 
+    def is_for(self, n_uavs: int) -> bool:
+        """Whether fleets of so many UAVs may lie within."""
+        return self.n_uavs is None or self.n_uavs[0] <= n_uavs <= self.n_uavs[1]
+
     def _unlike_speeds(self, briefing: Briefing) -> Iterator[str]:
         if self.relative_speeds is None:
             return
         ratios = _over_slowest(briefing)
         if len(ratios) != len(self.relative_speeds):
-            yield f'{len(ratios)} UAVs (within: {len(self.relative_speeds)})'
+            if self.is_for(len(ratios)):  # else that was said
+                yield f'{len(ratios)} UAVs (within: {len(self.relative_speeds)})'
             return
-        names = (f'of UAV {place} to the slowest' for place in range(1, len(ratios) + 1))
+        names = (
+            f'of speed {place} from below to the slowest' for place in range(1, len(ratios) + 1)
+        )
         for name, span, ratio in zip(names, self.relative_speeds, ratios, strict=True):
             yield from _outside(name, span, (ratio,))
 

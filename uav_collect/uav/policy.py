@@ -168,7 +168,9 @@ def _flown_by_adviser(name: str, header: PolicyHeader, scenario: Scenario) -> st
     rule = header.rule_for(briefing)
     if rule is None:
         return None
-    misfits = min(([*it.misfits(briefing)] for it in header.domains), key=len)
+    # Of domains for as many UAVs, if there are any, the one that it is nearest to.
+    near = [it for it in header.domains if it.is_for(briefing.n_uavs)] or header.domains
+    misfits = min(([*it.misfits(briefing)] for it in near), key=len)
     return f'policy {name} flies as {rule.label} here: {", ".join(misfits)}'
 
 
