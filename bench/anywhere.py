@@ -165,12 +165,12 @@ def drawn_rows(courses: str, number: int, within: str | None = None) -> Iterator
         scenario = draw_course(distribution, DRAWN_SEED, index)
         if judge is not None and rule_of(judge, brief(scenario)) is not None:
             continue
-        n_found += 1
-        if n_found > number:
-            return
         area, n_uavs = scenario.area, scenario.n_uavs
         name = f'{scenario.name}: {n_uavs} over {area.n_rows} x {area.n_columns}'
         yield Row(name=name, kind=distribution.name, scenario=scenario)
+        n_found += 1
+        if n_found == number:
+            return
 
 
 def _fits(name: str, pattern: str) -> bool:
@@ -454,7 +454,7 @@ def main(words: Sequence[str] | None = None) -> int:
     """Fly all, print the table and what it says; returns the exit status."""
     arguments, results = arguments_of(words), list[Result]()
     try:
-        for name in {*arguments.policies, arguments.within} - {STRONG, None}:
+        for name in {*arguments.policies} - {STRONG} | {arguments.within} - {None}:
             policy_named(name)
         rows = (
             [*rows_of(arguments.conditions, arguments.lists, arguments.rows)]
@@ -462,7 +462,8 @@ def main(words: Sequence[str] | None = None) -> int:
             else [*drawn_rows(arguments.courses, arguments.drawn, arguments.within)]
         )
         if not rows:
-            raise ConfigError(f'{arguments.conditions}: no row fits {arguments.rows}')
+            where = arguments.courses or f'{arguments.conditions}, --rows {arguments.rows}'
+            raise ConfigError(f'{where}: there is no such row')
     except (ConfigError, PolicyMismatchError) as error:
         terminal.say_error(error)
         return UNUSABLE

@@ -140,4 +140,4 @@ def test_a_pattern_that_no_row_fits_is_refused(
     tiny_file: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     assert anywhere.main(['--conditions', str(tiny_file), '--rows', 'nowhere']) == 2
-    assert 'no row fits nowhere' in capfd.readouterr().err
+    assert '--rows nowhere: there is no such row' in capfd.readouterr().err

@@ -38,6 +38,10 @@ def averaged(policies: Sequence[FrozenPolicy], shares: Sequence[float]) -> Froze
     """
     last, parts = policies[-1], np.array(shares) / sum(shares)
     for policy in policies:
+        if policy.header.n_networks > 1:
+            raise PolicyMismatchError(
+                f'{policy.header.version}: has several networks: must be one'
+            )
         check_same_network(policy, last.header)
     weights = {
         name: np.einsum('p,p...->...', parts, [it.weights[name] for it in policies])

@@ -1,6 +1,6 @@
 """Joins policies that decide in different domains into one of several networks.
 
-python tools/join_policies.py OUTPUT FILE FILE ... [--panel NAME|FILE]
+python tools/join_policies.py OUTPUT FILE FILE [FILE ...] [--panel NAME|FILE]
 
 Each file has one network, and domains in which it decides. Where domains overlap, the network of
 the file that is named first decides. The joint policy is validated in the panel; of its decisions
@@ -35,11 +35,15 @@ def joined(policies: Sequence[FrozenPolicy]) -> FrozenPolicy:
         PolicyMismatchError: one has no domains, or their networks differ in kind.
     """
     first = policies[0].header
-    if len(policies) > MAX_NETWORKS:
-        raise PolicyMismatchError(f'{len(policies)} policies: must be at most {MAX_NETWORKS}')
+    if not 2 <= len(policies) <= MAX_NETWORKS:
+        raise PolicyMismatchError(f'policies are {len(policies)}: must be 2 to {MAX_NETWORKS}')
     for policy in policies:
-        check_same_network(policy, first)
         header = policy.header
+        if header.n_networks > 1:
+            raise PolicyMismatchError(
+                f'{header.version}: has {header.n_networks} networks: must be one'
+            )
+        check_same_network(policy, first)
         if not header.domains:
             raise PolicyMismatchError(f'{header.version}: has no domains: it would fly everywhere')
         if header.advice_bonus != first.advice_bonus:
@@ -53,6 +57,10 @@ def joined(policies: Sequence[FrozenPolicy]) -> FrozenPolicy:
         domains=tuple(
             replace(it, network=number) for number, each in parts for it in each.header.domains
         ),
+        cells_per_side_min=min(each.header.cells_per_side_min for each in policies),
+        cells_per_side_max=max(each.header.cells_per_side_max for each in policies),
+        n_uavs_min=min(each.header.n_uavs_min for each in policies),
+        n_uavs_max=max(each.header.n_uavs_max for each in policies),
         learned_within=tuple(
             dict.fromkeys(it for each in policies for it in each.header.learned_within)
         ),

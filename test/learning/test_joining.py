@@ -17,6 +17,7 @@ from uav_collect.uav.policy_network import FrozenPolicy
 
 torch = single_threaded_torch()
 from uav_collect.learning.course_tasks import check_settings
+from uav_collect.learning.headers import network_to_start_from
 from uav_collect.learning.minibatch import Algorithm
 from uav_collect.training.config import load_preset
 
@@ -78,8 +79,33 @@ def test_a_wrong_file_is_a_line(tmp_path: Path, capsys: pytest.CaptureFixture[st
 
 
 def test_a_joint_policy_is_no_part_of_another() -> None:
-    with pytest.raises(PolicyMismatchError, match='number of networks is 2: must be 1'):
-        join_policies.joined([TWO, join_policies.joined([TWO, THREE])])
+    for policies in (
+        [TWO, join_policies.joined([TWO, THREE])],
+        [join_policies.joined([TWO, THREE])] * 2,
+    ):
+        with pytest.raises(PolicyMismatchError, match='has 2 networks: must be one'):
+            join_policies.joined(policies)
+    with pytest.raises(PolicyMismatchError, match='policies are 1: must be 2 to 8'):
+        join_policies.joined([TWO])
+
+
+def test_the_joint_policy_may_fly_what_any_of_its_networks_may() -> None:
+    small = of_fleets(2, seed=1, n_uavs_max=2, cells_per_side_max=8)
+    header = join_policies.joined([small, THREE]).header
+    assert (header.n_uavs_max, header.cells_per_side_max) == (16, 64)
+
+
+def test_a_training_starts_from_the_network_that_decides_there() -> None:
+    both = join_policies.joined([TWO, THREE])
+    fleets = [
+        brief(load('paper_10x10', {'fleet.uavs': [{'speed_mps': 5.0}] * n_uavs}))
+        for n_uavs in (2, 3, 4)
+    ]
+    assert network_to_start_from(both, fleets[1:2]).digest == THREE.digest
+    assert network_to_start_from(TWO, fleets) is TWO
+    for some in (fleets[:2], fleets[2:]):
+        with pytest.raises(PolicyMismatchError, match='has 2 networks: must be one that decides'):
+            network_to_start_from(both, some)
 
 
 def test_courses_that_name_a_network_are_refused_before_anything_is_learned() -> None:

@@ -12,6 +12,7 @@ from uav_collect.scenario.model import Scenario
 from uav_collect.training.courses import CourseDistribution
 from uav_collect.training.progress import ValidationResult
 from uav_collect.uav import policy_header
+from uav_collect.uav.briefing import Briefing
 from uav_collect.uav.learned_on import learned_on, LearnedOn, LearnedWithin
 from uav_collect.uav.operating_domain import OperatingDomain
 from uav_collect.uav.policy_header import PolicyHeader
@@ -91,6 +92,24 @@ def header_validation(
     return policy_header.Validation(
         missions=n_missions if validation else 0, bandwidth='equal', **measured
     )
+
+
+def network_to_start_from(initial: FrozenPolicy, briefings: Sequence[Briefing]) -> FrozenPolicy:
+    """Of a policy's networks the one that decides on all fields that are learned on.
+
+    Raises:
+        PolicyMismatchError: none does, where there are several.
+    """
+    header = initial.header
+    if header.n_networks == 1:
+        return initial
+    numbers = {header.network_for(briefing) for briefing in briefings}
+    if len(numbers) > 1 or None in numbers:
+        raise PolicyMismatchError(
+            f'initial policy {header.version}: it has {header.n_networks} networks: must be one'
+            ' that decides on all that is learned on'
+        )
+    return initial.over(briefings[0])
 
 
 def check_same_network(initial: FrozenPolicy, wanted: PolicyHeader) -> None:

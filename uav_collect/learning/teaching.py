@@ -63,7 +63,7 @@ def teaching(
 
 
 def _for_any_field(policy: NamedPolicy) -> NamedPolicy:
-    """A teacher that may be tried wherever it sees as much: over any area, and with more UAVs."""
+    """A teacher that may be tried wherever it sees as much: over any area, by any fleet."""
     if not isinstance(policy, LearnedPolicy) or policy.frozen.header.layout.base == Layout.PAPER:
         return policy
     header = replace(

@@ -22,6 +22,7 @@ from uav_collect.learning.headers import (
     header_validation,
     learned_in_scenarios,
     learned_on_courses,
+    network_to_start_from,
 )
 from uav_collect.learning.learner import Learner
 from uav_collect.learning.minibatch import Algorithm
@@ -120,6 +121,7 @@ class Trainer:
         self._best: ValidationResult | None = None
         self._best_policy: FrozenPolicy | None = None
         if initial is not None:
+            initial = network_to_start_from(initial, briefings)
             check_same_network(initial, self._header(None, initial.weights))
             self._learner.load_weights(initial.weights)
 

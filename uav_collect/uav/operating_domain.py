@@ -54,9 +54,8 @@ class OperatingDomain(Section):
     # How far the starts, or the homes, of two UAVs are from each other.
     apart_cells: Annotated[_Span | None, number_span(0, 2 * MAX_CELLS_PER_SIDE)] = None
     may_fail: Annotated[bool | None, truth()] = None  # whether a UAV or its radio may
-    network: Annotated[int | None, whole(1, MAX_NETWORKS)] = (
-        None  # that decides; absent: the first
-    )
+    # Which of the policy's networks decides; absent: the first.
+    network: Annotated[int | None, whole(1, MAX_NETWORKS)] = None
 
     def misfits(self, briefing: Briefing) -> Iterator[str]:
         """By what a fleet over a field lies outside, for people."""

@@ -207,7 +207,7 @@ def _span(low: int, high: int) -> str:
 def by_network(tensors: Mapping[str, _Tensor], n_networks: int) -> list[dict[str, _Tensor]]:
     """The tensors of each network, by their names within it, or what is known of them.
 
-    Of several networks, each has its number, from 1, and a stroke before the names of its tensors.
+    Of several networks, each has its number, from 1, and a slash before the names of its tensors.
 
     Raises:
         PolicyMismatchError: one belongs to none.
@@ -218,7 +218,7 @@ def by_network(tensors: Mapping[str, _Tensor], n_networks: int) -> list[dict[str
     numbers = {f'{number}': number for number in range(1, n_networks + 1)}
     for name, tensor in tensors.items():
         number, _, own_name = name.partition('/')
-        if number not in numbers:
+        if number not in numbers or not own_name:
             allowed = f'1/NAME to {n_networks}/NAME'
             raise PolicyMismatchError(f'tensor {shown(name)} is unknown: must be {allowed}')
         found[numbers[number] - 1][own_name] = tensor
