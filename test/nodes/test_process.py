@@ -180,6 +180,30 @@ def test_last_words_reach_who_listens(processes: Processes, spinner: Spinner) ->
     assert process.wait_for_exit() == 0
 
 
+@pytest.mark.parametrize('who', ['the reader goes on', 'a second signal'])
+def test_a_stopped_node_waits_for_its_readers_until_a_second_signal(
+    processes: Processes, who: str
+) -> None:
+    reader = speaker(
+        processes, at_start='self.create_subscription(String, "words", lambda _: None, 10)'
+    )
+    process = speaker(
+        processes,
+        at_start='import uav_collect.nodes.process as own; own._FLUSH_S = 1e9',
+        at_tick='self.words.get_subscription_count() and self.get_logger().info("is heard")',
+    )
+    process.wait_for('is heard')
+    reader.send(signal.SIGSTOP)
+    process.send(signal.SIGINT)
+    process.wait_for('said bye')
+    if who == 'a second signal':
+        process.send(signal.SIGINT)
+    else:
+        reader.send(signal.SIGCONT)
+    assert process.wait_for_exit() == 0
+    reader.send(signal.SIGCONT)
+
+
 def test_what_a_short_lived_node_said_reaches_who_listens(
     processes: Processes, spinner: Spinner
 ) -> None:

@@ -48,7 +48,7 @@ def problems_of(folder: Path, change: tuple[str, str]) -> str:
 
 def test_every_shipped_distribution_is_valid_and_has_its_files_name() -> None:
     names = names_in(shared_folders('training/courses'))
-    assert names == ('anywhere', 'taught')
+    assert set(names) >= {'anywhere', 'taught'}
     assert tuple(load_courses(name).distribution.name for name in names) == names
 
 

@@ -32,7 +32,9 @@ from uav_collect.nodes.incidents import Incidents
 from uav_collect.nodes.middleware import use_quick_discovery
 
 _WAIT_S = 0.1  # longest time until a signal is noticed by an idle node
-_FLUSH_S = 0.5  # longest wait of a stopped node for the readers of what it published
+# Longest wait of a stopped node for the readers of what it published: a late one takes the whole
+# history of missions, and where processors are busy that takes seconds. A second signal ends it.
+_FLUSH_S = 3.0
 # The same of a node that ends by itself: so long a reader counts as there that is not heard, see
 # leaseDuration in config/fastdds.xml. DDS repeats lost packets every 3 s.
 _HANDOVER_S = 20.0
@@ -94,7 +96,7 @@ class _Stop:
     """Remembers that a signal asked the process to end, once or many times."""
 
     def __init__(self) -> None:
-        self._is_asked = False
+        self._n_signals = 0
         self._numbers = stop_signals()
         for number in self._numbers:
             signal.signal(number, self._on_signal)
@@ -102,13 +104,18 @@ class _Stop:
     @property
     def asked(self) -> bool:
         """Whether there was a signal."""
-        return self._is_asked
+        return self._n_signals > 0
+
+    @property
+    def urged(self) -> bool:
+        """Whether there was more than one: who asks does not want to wait."""
+        return self._n_signals > 1
 
     def acknowledge(self) -> bool:
         """Whether there was a signal; if so, who asks ends the process, however long it takes."""
-        if self._is_asked:
+        if self.asked:
             watchdog.acknowledge()
-        return self._is_asked
+        return self.asked
 
     def ignore_more(self) -> None:
         """Make further signals harmless; Python's own exit would restore their deadly default."""
@@ -116,7 +123,7 @@ class _Stop:
             signal.signal(number, signal.SIG_IGN)
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
-        self._is_asked = True
+        self._n_signals += 1
 
 
 def parse_arguments(parser: ArgumentParser, argv: Sequence[str]) -> Namespace:
@@ -255,7 +262,8 @@ def _flush_publishers(node: ProcessNode, stop: _Stop) -> None:
     for publisher in node.publishers:
         while not publisher.wait_for_all_acked(Duration(seconds=_WAIT_S / 10)):
             is_leisurely = node.end_status == 0 and not stop.asked
-            if time.monotonic() > begun_s + (_HANDOVER_S if is_leisurely else _FLUSH_S):
+            patience_s = _HANDOVER_S if is_leisurely else _FLUSH_S
+            if stop.urged or time.monotonic() > begun_s + patience_s:
                 return
 
 
