@@ -415,7 +415,10 @@ def arguments_of(words: Sequence[str] | None = None) -> argparse.Namespace:
         help='where else lists of sensors are',
     )  # fmt: skip
     parser.add_argument('--csv', type=options.output, metavar='FILE', help='write a table, too')
-    return parser.parse_args(words)
+    arguments = parser.parse_args(words)
+    if arguments.within is not None and arguments.courses is None:
+        parser.error('--within: must come with --courses')
+    return arguments
 
 
 def fly_all(arguments: argparse.Namespace, rows: Sequence[Row], results: list[Result]) -> None:

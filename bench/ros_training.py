@@ -34,7 +34,7 @@ LEAST_SHARE = 0.6  # of the decisions per second without a trainer
 N_FILLING, N_MORE = 1200, 200  # missions until histories and replay are full, and after that
 REPLAY_DECISIONS = 10_000
 EAGER = 20  # decisions for each update: more updates than any learner makes
-POLICY = Path('config', 'policies', 'paper_8x8_n2_aqmix.safetensors')
+POLICY = Path('config', 'policies', 'paper_10x10_n2_aqmix.safetensors')
 
 
 class Learned(NamedTuple):
@@ -273,8 +273,8 @@ def main() -> None:
     os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     console = Console(width=None if sys.stdout.isatty() else 132)
-    scenario, ratio = load('paper_8x8'), load_preset('strong').rollout.decisions_per_update
-    table = Table(title=f'Learning over ROS 2, paper_8x8, an update each {ratio} decisions')
+    scenario, ratio = load('paper_10x10'), load_preset('strong').rollout.decisions_per_update
+    table = Table(title=f'Learning over ROS 2, paper_10x10, an update each {ratio} decisions')
     speeds = ('decisions/s without', 'with a trainer', 'share')
     for heading in ('worlds', *speeds, 'CPU ms a decision without', 'with', 'updates/s'):
         table.add_column(heading, justify='right')
@@ -293,7 +293,7 @@ def main() -> None:
     console.print(table)
     over_ros = fly(scenario, 1, seconds, EAGER).updates_per_s
     here = learn_in_process(scenario, seconds, EAGER)
-    short = load('paper_8x8', {'fleet.default.energy_budget_kj': 6.0})
+    short = load('paper_10x10', {'fleet.default.energy_budget_kj': 6.0})
     taken_ms, mission_ms = swap_ms(short)
     p50, p99 = np.percentile(taken_ms, [50, 99])
     grown = grown_mb(short).items()

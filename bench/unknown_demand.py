@@ -47,6 +47,7 @@ from uav_collect.scenario.load import load, with_uavs
 from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site, Site
 from uav_collect.uav.briefing import briefing_of
+from uav_collect.uav.policy import ANYWHERE
 from uav_collect.world.sensor_field import demand_by_cell, demand_of, lay_out
 
 MOST_DRAWN_CELLS = 20  # of an area whose beliefs are few enough by the world's own law
@@ -248,7 +249,7 @@ def on_paper_area(seeds: Sequence[int], console: Console) -> None:
     """Print how near one UAV comes to what no flight gets beyond on the paper's area."""
     site = build_site(with_uavs(load('paper_10x10'), 1))
     briefing = briefing_of(site)
-    policies = ('paper_10x10_n1_aqmix', *RULES)
+    policies = (ANYWHERE, *RULES)
     limits = ('no flight below, cells unseen', 'no flight below')
     energy_j: dict[str, list[float]] = {name: [] for name in ('plan', *limits, *policies)}
     bit = []

@@ -141,3 +141,11 @@ def test_a_pattern_that_no_row_fits_is_refused(
 ) -> None:
     assert anywhere.main(['--conditions', str(tiny_file), '--rows', 'nowhere']) == 2
     assert '--rows nowhere: there is no such row' in capfd.readouterr().err
+
+
+def test_what_keeps_only_drawn_conditions_is_refused_without_any(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with pytest.raises(SystemExit):
+        anywhere.arguments_of(['--within', 'anywhere'])
+    assert '--within: must come with --courses' in capsys.readouterr().err

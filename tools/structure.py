@@ -32,8 +32,8 @@ MAX_FLOORS = 13
 MAX_DECISION_FILES = 12
 
 _COLUMNS = 99
-_SCENARIO = 'paper_8x8'
-_LEARNED = 'paper_8x8_n2_aqmix'
+_SCENARIO = 'paper_10x10'
+_LEARNED = 'paper_10x10_n2_aqmix'
 _DONE = ('batch_kernels', 'carry_out')  # module and function that end a decision
 
 Sources = Mapping[str, str]  # texts by path in the package

@@ -92,7 +92,7 @@ def test_what_was_refined_for_a_scenario_is_the_first_candidate_unless_it_does_n
     assert left_out == [f'{other} cannot be chosen: policy other: n_uavs is 2: must be 3']
 
 
-@pytest.mark.parametrize('name', ['nope', 'best', 'lillgrund_n2_aqmix'])
+@pytest.mark.parametrize('name', ['nope', 'best', 'paper_15x15_n2_aqmix'])
 def test_a_candidate_that_a_user_names_must_fit(name: str) -> None:
     with pytest.raises(PolicyMismatchError):
         candidates_for(load('paper_8x8'), [name])

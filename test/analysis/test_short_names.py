@@ -41,7 +41,7 @@ def test_a_name_is_never_cut_where_it_differs_in_the_middle(columns: int) -> Non
 
 
 def test_what_is_left_could_be_no_other_name() -> None:
-    names = ['hert, exact', 'paper_8x8_n2_aqmix, exact', 'paper_8x8_n2_aqmix, equal']
+    names = ['hert, exact', 'paper_15x15_n2_aqmix, exact', 'paper_15x15_n2_aqmix, equal']
     assert shown(names, 16) == ['hert, exact', '...aqmix, exact', '...aqmix, equal']
     assert shown(names, 12)[1:] == ['...aqmix, exact', '...equal']  # never '...exact'
 

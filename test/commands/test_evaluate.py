@@ -305,11 +305,11 @@ def test_it_says_in_one_line_when_a_policy_flies_outside_what_it_learned_on(
 ) -> None:
     base = [
         '--scenario',
-        'paper_8x8',
+        'paper_10x10',
         '--missions',
         '1',
         '--policy',
-        'paper_8x8_n2_aqmix',
+        'paper_10x10_n2_aqmix',
         'sweep',
     ]
     assert evaluate(*base) == 0
@@ -317,7 +317,7 @@ def test_it_says_in_one_line_when_a_policy_flies_outside_what_it_learned_on(
     assert evaluate(*base, '--set', 'radio.contact_range_m=0') == 0
     shown = capsys.readouterr().err.splitlines()
     assert [line for line in shown if 'outside' in line] == [
-        'policy paper_8x8_n2_aqmix flies outside what it learned on: contact range 0 m'
+        'policy paper_10x10_n2_aqmix flies outside what it learned on: contact range 0 m'
         ' (learned: 200 m)'
     ]
 
@@ -392,7 +392,7 @@ def test_the_best_policy_is_chosen_and_shown_before_it_is_evaluated(
     choice = choose(build_site(scenario), candidates_for(scenario, ['random'])[0])
     assert without_seconds(capsys.readouterr().out).startswith(without_seconds(f'{choice}\n'))
     written = json.loads(path.read_text())
-    assert [*written] == [choice.policy, 'hert'] == ['paper_8x8_n2_aqmix', 'hert']
+    assert [*written] == [choice.policy, 'hert'] == ['anywhere', 'hert']
 
 
 def test_the_best_policy_flies_once_where_it_is_also_named(

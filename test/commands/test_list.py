@@ -38,7 +38,7 @@ def test_it_shows_all_there_is_with_a_line_each_of_80_columns(
 
 def test_a_policy_says_what_it_learned_on(capsys: pytest.CaptureFixture[str]) -> None:
     main(['list'])
-    learned = r'paper_10x10_n1_aqmix +aqmix on paper_10x10, 1 UAV, [\d,]+ decisions\n'
+    learned = r'paper_10x10_n4_aqmix +aqmix on paper_10x10, 4 UAVs, [\d,]+ decisions\n'
     assert re.search(learned, capsys.readouterr().out)
 
 

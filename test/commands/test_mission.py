@@ -141,20 +141,20 @@ def test_the_best_policy_flies_unless_another_is_named_and_the_folder_says_why(
 def test_what_lies_beside_the_scenario_flies_if_it_is_best(
     processes: Processes, scenario: Scenario, tmp_path: Path
 ) -> None:
-    run, small = tmp_path / 'run', tmp_path / 'small.yaml'
-    small.write_text('extends: paper_8x8\nname: small\n')  # no policy is shipped for it
-    own = small.with_suffix('.safetensors')
-    save_policy(own, frozen_policy('paper_8x8_n2_aqmix'))
+    run, field = tmp_path / 'run', tmp_path / 'own.yaml'
+    field.write_text('extends: paper_15x15\nname: own\n')  # no policy is shipped for it
+    own = field.with_suffix('.safetensors')
+    save_policy(own, frozen_policy('paper_15x15_n2_aqmix'))
     names = ['--candidates', 'random', '--policy', 'best']
-    words = ['-m', 'uav_collect', 'mission', '--scenario', str(small), *names]
+    words = ['-m', 'uav_collect', 'mission', '--scenario', str(field), *names]
     flown = processes.run('mission', sys.executable, *words, '--output', str(run))
     assert flown.wait_for_exit() == 0
     choice = read_choice(run)
     assert choice is not None
-    others = ['anywhere', 'sweep', 'hert', 'random']
+    others = ['sweep', 'hert', 'random']  # anywhere would fly as the sweep does
     assert [it.policy for it in choice.tried] == [str(own), *others]
     assert choice.policy == str(own)
-    assert read(run / 'mission_0.jsonl').header.uavs[1].policy == 'small'
+    assert read(run / 'mission_0.jsonl').header.uavs[1].policy == 'own'
     assert (run / own.name).read_bytes() == own.read_bytes()
 
 
@@ -281,7 +281,7 @@ def test_candidates_without_a_choice_are_refused(
     assert not (tmp_path / 'run').exists()
 
 
-@pytest.mark.parametrize('name', ['nope', 'lillgrund_n2_aqmix'])
+@pytest.mark.parametrize('name', ['nope', 'paper_15x15_n2_aqmix'])
 def test_a_candidate_that_cannot_fly_is_refused_before_anything_starts(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

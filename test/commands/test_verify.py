@@ -76,7 +76,7 @@ def test_a_mission_is_proved_by_its_log_and_scenario(
         assert last == '1 mission: 1 proved'
 
 
-@pytest.mark.parametrize('policy', ['hert', 'random', 'paper_8x8_n2_aqmix'])
+@pytest.mark.parametrize('policy', ['hert', 'random', 'anywhere'])
 def test_rules_and_shipped_policies_are_found_by_name(
     policy: str, small: Scenario, site: Site, tmp_path: Path, verified: Verified
 ) -> None:

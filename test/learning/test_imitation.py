@@ -98,29 +98,29 @@ def test_who_learns_comes_to_do_what_the_adviser_would() -> None:
 
 
 def test_the_sweep_teaches_unless_a_policy_that_fits_is_better() -> None:
-    shipped = settings(imitation__teachers=['paper_10x10_n2_aqmix', 'paper_8x8_n2_aqmix'])
-    site = build_site(load('paper_8x8'))
+    shipped = settings(imitation__teachers=['paper_15x15_n2_aqmix', 'paper_10x10_n2_aqmix'])
+    site = build_site(load('paper_10x10'))
     mark = swept(site).kbit_per_j
     assert teaching(site, shipped, Algorithm.AQMIX) == (None, mark)
     taught = teaching(site, shipped, Algorithm.IMITATION)
     assert isinstance(taught.policy, LearnedPolicy)
-    assert taught.policy.frozen.header.scenario == 'paper_8x8'
+    assert taught.policy.frozen.header.scenario == 'paper_10x10'
     assert taught.kbit_per_j > mark
     many = build_site(tiny(*[uav(5.0, energy_budget_kj=25.0)] * 7))
     assert teaching(many, shipped, Algorithm.IMITATION).policy is None  # nobody sees so many
     fleet = [{'speed_mps': speed_mps} for speed_mps in (5.0, 10.0, 8.0)]
-    three = build_site(load('paper_8x8', {'fleet.uavs': fleet}))
+    three = build_site(load('paper_10x10', {'fleet.uavs': fleet}))
     assert teaching(three, shipped, Algorithm.IMITATION).policy is not None  # of two UAVs
-    small = build_site(load('paper_8x8', {'area.cells_per_side': 6}))  # where nobody learned
+    small = build_site(load('paper_10x10', {'area.cells_per_side': 6}))  # where nobody learned
     assert teaching(small, shipped, Algorithm.IMITATION).policy is not None
-    lost = build_site(load('paper_8x8', {'radio.contact_range_m': 0.0}))
+    lost = build_site(load('paper_10x10', {'radio.contact_range_m': 0.0}))
     assert teaching(lost, shipped, Algorithm.IMITATION).policy is None  # it circles there
 
 
 def test_who_teaches_is_judged_with_all_uavs_in_the_air() -> None:
-    shipped = settings(imitation__teachers=['paper_8x8_n2_aqmix'])
+    shipped = settings(imitation__teachers=['paper_10x10_n2_aqmix'])
     site, lost = (
-        build_site(load('paper_8x8', {'faults': faults}))
+        build_site(load('paper_10x10', {'faults': faults}))
         for faults in ([], [{'uav': 2, 'kind': 'gone', 'at_decision': 0}])
     )
     of_all, of_one = (teaching(it, shipped, Algorithm.IMITATION) for it in (site, lost))

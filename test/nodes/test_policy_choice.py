@@ -161,8 +161,8 @@ def test_a_policy_that_is_named_needs_no_choice(scenario: Scenario) -> None:
 
 
 def test_a_candidate_that_does_not_fit_is_refused(scenario: Scenario) -> None:
-    with pytest.raises(PolicyMismatchError, match='lillgrund_n2_aqmix'):
-        choice_of([], candidates='lillgrund_n2_aqmix').policy_for(scenario, Policy())
+    with pytest.raises(PolicyMismatchError, match='paper_10x10_n4_aqmix'):
+        choice_of([], candidates='paper_10x10_n4_aqmix').policy_for(scenario, Policy())
 
 
 @pytest.mark.parametrize(

@@ -28,7 +28,7 @@ pytestmark = [
 ]
 
 ROOT = Path(__file__).parents[2]
-CASE = 'lillgrund-2-lillgrund_n2_aqmix-exact'  # listed sensors, a learned policy
+CASE = 'lillgrund-2-paper_10x10_n2_aqmix-exact'  # listed sensors, a learned policy
 
 
 @pytest.fixture
