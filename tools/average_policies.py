@@ -10,11 +10,12 @@ panel; all else in its header is the last file's.
 import argparse
 from collections.abc import Sequence
 from dataclasses import replace
+import math
 from pathlib import Path
 import sys
 
 import numpy as np
-from uav_collect.commands import terminal
+from uav_collect.commands import options, terminal
 from uav_collect.errors import ConfigError, PolicyMismatchError
 from uav_collect.learning.headers import check_same_network, header_validation, learned_on_courses
 from uav_collect.learning.validation import PanelValidator
@@ -69,22 +70,36 @@ def of_courses(policy: FrozenPolicy, courses: Courses, n_missions: int) -> Froze
     return FrozenPolicy(replace(header, validation=validation), policy.weights)
 
 
+def _weighted(text: str) -> tuple[Path, float]:
+    """A file and what it weighs in the mean, 1 if that is not said."""
+    name, _, said = text.rpartition('=')
+    if not name or Path(text).is_file():
+        return Path(text), 1.0
+    try:
+        weight = float(said)
+    except ValueError:
+        weight = math.nan
+    if not (weight > 0.0 and math.isfinite(weight)):
+        raise argparse.ArgumentTypeError(f'{name}={said}: the weight must be a number above 0')
+    return Path(name), weight
+
+
 def main(words: Sequence[str] | None = None) -> int:
     """Write the mean; returns the exit status."""
     parser = argparse.ArgumentParser(description='Averages the weights of policies.')
-    parser.add_argument('output', type=Path)
-    parser.add_argument('files', nargs='+', metavar='FILE[=WEIGHT]')
+    parser.add_argument('output', type=options.output)
+    parser.add_argument('files', nargs='+', type=_weighted, metavar='FILE[=WEIGHT]')
     parser.add_argument('--courses', default='taught', metavar='NAME|FILE')
     arguments = parser.parse_args(words)
-    pairs = [name.rpartition('=') if '=' in name else (name, '', '1') for name in arguments.files]
     try:
-        policies = [load_policy(Path(name)) for name, _, _ in pairs]
-        mean = averaged(policies, [float(share) for _, _, share in pairs])
+        policies = [load_policy(path) for path, _ in arguments.files]
+        mean = averaged(policies, [weight for _, weight in arguments.files])
+        options.check_outputs(arguments.output)  # before missions are flown
         policy = of_courses(mean, load_courses(arguments.courses), _N_MISSIONS)
-    except (ConfigError, PolicyMismatchError, ValueError) as error:
+        save_policy(arguments.output, policy)
+    except (ConfigError, PolicyMismatchError, OSError) as error:
         terminal.say_error(error)
         return UNUSABLE
-    save_policy(arguments.output, policy)
     print(f'{policy.header.version}: {policy.header.validation}')
     return 0
 

@@ -14,7 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 import sys
 
-from uav_collect.commands import terminal
+from uav_collect.commands import options, terminal
 from uav_collect.errors import ConfigError, PolicyMismatchError
 from uav_collect.learning.headers import check_same_network, header_validation, Learned
 from uav_collect.learning.validation import PanelValidator
@@ -98,17 +98,18 @@ def validated_in(policy: FrozenPolicy, panel: Panel, n_missions: int) -> FrozenP
 def main(words: Sequence[str] | None = None) -> int:
     """Write the joint policy; returns the exit status."""
     parser = argparse.ArgumentParser(description='Joins policies of different domains into one.')
-    parser.add_argument('output', type=Path)
+    parser.add_argument('output', type=options.output)
     parser.add_argument('files', nargs='+', type=Path, metavar='FILE')
     parser.add_argument('--panel', default='anywhere', metavar='NAME|FILE')
     arguments = parser.parse_args(words)
     try:
         joint = joined([load_policy(file) for file in arguments.files])
+        options.check_outputs(arguments.output)  # before missions are flown
         policy = validated_in(joint, load_panel(arguments.panel), _N_MISSIONS)
-    except (ConfigError, PolicyMismatchError) as error:
+        save_policy(arguments.output, policy)
+    except (ConfigError, PolicyMismatchError, OSError) as error:
         terminal.say_error(error)
         return UNUSABLE
-    save_policy(arguments.output, policy)
     print(f'{policy.header.version}: {policy.header.validation}')
     return 0
 

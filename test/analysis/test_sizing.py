@@ -1,7 +1,6 @@
 """Batteries for fleets: what a flight with all that it takes tells, and what only flying does."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from functools import partial
 import math
 
@@ -28,7 +27,8 @@ from uav_collect.missions.rollout import fly, fly_for_metrics
 from uav_collect.scenario.load import load, with_uavs
 from uav_collect.scenario.model import Scenario
 from uav_collect.scenario.site import build_site
-from uav_collect.uav.policy import Policy, policy_named
+from uav_collect.uav.heuristics import Heuristic, RulePolicy
+from uav_collect.uav.policy import policy_for
 
 PLAIN = Battery(usable_share=1.0, volt=22.2)
 SEEDS = range(40, 48)
@@ -38,8 +38,7 @@ TINY = tiny(uav(5.0), sensors=EVERYWHERE, demand__data_mbit=[1.0, 20.0])
 
 
 def fleet_of(scenario: Scenario, policy: str = 'sweep') -> FleetAtSite:
-    named = policy_named(policy)
-    return FleetAtSite(site=build_site(scenario), make_policy=partial(replace, named))
+    return FleetAtSite(site=build_site(scenario), policy_for=partial(policy_for, policy))
 
 
 def sizing_of(
@@ -151,15 +150,30 @@ def test_so_much_energy_that_no_mission_ends_is_refused() -> None:
 
 
 def test_no_battery_is_found_for_a_policy_that_never_completes() -> None:
-    def homing() -> Policy:
-        return Script([[]])
-
-    sizing = Sizing({1: FleetAtSite(site=build_site(TINY), make_policy=homing)}, SEEDS, PLAIN)
+    homing = FleetAtSite(site=build_site(TINY), policy_for=lambda _: Script([[]]))
+    sizing = Sizing({1: homing}, SEEDS, PLAIN)
     sizing.search(1, 0.5)
     found = sized(sizing.trials, 1, PLAIN, 0.5)
     assert math.isnan(found.needed_wh)
     assert found.best_share == 0.0
     assert len(sizing.trials) == 1
+
+
+def test_with_each_battery_flies_who_is_named_for_so_much_energy() -> None:
+    flown = list[float]()
+
+    def by_budget(scenario: Scenario) -> RulePolicy:
+        flown.append(scenario.uavs[0].energy_budget_kj)
+        return RulePolicy(Heuristic.SWEEP if flown[-1] > 50.0 else Heuristic.RANDOM)
+
+    fleet = FleetAtSite(site=build_site(TINY), policy_for=by_budget)
+    trials = [Sizing({1: fleet}, SEEDS, PLAIN).fly(1, wh) for wh in (20.0, 2.0)]
+    assert flown == [72.0, 7.2]
+    for trial, name in zip(trials, ('sweep', 'random'), strict=True):
+        alone = sizing_of(TINY, policy=name).fly(1, trial.battery_wh)
+        assert trial.metrics is not None
+        assert alone.metrics is not None
+        assert (trial.metrics.energy_j == alone.metrics.energy_j).all()
 
 
 def test_what_was_flown_before_an_interruption_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -172,3 +172,5 @@ def test_a_verdict_names_the_best_of_those_that_collect_most() -> None:
     assert verdict(rows).plain == line
     rows['lazy'] = row(10.0, 1.0, 0.5)  # it leaves data behind
     assert verdict(rows).plain == line.replace(':', ' of those that collect most:', 1)
+    rows['same'] = rows['fast']
+    assert 'quickest fast and same, 200.0 s; thriftiest slow,' in verdict(rows).plain

@@ -65,6 +65,20 @@ def test_what_is_not_known_is_not_said(tmp_path: Path) -> None:
     assert 'data_mbit: [0.1, 1.0]' in text
 
 
+@pytest.mark.parametrize(
+    ('east_m', 'said'), [(0.0, 'as asked'), (30.0, 'where asked; its middle is 30 m off')]
+)
+def test_it_says_how_far_the_base_is_from_where_it_was_asked_for(
+    east_m: float, said: str, tmp_path: Path
+) -> None:
+    at_m = proposed(ground(*PLACES)).grid.from_corner(((0.0, 0.0),))[0]
+    cell_m = proposed(ground(*PLACES)).grid.centre_m(0)
+    base_m = cell_m[0] - at_m[0] + east_m, cell_m[1] - at_m[1]
+    text, _ = read_again(proposed(ground(*PLACES, base_m=base_m)), tmp_path)
+    [line] = [it for it in text.splitlines() if it.lstrip().startswith('start:')]
+    assert line.endswith(f'# [row, column], {said}')
+
+
 def test_each_value_has_a_comment_and_no_line_is_long(tmp_path: Path) -> None:
     text, _ = read_again(proposed(ground(*PLACES, edge_m=square(-80.0, -80.0, 800.0))), tmp_path)
     assert max(map(len, text.splitlines())) <= 99

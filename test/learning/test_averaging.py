@@ -53,3 +53,11 @@ def test_a_wrong_file_is_a_line(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert average_policies.main(words) == 2
     assert 'none: cannot be read' in capsys.readouterr().err
     assert not (tmp_path / 'mean.safetensors').exists()
+
+
+@pytest.mark.parametrize('weight', ['0', '-1', 'nan', 'inf', 'x', ''])
+def test_a_weight_is_a_number_above_zero(weight: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        average_policies.main(['mean.safetensors', f'one.safetensors={weight}'])
+    said = f'one.safetensors={weight}: the weight must be a number above 0'
+    assert said in capsys.readouterr().err

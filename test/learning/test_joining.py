@@ -78,6 +78,17 @@ def test_a_wrong_file_is_a_line(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert not (tmp_path / 'joint.safetensors').exists()
 
 
+def test_where_nothing_can_be_written_is_said_before_missions_fly(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    save_policy(tmp_path / 'two.safetensors', TWO)
+    save_policy(tmp_path / 'three.safetensors', THREE)
+    monkeypatch.delattr(join_policies, 'validated_in')
+    names = ('nowhere/joint.safetensors', 'two.safetensors', 'three.safetensors')
+    assert join_policies.main([str(tmp_path / name) for name in names]) == 2
+    assert 'nowhere' in capsys.readouterr().err
+
+
 def test_a_joint_policy_is_no_part_of_another() -> None:
     for policies in (
         [TWO, join_policies.joined([TWO, THREE])],

@@ -67,6 +67,18 @@ def test_courses_lie_within_what_a_policy_has_learned_within() -> None:
         assert strangeness_within(distribution.learned_within, course) == []
 
 
+def test_a_domain_that_no_fleet_lies_within_is_refused(tmp_path: Path) -> None:
+    domain = 'domains:\n  - {n_uavs: [2, 2], relative_speeds: [[1, 1], [1, 2], [2, 3]]}\n'
+    (tmp_path / 'mine.yaml').write_text(f'extends: anywhere\n{domain}')
+    with pytest.raises(ConfigError) as error:
+        load_distribution(tmp_path / 'mine.yaml')
+    why = 'domains.0.relative_speeds is of 3 UAVs: must be of as many as n_uavs says'
+    assert str(error.value) == f'{tmp_path / "mine.yaml"}:3: {why}'
+    (tmp_path / 'mine.yaml').write_text(f'extends: anywhere\n{domain}'.replace('1, 2', '4, 5'))
+    with pytest.raises(ConfigError, match='must be a list that ascends'):
+        load_distribution(tmp_path / 'mine.yaml')
+
+
 def test_a_scenario_outside_the_distribution_is_strange() -> None:
     known = anywhere().learned_within
     assert strangeness_within(known, load('paper_10x10')) == []

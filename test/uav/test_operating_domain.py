@@ -29,6 +29,7 @@ PAPER = OperatingDomain(
     loss_share=(0.0, 0.2),
     late_s=(0.0, 3.0),
     speed_ratio=(1.0, 2.0),
+    closed_share=(0.0, 0.1),
     known_share=(0.0, 0.2),
     data_share=(0.1, 0.5),
     budget_crossings=(0.5, math.inf),
@@ -157,8 +158,15 @@ OUTSIDE = {
     },
     '1 cells of contact range (within: 2 to inf)': {'radio.contact_range_m': 50.0},
     '3 of the fastest to the slowest (within: 1 to 2)': {'fleet.uavs.0.speed_mps': 30.0},
-    "0.251 crossings of each cell in the fleet's budgets (within: 0.5 to inf)": {
+    '3.32 s that messages are late (within: 0 to 3)': {'radio.rate_bps': 100.0},  # 332 bits
+    "0.23 crossings of its cells in a UAV's budget (within: 0.5 to inf)": {
         'fleet.default.energy_budget_kj': 12.0
+    },
+    "0.167 crossings of its cells in a UAV's budget (within: 0.5 to inf)": {
+        'fleet.uavs.1.energy_budget_kj': 8.0  # the other one has plenty
+    },
+    '0.15 of cells closed (within: 0 to 0.1)': {
+        'area.no_fly': [{'cells': [[row, column] for row in (3, 4, 5) for column in range(5)]}]
     },
     '4.5 cells from start and home to a corner (within: 0 to 2)': {
         'fleet.default.start': {'cell': [5, 4]},
@@ -190,6 +198,24 @@ def test_each_uavs_speed_over_the_slowest_ones_may_be_bounded() -> None:
         assert [*paired.misfits(brief(load('paper_10x10', fleet)))] == why
     policy = frozen_with(paired)
     assert policy_from_bytes(policy_bytes(policy)).header == policy.header
+
+
+def test_closed_cells_are_not_among_those_known_to_be_empty() -> None:
+    cells = {'area.no_fly': [{'cells': [[3, column] for column in range(9)]}]}
+    few = replace(PAPER, known_share=(0.0, 0.0))
+    assert few.covers(brief(load('paper_10x10', cells)))
+
+
+@pytest.mark.parametrize(
+    ('domain', 'why'),
+    [
+        (replace(PAPER, relative_speeds=((1.0, 2.0),) * 5), 'relative_speeds is of 5 UAVs'),
+        (replace(PAPER, n_uavs=(17, 20)), r'n_uavs is \[17, 20\]: must begin at 16 or less'),
+    ],
+)
+def test_a_header_has_no_domain_that_nobody_lies_within(domain: OperatingDomain, why: str) -> None:
+    with pytest.raises(PolicyMismatchError, match=f'domain 2: {why}'):
+        frozen_with(PAPER, domain)
 
 
 def test_known_cells_and_one_uav_without_a_peer() -> None:

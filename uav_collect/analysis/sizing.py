@@ -14,6 +14,7 @@ every answer has been flown.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 import math
 
@@ -26,10 +27,10 @@ from uav_collect.limits import GUARD_AFTER
 from uav_collect.missions.batch_metrics import BatchMetrics, joined
 from uav_collect.missions.rollout import fly_for_metrics
 from uav_collect.scenario.airframes import KJ_PER_WH
-from uav_collect.scenario.model import FleetConfig
+from uav_collect.scenario.model import FleetConfig, Scenario
 from uav_collect.scenario.site import Site
 from uav_collect.uav.briefing import briefing_of
-from uav_collect.uav.policy import Policy
+from uav_collect.uav.policy import NamedPolicy
 
 J_PER_WH = 1e3 * KJ_PER_WH
 QUANTILES = {'p50': 0.5, 'p95': 0.95, 'max': 1.0}
@@ -119,7 +120,8 @@ class FleetAtSite:
     """So many UAVs over the site, and who flies them."""
 
     site: Site
-    make_policy: Callable[[], Policy]
+    # By the scenario, for what energy there is may decide who flies it.
+    policy_for: Callable[[Scenario], NamedPolicy]
 
     @property
     def margin_j(self) -> Floats:
@@ -263,9 +265,8 @@ class Sizing:
         """Some missions; None if the budget is too small to take off."""
         site = fleet.with_budget(budget_j)
         try:
-            return fly_for_metrics(
-                site, seeds, fleet.make_policy, self._allocator, self._guard_after
-            )
+            make_policy = partial(replace, fleet.policy_for(site.scenario))
+            return fly_for_metrics(site, seeds, make_policy, self._allocator, self._guard_after)
         except ConfigError:
             if budget_j > max(fleet.own_budget_j, fleet.most_j):
                 raise  # it is too large

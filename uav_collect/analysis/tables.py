@@ -299,14 +299,20 @@ def verdict(estimated: Mapping[str, Sequence[Estimate]]) -> Text:
     }
     most = max(of['collected_share'] for of in means.values()) - _ALIKE
     rivals = {name: of for name, of in means.items() if of['collected_share'] >= most}
-    quick = min(rivals, key=lambda name: rivals[name]['completion_s'])
-    thrifty = min(rivals, key=lambda name: rivals[name]['energy_kj'])
     among = '' if len(rivals) == len(means) else ' of those that collect most'
+    quick, least_s = _least(rivals, 'completion_s')
+    thrifty, least_kj = _least(rivals, 'energy_kj')
     return Text(
-        f'on average{among}: quickest {quick}, {rivals[quick]["completion_s"]:.1f} s; '
-        f'thriftiest {thrifty}, {rivals[thrifty]["energy_kj"]:.2f} kJ',
+        f'on average{among}: quickest {quick}, {least_s:.1f} s; '
+        f'thriftiest {thrifty}, {least_kj:.2f} kJ',
         style='bold',
     )
+
+
+def _least(means: Mapping[str, Mapping[str, float]], key: str) -> tuple[str, float]:
+    """All who have the least of something: policies may fly the same missions alike."""
+    least = min(of[key] for of in means.values())
+    return ' and '.join(name for name, of in means.items() if of[key] == least), least
 
 
 def difference_table(

@@ -16,6 +16,7 @@ from uav_collect.learning.refinement import (
     refinement,
     start_for,
     Trials,
+    why_no_start,
 )
 from uav_collect.learning.trainer import Trainer
 from uav_collect.limits import FAILED
@@ -84,9 +85,9 @@ def _start(arguments: argparse.Namespace, scenario: Scenario, trials: Trials) ->
         if (tried := _tried(name, frozen_policy(name), scenario, trials)) is not None
     ]
     if given is not None and not found:
-        header = frozen_policy(given).header
-        what = f'{header.layout.label} of {header.observation_size} numbers'
-        raise PolicyMismatchError(f'--start-from {given}: its observation, {what}, is another one')
+        raise PolicyMismatchError(
+            f'--start-from {given}: {why_no_start(frozen_policy(given), scenario)}'
+        )
     return max(found, key=_rank, default=None)
 
 

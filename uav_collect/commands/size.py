@@ -174,7 +174,7 @@ def _fleets(
         for line in remarks(policy, own):
             terminal.say(line)
         fleets[n_uavs] = FleetAtSite(
-            site=replace(site, scenario=own), make_policy=partial(replace, policy)
+            site=replace(site, scenario=own), policy_for=partial(policy_for, arguments.policy)
         )
     return fleets
 

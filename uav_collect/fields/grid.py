@@ -98,6 +98,13 @@ class CellGrid:
         best = np.lexsort((columns, np.abs(columns - middle), rows))[0]
         return int(rows[best] * self.n_columns + columns[best])
 
+    @property
+    def base_moved_m(self) -> float | None:
+        """How far the middle of that cell is from the base that was asked for; None: none was."""
+        if self.ground.base_m is None:
+            return None
+        return math.dist(self.from_corner((self.ground.base_m,))[0], self.centre_m(self.base_cell))
+
     @cached_property
     def unserved(self) -> Ints:
         """The sensors whose cell is closed or cannot be reached from the base."""

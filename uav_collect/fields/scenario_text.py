@@ -112,7 +112,8 @@ def _fleet(proposal: Proposal) -> Iterator[str]:
     grid, craft = proposal.grid, proposal.crafts[0]
     place = '[{}, {}]'.format(*divmod(grid.base_cell, grid.n_columns))
     where = "open cell at the field's southern edge"
-    where = where if grid.ground.base_m is None else 'as asked'
+    if (moved_m := grid.base_moved_m) is not None:
+        where = 'as asked' if moved_m < 0.5 else f'where asked; its middle is {moved_m:.0f} m off'
     battery, why = craft.battery_wh, f'{craft.held_wh:g} Wh, what comes with it'
     if craft.is_battery_asked:
         why = 'Wh, as asked'

@@ -96,24 +96,32 @@ def compute_as_trainings_do() -> None:
     keep_freed_memory()
 
 
-def start_for(policy: FrozenPolicy, scenario: Scenario) -> FrozenPolicy | None:
-    """A policy as one that flies a scenario, whatever it learned on; None: its network cannot.
-
-    Outside of its domains a network knows nothing to go on from.
-    """
-    header, area, briefing = policy.header, scenario.area, brief(scenario)
-    if header.layout not in PRESETS or header.network:
-        return None
-    if header.rule_for(briefing) is not None:
-        return None
-    policy = policy.over(briefing)
+def why_no_start(policy: FrozenPolicy, scenario: Scenario) -> str:
+    """Why a policy cannot go on learning in a scenario, for people; '' if it can."""
+    header = policy.header
+    if header.network:
+        return f'its network is {header.network}: must be the one of this program'
+    own = f'its observation, {header.layout.label} of {header.observation_size} numbers,'
+    if header.layout not in PRESETS:
+        return f'{own} is none that is refined'
+    # Outside of its domains a network knows nothing to go on from.
+    if (rule := header.rule_for(brief(scenario))) is not None:
+        return f'none of its networks decides there: it flies as {rule.label}'
     try:
-        size = observation_size(header.layout, area.n_cells, scenario.n_uavs)
-    except ConfigError:  # it has no room for the fleet
-        return None
+        size = observation_size(header.layout, scenario.area.n_cells, scenario.n_uavs)
+    except ConfigError as error:  # it has no room for the fleet
+        return str(error)
     if header.observation_size != size:
+        return f'{own} must have {size} there'
+    return ''
+
+
+def start_for(policy: FrozenPolicy, scenario: Scenario) -> FrozenPolicy | None:
+    """A policy as one that flies a scenario, whatever it learned on; None: its network cannot."""
+    if why_no_start(policy, scenario):
         return None
-    sides = area.n_rows, area.n_columns
+    header, area = policy.header, scenario.area
+    policy, sides = policy.over(brief(scenario)), (area.n_rows, area.n_columns)
     widened = replace(
         header,
         cells_per_side_min=min(sides),

@@ -26,6 +26,7 @@ from uav_collect.config.rules import (
     whole,
     whole_span,
 )
+from uav_collect.errors import ConfigError
 from uav_collect.limits import MAX_CELLS_PER_SIDE, MAX_DATA_MBIT, MAX_UAVS
 from uav_collect.scenario.model import Scenario
 from uav_collect.training.panel import load_panel, Panel
@@ -208,7 +209,7 @@ def load_courses(
         ConfigError: one line per problem: file and line, key, value, what is allowed.
     """
     document = _distribution_document(name_or_path, overrides)
-    distribution = validated(CourseDistribution, document)
+    distribution = _validated(document)
     panel = distribution.panel
     if panel.endswith(('.yaml', '.yml')):
         return Courses(
@@ -237,7 +238,19 @@ def load_distribution(
     Raises:
         ConfigError: as `load_courses`.
     """
-    return validated(CourseDistribution, _distribution_document(name_or_path, overrides))
+    return _validated(_distribution_document(name_or_path, overrides))
+
+
+def _validated(document: Document) -> CourseDistribution:
+    distribution = validated(CourseDistribution, document)
+    problems = [
+        document.problem(('domains', number, 'relative_speeds'), why)
+        for number, domain in enumerate(distribution.domains or ())
+        if (why := domain.contradiction)
+    ]
+    if problems:
+        raise ConfigError(*problems)
+    return distribution
 
 
 def _distribution_document(

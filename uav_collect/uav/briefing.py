@@ -15,6 +15,7 @@ from uav_collect.scenario.area import cell_of, mean_data_cells, open_cells
 from uav_collect.scenario.model import DrawnSensors, ListedSensors, RadioConfig, Scenario
 from uav_collect.scenario.site import known_complete_cells, Site
 from uav_collect.scenario.ways import ways_home
+from uav_collect.uav.messages import airtime_s
 
 _FAINT_SNR = 1e-6
 _MEAN_AWAY = 0.3826  # of a point of a square from its centre, in sides, on average
@@ -39,7 +40,7 @@ class Briefing(NamedTuple):
     n_uavs: int
     contact_range_m: float  # inf: always in contact
     loss_share: float  # of the messages between UAVs
-    late_s: float  # that one comes at most, but for what sending it takes
+    late_s: float  # that one comes at most, with what sending it takes
     may_fail: int  # 1: a UAV or its radio may, as the scenario has it
     bandwidth_hz: float  # of one UAV
     noise_w_per_hz: float
@@ -67,15 +68,18 @@ def briefing_of(site: Site) -> Briefing:
 
 
 def budget_crossings(briefing: Briefing) -> float:
-    """What the fleet may spend, in crossings of each cell that is not known to be complete."""
-    n_crossings = sum(
+    """What a UAV may spend, in crossings of its part of the cells not known to be complete.
+
+    Parts are as large as UAVs are fast; of all UAVs it is the least, for what one has no energy
+    for is left to others.
+    """
+    n_cells = max(len(briefing.known_complete) - sum(briefing.known_complete), 1)
+    n_crossings = min(
         (briefing.energy_budget_j[uav] - briefing.energy_margin_j[uav])
-        / (briefing.flight_power_w[uav] * briefing.cell_size_m / briefing.speed_mps[uav])
+        / (briefing.flight_power_w[uav] * briefing.cell_size_m)
         for uav in range(briefing.n_uavs)
-    )
-    return max(n_crossings, 0.0) / max(
-        len(briefing.known_complete) - sum(briefing.known_complete), 1
-    )
+    ) * sum(briefing.speed_mps[uav] for uav in range(briefing.n_uavs))
+    return max(n_crossings, 0.0) / n_cells
 
 
 def _brief(scenario: Scenario, is_known: Ints) -> Briefing:
@@ -99,7 +103,8 @@ def _brief(scenario: Scenario, is_known: Ints) -> Briefing:
         n_uavs=len(uavs),
         contact_range_m=_contact_range_m(scenario.radio),
         loss_share=scenario.radio.loss_share or 0.0,
-        late_s=sum(scenario.radio.delay_s or (0.0, 0.0)),
+        late_s=sum(scenario.radio.delay_s or (0.0, 0.0))
+        + airtime_s(scenario.n_cells, scenario.radio.rate_bps),
         may_fail=int(bool(scenario.faults)),
         bandwidth_hz=scenario.bandwidth_hz,
         noise_w_per_hz=scenario.radio.noise_w_per_hz,

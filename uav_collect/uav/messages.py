@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from uav_collect.kernels.arrays import Row
 
+_HEADER_BITS = 232  # sender 8, sequence 32, time and place 64 each; the map adds one for each cell
+
 
 @dataclass(frozen=True, kw_only=True)
 class RadioMessage:
@@ -28,6 +30,11 @@ class Decision:
     reason: int
     sensor: tuple[int, ...] = ()  # whose data a hover collects; empty for any other action
     share_hz: tuple[float, ...] = ()  # bandwidth of each of them
+
+
+def airtime_s(n_cells: int, rate_bps: float | None) -> float:
+    """What it takes to send a message about so many cells [s]; None: no time."""
+    return (_HEADER_BITS + n_cells) / rate_bps if rate_bps else 0.0
 
 
 def packed_map(complete: Row[int]) -> bytes:

@@ -22,15 +22,18 @@ _Span = tuple[float, float]
 
 
 def _spans(low: float, high: float) -> Rule:
-    """Spans of numbers, one for each UAV."""
+    """Spans of numbers that ascend, one for each UAV."""
     span = number_span(low, high)
 
     def parse(value: object) -> tuple[_Span, ...]:
         if not isinstance(value, list | tuple) or not 1 <= len(value) <= MAX_UAVS:
             raise ValueError
-        return tuple(span.parse(each) for each in value)
+        spans: tuple[_Span, ...] = tuple(span.parse(each) for each in value)
+        if any([*ends] != sorted(ends) for ends in zip(*spans, strict=True)):
+            raise ValueError
+        return spans
 
-    return Rule(f'a list, of each UAV {span.allowed}', parse)
+    return Rule(f'a list that ascends, of each UAV {span.allowed}', parse)
 
 
 class OperatingDomain(Section):
@@ -45,9 +48,10 @@ class OperatingDomain(Section):
     speed_ratio: Annotated[_Span | None, number_span(1, 1e6)] = None  # fastest UAV to slowest one
     # Of each UAV over the slowest one's, from the slowest up: as many as there are UAVs.
     relative_speeds: Annotated[tuple[_Span, ...] | None, _spans(1, 1e6)] = None
-    known_share: Annotated[_Span | None, number_span(0, 1)] = None  # cells known to be complete
-    data_share: Annotated[_Span | None, number_span(0, 1)] = None  # of the others, with data
-    # What the fleet may spend, in crossings of each cell that is not known to be complete.
+    closed_share: Annotated[_Span | None, number_span(0, 1)] = None  # cells where nobody may fly
+    known_share: Annotated[_Span | None, number_span(0, 1)] = None  # others known to be complete
+    data_share: Annotated[_Span | None, number_span(0, 1)] = None  # of what is left, with data
+    # What the UAV with the least may spend, in crossings of its part of these.
     budget_crossings: Annotated[_Span | None, number_span(0, math.inf)] = None
     # How far UAVs start and land from the nearest corner, along the area's sides.
     corner_cells: Annotated[_Span | None, number_span(0, MAX_CELLS_PER_SIDE)] = None
@@ -60,7 +64,9 @@ class OperatingDomain(Section):
     def misfits(self, briefing: Briefing) -> Iterator[str]:
         """By what a fleet over a field lies outside, for people."""
         sides = briefing.n_rows, briefing.n_columns
-        known = sum(briefing.known_complete) / len(briefing.known_complete)
+        n_closed = len(briefing.is_open) - sum(briefing.is_open)
+        closed = n_closed / len(briefing.is_open)
+        known = (sum(briefing.known_complete) - n_closed) / len(briefing.is_open)
         yield from _outside('UAVs', self.n_uavs, (briefing.n_uavs,))
         yield from _outside('rows and columns', self.cells_per_side, sides)
         square = (max(sides) / min(sides),)
@@ -73,11 +79,12 @@ class OperatingDomain(Section):
             ratio = max(briefing.speed_mps) / min(briefing.speed_mps)
             yield from _outside('of the fastest to the slowest', self.speed_ratio, (ratio,))
         yield from self._unlike_speeds(briefing)
+        yield from _outside('of cells closed', self.closed_share, (closed,))
         yield from _outside('of cells known to be empty', self.known_share, (known,))
         yield from _outside('of cells with data', self.data_share, (briefing.data_chance,))
         budget = (budget_crossings(briefing),)
         yield from _outside(
-            "crossings of each cell in the fleet's budgets", self.budget_crossings, budget
+            "crossings of its cells in a UAV's budget", self.budget_crossings, budget
         )
         away = [*_corner_cells(briefing)]
         yield from _outside('cells from start and home to a corner', self.corner_cells, away)
@@ -86,6 +93,14 @@ class OperatingDomain(Section):
             yield from _outside("cells between two UAVs' starts or homes", self.apart_cells, apart)
         if self.may_fail is not None and self.may_fail != (briefing.may_fail == 1):
             yield 'no faults are listed' if self.may_fail else 'faults are listed'
+
+    @property
+    def contradiction(self) -> str:
+        """Why its `relative_speeds` keep every fleet outside, for people; '' if they do not."""
+        n_speeds = len(self.relative_speeds or ())
+        if n_speeds and not self.is_for(n_speeds):
+            return f'is of {n_speeds} UAVs: must be of as many as n_uavs says'
+        return ''
 
     def is_for(self, n_uavs: int) -> bool:
         """Whether fleets of so many UAVs may lie within."""

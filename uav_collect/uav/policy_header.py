@@ -178,6 +178,14 @@ def _check_numbers(header: PolicyHeader) -> None:
         raise PolicyMismatchError(
             f'domains are given: must be none for {header.layout.label}, which has no adviser'
         )
+    for place, domain in enumerate(header.domains, start=1):
+        if why := domain.contradiction:
+            raise PolicyMismatchError(f'domain {place}: relative_speeds {why}')
+        if domain.n_uavs is not None and domain.n_uavs[0] > header.n_uavs_max:
+            raise PolicyMismatchError(
+                f'domain {place}: n_uavs is {[*domain.n_uavs]}: must begin at'
+                f' {header.n_uavs_max} or less, as the policy takes'
+            )
     if len(header.domains) > MAX_DOMAINS:
         raise PolicyMismatchError(
             f'domains are {len(header.domains)}: must be at most {MAX_DOMAINS}'

@@ -21,10 +21,10 @@ from uav_collect.scenario.model import Scenario
 from uav_collect.uav.action_codes import NONE
 from uav_collect.uav.belief import Belief, belief_of, Beliefs
 from uav_collect.uav.briefing import Briefing
+from uav_collect.uav.messages import airtime_s
 from uav_collect.world.dynamics import contacts, has_landed, Mission, place_at, SILENT
 
 MOST_UNDER_WAY = 64  # messages from one UAV to another; what is sent meanwhile is lost
-_HEADER_BITS = 232  # sender 8, sequence 32, time and place 64 each; the map adds one for each cell
 _NOT_LEARNED = 2**62
 
 _Ints = TypeVar('_Ints')
@@ -77,13 +77,12 @@ def link_of(scenario: Scenario) -> Link:
     """The radio between the UAVs of a scenario."""
     radio = scenario.radio
     delay_s, jitter_s = radio.delay_s or (0.0, 0.0)
-    n_bits = _HEADER_BITS + scenario.n_cells
     return Link(
         is_ideal=int(radio.is_ideal),
         loss_share=radio.loss_share or 0.0,
         delay_s=delay_s,
         jitter_s=jitter_s,
-        airtime_s=n_bits / radio.rate_bps if radio.rate_bps else 0.0,
+        airtime_s=airtime_s(scenario.n_cells, radio.rate_bps),
         beacon_period_s=radio.beacon_period_s or 0.0,
     )
 
